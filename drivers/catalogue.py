@@ -1,7 +1,5 @@
 """The devices that palpate knows: how each is found, which driver it has, and which permission a user needs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from palpate.drivers import falcon

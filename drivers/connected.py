@@ -1,7 +1,5 @@
 """What drivers share whose device is behind one connection."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import ClassVar, Generic, Protocol, TypeVar
 

@@ -1,7 +1,5 @@
 """What is plugged into this machine, as the kernel lists it: no library is needed, nothing is opened."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """What goes wrong with a device, reported in one line with the next step."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

@@ -4,8 +4,6 @@ It asks the guard before every command, keeps the device talking (some fall sile
 that is gone when asked to, and leaves no force behind when it stops.
 """
 
-from __future__ import annotations
-
 import contextlib
 import threading
 import time

@@ -1,7 +1,5 @@
 """Finding the frames of a protocol in the bytes that come off a line, whatever lies between them."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar, Generic, TypeVar
 

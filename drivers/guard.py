@@ -6,8 +6,6 @@ button is not held, the grip is too fast or outside its box. Then the command is
 direction stays, to the largest command and the largest power.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

@@ -5,8 +5,6 @@ full scale of its motor words (libnifalcon). All other numbers are this project'
 the device does with care stays inside: no data sheet was checked for them.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Keeping time, and asking the operating system for the means to keep it."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

@@ -1,7 +1,5 @@
 """What is wrong with a graph: all faults at once, each with its place, what was found and what would work."""
 
-from __future__ import annotations
-
 import difflib
 import os
 from collections.abc import Callable, Iterable

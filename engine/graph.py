@@ -1,7 +1,5 @@
 """A checked graph as data: its nodes, its edges, and what was said of its effects."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path

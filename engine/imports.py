@@ -1,8 +1,6 @@
 """Classes by their full name, the user's own included: of a graph or job all of them, of a recording those that are
 trusted."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

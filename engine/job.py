@@ -1,7 +1,5 @@
 """What a worker process is told: its nodes, their wiring, the clock. Plain typed data that travels as JSON."""
 
-from __future__ import annotations
-
 import msgspec
 
 from palpate.engine.imports import full_name

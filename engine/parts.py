@@ -1,7 +1,5 @@
 """Which nodes of a graph belong to one finger."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable
 

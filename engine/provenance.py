@@ -1,7 +1,5 @@
 """What a recording says of its run: graph as resolved, versions, machine, commit."""
 
-from __future__ import annotations
-
 import datetime
 import importlib.metadata
 import os

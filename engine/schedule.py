@@ -3,8 +3,6 @@
 Tick k of a graph is at k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
 """
 
-from __future__ import annotations
-
 
 def needed(tick: int, every: int, loop: bool) -> int:
     """Tick of the message that a consumer running at `tick` uses from a producer that runs each `every` ticks.

@@ -1,7 +1,5 @@
 """One node inside a worker: its inputs, its outputs, and one step with all that surrounds it."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections import deque

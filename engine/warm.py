@@ -1,7 +1,5 @@
 """Warming a node: what its step compiles, or loads from the cache of kernels, is there before the run begins."""
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from typing import Any

@@ -8,8 +8,6 @@ observation, info = env.reset(seed=1)
 observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 from palpate.launch.load.extras import install

@@ -1,7 +1,5 @@
 """The task: find a hard nodule in soft tissue by touch, and say where it is (docs/gym.md)."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

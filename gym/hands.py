@@ -1,7 +1,5 @@
 """The simulated hands of a graph, and what each of them feels."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from palpate.engine.graph import Graph

@@ -1,7 +1,5 @@
 """The task: press on tissue of unknown stiffness with a wanted force (docs/gym.md)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

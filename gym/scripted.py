@@ -1,7 +1,5 @@
 """Scripted policies, to compare a learned one with, and what a policy scores."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

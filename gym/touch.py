@@ -1,7 +1,5 @@
 """A graph as an environment: a hand moves by velocity and feels the contact's true force (docs/gym.md)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The command `palpate`. Each verb imports what it needs when it runs, so that help and listings answer at once."""
 
-from __future__ import annotations
-
 import signal
 import threading
 

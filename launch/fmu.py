@@ -4,8 +4,6 @@ The unit holds the graph as it was resolved, and a script that PythonFMU calls; 
 it runs. It steps the graph in the process of the importing tool, on simulated time.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import tempfile

@@ -1,8 +1,6 @@
 """Which settings a parameter stands for, as `palpate.run(..., sensitivity=[...])` takes them: by loading the graph
 again with another value of it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

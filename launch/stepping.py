@@ -5,8 +5,6 @@ for tick in steps("kidney", duration=0.5):
         tick.set("tissue", stiffness=2e3)
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator, Mapping
 from typing import Any

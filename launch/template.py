@@ -1,7 +1,5 @@
 """A new node with its test, to begin from."""
 
-from __future__ import annotations
-
 import keyword
 import re
 from typing import Any

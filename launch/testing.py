@@ -8,8 +8,6 @@ message of that type runs a step; messages of other types are held. An input tha
 or one for a list of one. `drop`, `late`, `twice`, `swap` and `kill` make bad days.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -16,8 +16,6 @@ On the wire a message is one msgpack map from field name to value. Vectors of up
 floats; larger arrays are maps {dtype, shape, data} with raw little-endian bytes.
 """
 
-from __future__ import annotations
-
 import operator
 import typing
 from functools import cache

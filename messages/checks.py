@@ -4,8 +4,6 @@ Both checks run for every message of every tick, so each message type gets its o
 from its fields on first use, as dataclasses do; the slow, telling checks run only where that function finds fault.
 """
 
-from __future__ import annotations
-
 import math
 import typing
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Messages of the contact between fingertip and tissue, world frame."""
 
-from __future__ import annotations
-
 from typing import Annotated, Self
 
 import msgspec

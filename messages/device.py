@@ -1,7 +1,5 @@
 """Messages between the haptic device and the hand side of the graph."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Message, Vector, Vector3

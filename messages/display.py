@@ -1,7 +1,5 @@
 """Message of a tactile shape display."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Floats, Message

@@ -1,7 +1,5 @@
 """The words on each field, read from a message's docstring: lines `name  [unit]  (shape)  text`."""
 
-from __future__ import annotations
-
 import inspect
 import re
 import sys

@@ -1,7 +1,5 @@
 """An example of a message from the declaration of its fields: what a node is tried with before its run begins."""
 
-from __future__ import annotations
-
 import typing
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The declaration of a message's fields: name, unit, shape, type."""
 
-from __future__ import annotations
-
 import typing
 from dataclasses import dataclass
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Message of fingers that hold one body between them."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Message, Vector

@@ -1,7 +1,5 @@
 """Message about a node's own state, for observers."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Message

@@ -1,7 +1,5 @@
 """Message of the energy account of a trial."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Message

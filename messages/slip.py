@@ -1,7 +1,5 @@
 """Message of a fingertip that knows which parts of its contact slide."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Floats, Ints, Message

@@ -1,7 +1,5 @@
 """Message of what the skin feels beyond force."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Message of a deformable body."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, NamedTuple, Self
 
 import msgspec

@@ -1,7 +1,5 @@
 """Message of a force with its scatter."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.messages.base import Message, Vector

@@ -5,8 +5,6 @@ signed distance d = (p - S).n, and the approach is e = <h0 - d> for a fingertip 
 bone: contact begins at d = h0. Once p has gone in, S is a proxy: it stays on the side where it did.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import msgspec

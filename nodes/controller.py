@@ -1,7 +1,5 @@
 """The controller between the computed contact and the device (docs/equations/controller.md)."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,7 +1,5 @@
 """A fingertip of many beams on a rigid plate: the scripted hand that moves it, and its contact."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """Friction of the fingertip on the tissue (docs/equations/friction.md): a node for each law in physics/friction."""
 
-from __future__ import annotations
-
 import typing
 from typing import Annotated, Any, ClassVar
 

@@ -1,7 +1,5 @@
 """From what a device measures to the pose of the finger, and from force to torque (docs/equations/falcon.md)."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,7 +1,5 @@
 """The energy of a touch, and the force that is taken away where energy is made (docs/equations/controller.md)."""
 
-from __future__ import annotations
-
 from itertools import zip_longest
 from typing import Annotated
 

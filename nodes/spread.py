@@ -1,7 +1,5 @@
 """Spreading of the contact force over the surface (docs/equations/spread.md)."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

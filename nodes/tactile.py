@@ -1,7 +1,5 @@
 """What the skin feels beyond force (docs/equations/tactile-flow.md, docs/equations/subsurface.md)."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Literal

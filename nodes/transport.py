@@ -1,7 +1,5 @@
 """What a network between two parts of a graph does to the messages on one of its edges (docs/delay.md)."""
 
-from __future__ import annotations
-
 import heapq
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Files of arrays: written whole or not at all, and read though somebody else may have written or damaged them."""
 
-from __future__ import annotations
-
 import math
 import os
 import zipfile

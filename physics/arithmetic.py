@@ -9,8 +9,6 @@ was imported earlier, it stays as it is, and `in_force` says so.
 `PALPATE_NATIVE=1` in the environment leaves the choice to the processor: as fast as it can be, other last bits.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import hashlib

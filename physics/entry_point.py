@@ -1,7 +1,5 @@
 """Calling a compiled kernel at its entry point."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -29,8 +29,6 @@ Each is declared where it is first raised; those that several rooms raise stand 
 `palpate.messages` imports nothing of ours.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 TROUBLE = 1

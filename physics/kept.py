@@ -1,7 +1,5 @@
 """What is computed from a mesh or a surface, and would be computed anew at every start."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass

@@ -1,7 +1,5 @@
 """Kernels: functions that numba compiles when they are first called, and keeps on disk (`kernel_cache`)."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 from collections.abc import Callable

@@ -5,8 +5,6 @@ calls, and the layout of what it is handed, may stand in other files. So the nam
 sources that kernels can come from. An edit begins a new folder; the oldest ones go.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

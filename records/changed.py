@@ -1,7 +1,5 @@
 """The plan of a replay: that of the recording, with other settings, or that of another graph."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

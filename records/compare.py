@@ -1,7 +1,5 @@
 """One recorded touch, computed by several models: differences of force, indentation and shape, and step times."""
 
-from __future__ import annotations
-
 import gc
 import math
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """What a recording holds, as plain data."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from palpate.records.stored import Stored

@@ -1,7 +1,5 @@
 """What a check of a recording finds: computed messages beside the recorded ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any

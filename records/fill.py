@@ -5,8 +5,6 @@ rules of that clock say what each step used; of a run on the real clock the file
 say it.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A recording tick by tick: what all streams say at one tick, although the file holds them as they came."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 import numpy as np

@@ -6,8 +6,6 @@ exactly, whatever the placement was. A node that was not recorded, or that steps
 rules of simulated time.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections import deque
 from collections.abc import Iterable

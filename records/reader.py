@@ -1,7 +1,5 @@
 """Reading a recording: all messages of a run, stored or computed again."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import IO

@@ -1,7 +1,5 @@
 """Making a complete recording: of one that was cut off or damaged, or of one that holds its sources only."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

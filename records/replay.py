@@ -1,7 +1,5 @@
 """Replaying a recording: some nodes run, the others are played, at the times of the recorded messages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 

@@ -1,8 +1,6 @@
 """What stands in the file of a recording: its streams as typed messages or as columns of numbers, and what it knows of
 its run."""
 
-from __future__ import annotations
-
 import json
 from array import array
 from collections.abc import Iterator

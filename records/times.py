@@ -1,7 +1,5 @@
 """Step times of the nodes of a graph, from a recording of it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from palpate.engine.plan import Plan

@@ -1,7 +1,5 @@
 """Whether a recording can be computed again: each message of each node from exactly the messages that it used."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from palpate.engine.plan import Plan

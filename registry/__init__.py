@@ -3,8 +3,6 @@
 This folder imports nothing of ours, so that every other one may use it.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import pkgutil

@@ -1,7 +1,5 @@
 """Files of studies and experiments: YAML that describes one, and results that are whole at any time."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 from typing import Annotated, Any

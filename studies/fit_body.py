@@ -10,8 +10,6 @@ What the touch is off by with the constants is then measured, before and after: 
 that of a solid.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What a graph's tissue model is itself off by: a difference from a reference is no error without it."""
 
-from __future__ import annotations
-
 from palpate.engine.graph import Graph
 from palpate.messages import Surface
 from palpate.nodes.base import SettingError

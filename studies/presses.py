@@ -1,7 +1,5 @@
 """Measured presses from files: tables of numbers, and recordings of palpate's own."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from pathlib import Path
 

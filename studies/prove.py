@@ -1,7 +1,5 @@
 """Ablation: one recorded touch, computed again with each effect toggled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from palpate.launch.load.bill import EffectCost

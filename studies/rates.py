@@ -7,8 +7,6 @@ its peak (rms). What is chosen was measured: the touch is computed again with th
 A faster hand goes through the peak sooner, so that this is done at a spread of speeds, and the worst of them counts.
 """
 
-from __future__ import annotations
-
 import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence

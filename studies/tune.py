@@ -4,8 +4,6 @@ Each candidate computes the touch again (`studies.search`), one at a time next t
 full elements of those that can run. It is no truth: what it is known to be off by is added to every error.
 """
 
-from __future__ import annotations
-
 import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path

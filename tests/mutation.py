@@ -11,8 +11,6 @@ file, line and change: either a test is missing, or nothing depends on that line
 compiled anew for each mutant; their own tests mostly take less time as plain Python, with NUMBA_DISABLE_JIT=1 set.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import contextlib

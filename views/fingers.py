@@ -1,7 +1,5 @@
 """Which streams belong to which finger, and which bodies they touch."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 from palpate.engine.imports import full_name

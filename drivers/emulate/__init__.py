@@ -3,8 +3,6 @@
 They speak the bytes of the real devices, and ship: a graph runs on them without hardware.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 

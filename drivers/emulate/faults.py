@@ -1,7 +1,5 @@
 """Bad days of an emulated device."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import dataclass
 from typing import Annotated

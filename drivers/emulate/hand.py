@@ -1,7 +1,5 @@
 """The hand that holds the grip of an emulated device: the arm of `physics.device.grip`, in the machine's own time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

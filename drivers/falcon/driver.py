@@ -1,7 +1,5 @@
 """A Falcon: firmware, homing, and then one frame out for each frame in."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

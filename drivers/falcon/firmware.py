@@ -4,8 +4,6 @@ The image is the user's own: it came with the maker's driver, and lies in the op
 `firmware/nvent_firmware.bin`. None is part of palpate. The load is known to fail now and then; it is tried again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

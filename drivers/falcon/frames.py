@@ -5,8 +5,6 @@ byte of state; one filler. To the device the words are motor commands, from it e
 0x41 .. 0x50 and so hold neither `<` nor `>`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from palpate.drivers.framing import FrameReader

@@ -5,8 +5,6 @@ The host speaks first: 00 00 resets the board; 01, the device's number and the l
 encoder [deg]. Little-endian, no check sum, so an answer whose angles cannot be is left out.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import time

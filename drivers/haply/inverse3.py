@@ -5,8 +5,6 @@ The service sends the state of all its devices, `inverse3[].device_id` and `.sta
 after a command, one of zero included. Metres and newtons.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import threading

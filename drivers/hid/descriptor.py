@@ -4,8 +4,6 @@ USB Implementers' Forum, "Device Class Definition for Human Interface Devices", 
 of the pages Generic Desktop (axes X to Rz) and Button; all else is skipped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 DESKTOP, BUTTON = 0x01, 0x09

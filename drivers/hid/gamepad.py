@@ -1,7 +1,5 @@
 """Gamepads and joysticks: the axes and buttons of their report descriptor."""
 
-from __future__ import annotations
-
 import time
 from typing import Any
 

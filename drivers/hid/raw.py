@@ -3,8 +3,6 @@
 Reports of 64 bytes each way, without a report number, little-endian, CRC-16/X-25 of bytes 0 to 61 in the last two.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 import time

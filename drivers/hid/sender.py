@@ -1,7 +1,5 @@
 """Devices that only send reports, when somebody touches them: sticks and mice without force."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 
 from palpate.drivers.connected import PortDriver

@@ -5,8 +5,6 @@ report 1. Report 3 holds the buttons. In the graph's frame x points right, y awa
 PySpaceMouse: y and z of the device count the other way.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 from typing import Any

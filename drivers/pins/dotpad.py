@@ -6,8 +6,6 @@ graphic display is one command: first cell, then one byte for each cell of two c
 left column.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 from collections.abc import Callable

@@ -6,8 +6,6 @@ Heights lie in 50 .. 210. A block of six pins in a row belongs to one board, in 
 hang upside down and take 260 - height. Boards 1 to 36 are on the third line, to 60 on the second, others on the first.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 

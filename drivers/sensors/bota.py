@@ -4,8 +4,6 @@ As in the maker's open Python example: 460 800 baud; `C` for configuration, one 
 answered by `r,0,` and the command. Then frames: AA, 34 bytes, CRC-16/X-25 of these, all little-endian.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 from collections.abc import Callable

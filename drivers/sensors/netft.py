@@ -5,8 +5,6 @@ sensor's number, status, and six counts. Counts per newton and newton metre, and
 /netftapi2.xml.
 """
 
-from __future__ import annotations
-
 import contextlib
 import http.server
 import socket

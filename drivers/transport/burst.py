@@ -1,7 +1,5 @@
 """Reading what has come from a device: the newest counts, and a flood does not hold up the next command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import TypeVar
 

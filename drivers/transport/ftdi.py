@@ -4,8 +4,6 @@ Requests and values as in FTDI's own and the open drivers (libftdi, Linux' ftdi_
 aside: a Falcon wants baud divisors that a serial line has no name for.
 """
 
-from __future__ import annotations
-
 import errno
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """HID reports, by hidapi."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from typing import Any, Protocol

@@ -1,7 +1,5 @@
 """A serial line, by pyserial."""
 
-from __future__ import annotations
-
 import errno
 from pathlib import Path
 from typing import Any

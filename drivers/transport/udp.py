@@ -1,7 +1,5 @@
 """Datagrams to one peer."""
 
-from __future__ import annotations
-
 import socket
 
 from palpate.drivers.errors import DeviceError

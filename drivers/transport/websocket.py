@@ -1,7 +1,5 @@
 """Text messages over a WebSocket."""
 
-from __future__ import annotations
-
 from palpate.drivers.errors import DeviceError, package
 
 

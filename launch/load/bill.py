@@ -1,7 +1,5 @@
 """The bill of a plan: for each effect whether it is on, what decided that, and what it drags in."""
 
-from __future__ import annotations
-
 import copy
 from dataclasses import dataclass, field, replace
 

@@ -1,7 +1,5 @@
 """Node classes by the name in `use:`, and the catalogue of those that ship or that other distributions register."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import os

@@ -5,8 +5,6 @@ observers listen to and from the streams in `wanted`. An observer of all streams
 `wanted` is given.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from palpate.engine.faults import Fault

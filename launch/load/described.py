@@ -1,7 +1,5 @@
 """A node class in words."""
 
-from __future__ import annotations
-
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 

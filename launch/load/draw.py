@@ -3,8 +3,6 @@
 Solid edges are direct, dashed ones hold the message of the tick before; grey nodes do not run.
 """
 
-from __future__ import annotations
-
 from palpate.engine.plan import Plan
 
 SHARES = (0.05, 0.15, 0.3)  # shares of the time of a tick from which a node is drawn darker

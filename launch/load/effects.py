@@ -5,8 +5,6 @@ it.
 What is not said follows from `when:` and from what is read.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Which optional packages belong to which extra of palpate's installation."""
 
-from __future__ import annotations
-
 EXTRAS = {
     "devices": {"pyusb": "usb", "hidapi": "hid", "pyserial": "serial", "websockets": "websockets"},
     "page": {"websockets": "websockets"},

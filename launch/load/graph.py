@@ -3,8 +3,6 @@
 `load` gives a `Graph` whose nodes have their classes, settings and edges, or raises GraphError with all faults.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

@@ -6,8 +6,6 @@
 Placement never changes what is computed.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field

@@ -3,8 +3,6 @@
 Which edges are held was decided on the whole graph, so what is left computes the same values as the whole.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from palpate.engine.faults import GraphError

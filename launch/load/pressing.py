@@ -6,8 +6,6 @@ controller hears presses without a force on the hand. The messages fit, so that 
 graph tells.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Where a run is recorded: the logger of its graph."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

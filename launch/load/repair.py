@@ -1,7 +1,5 @@
 """Mending a mesh file: holes are closed, triangles turned outwards, crossings removed."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components

@@ -1,7 +1,5 @@
 """The values of a scene by dotted path, `$path` in settings, and the conditions of `when:`."""
 
-from __future__ import annotations
-
 import operator
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The edges: the inputs of every node, their types, and which edges close a loop."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial

@@ -1,7 +1,5 @@
 """A device's driver against an emulator of its protocol."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """What of this machine palpate can use: each finding with what to do about it."""
 
-from __future__ import annotations
-
 import ctypes
 import importlib.metadata
 import importlib.util

@@ -1,7 +1,5 @@
 """How late this machine wakes a process that asked for a moment: what decides whether it can hold 1 kHz."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import time

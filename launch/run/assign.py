@@ -1,7 +1,5 @@
 """From a plan and a placement to what each worker is told."""
 
-from __future__ import annotations
-
 import os
 
 from palpate.engine.graph import places

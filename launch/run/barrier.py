@@ -1,7 +1,5 @@
 """The start barrier: a worker is ready, hears whom to read, waits until it has its readers, and then all of them go."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from palpate.launch.run.member import WorkerHandle

@@ -1,7 +1,5 @@
 """Whether other programs take the processor: what is timed then is too slow."""
 
-from __future__ import annotations
-
 import os
 
 SPARE = 0.5  # cores that may be taken though nothing goes on: the load average is that of the last minute

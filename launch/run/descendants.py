@@ -1,7 +1,5 @@
 """Nothing that a run has started outlives it: children die with their parents, orphans find one who ends them."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

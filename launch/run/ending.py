@@ -1,7 +1,5 @@
 """How a run ends: when the workers are told to quit, until when they may take, and who is killed after that."""
 
-from __future__ import annotations
-
 import signal
 import time
 from collections.abc import Callable, Collection, Mapping

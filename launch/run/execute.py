@@ -1,7 +1,5 @@
 """One run from its launch file to its result: plan, place, start, watch, record."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

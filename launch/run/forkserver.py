@@ -9,8 +9,6 @@ does to its parent or to its process group hits the keeper alone, and the fork s
 node starts, in a session of its own, too, comes to the keeper when its parent ends, and the keeper ends it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import importlib

@@ -1,7 +1,5 @@
 """Signals by which a user or the system asks a run to end: Ctrl-C, `kill`, a terminal that closes."""
 
-from __future__ import annotations
-
 import contextlib
 import signal
 from collections.abc import Callable, Iterator

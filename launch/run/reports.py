@@ -4,8 +4,6 @@ Orders go from the launcher to workers, reports from workers to the launcher, re
 server, and answers back. Each decoder raises `msgspec.DecodeError` for what is none of these.
 """
 
-from __future__ import annotations
-
 import msgspec
 
 from palpate.engine.health import Counters

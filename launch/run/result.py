@@ -1,7 +1,5 @@
 """What is known of a run when it has ended, and on the real clock whether it kept its rate."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from palpate.engine.plan import Plan

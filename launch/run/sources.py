@@ -1,7 +1,5 @@
 """A run that records its sources only: what it has to compute itself, and what forbids it."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 

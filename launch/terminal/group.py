@@ -1,7 +1,5 @@
 """From folders of commands to the command line, and how their errors are told: in red, without traceback."""
 
-from __future__ import annotations
-
 from types import ModuleType
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The tables of `palpate plan`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.table import Table

@@ -1,7 +1,5 @@
 """The basis of a reduced finite-element body: the full model is pressed and condensed, and the result stored."""
 
-from __future__ import annotations
-
 import json
 import tempfile
 from collections.abc import Callable

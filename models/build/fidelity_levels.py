@@ -1,8 +1,6 @@
 """The fidelity levels of a sampled basis, which deformation.Adaptive switches between: the stiffness and the error of
 each are fitted to training touches, against the body of all modes (docs/effects.md)."""
 
-from __future__ import annotations
-
 from importlib.metadata import version
 from pathlib import Path
 from types import SimpleNamespace

@@ -9,8 +9,6 @@ and the laws of `palpate.physics.materials` take it as it is. A force-depth curv
 `Solver` take minutes: for fits, which want many. Contact without friction by a penalty.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -15,8 +15,6 @@ For a band at one depth (k = m = 1) this is the prediction interval of a normal 
 is exact whatever r is.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

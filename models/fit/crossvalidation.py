@@ -21,8 +21,6 @@ so are the errors. Protocol `whole` keeps to the steps above with these changes:
 5. The band is Student's t with the scale and the degrees of freedom of `band`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 

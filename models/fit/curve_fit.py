@@ -5,8 +5,6 @@ follow from linear least squares, so that only a line or a plane is searched. Th
 permitted range, which no local minimum can mislead, and ends with Gauss-Newton steps on all parameters.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `palpate fit` does: read sessions, choose models or fit a law, write."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path

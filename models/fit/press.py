@@ -1,7 +1,5 @@
 """From the messages of a press to the forces at even depths."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """What `palpate fit` tells: tables for people, plain data for programs, YAML for the node."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path

@@ -9,8 +9,6 @@ m, mm or µm, forces in N or mN. A column `rate` [m/s, mm/s] or `time` [s, ms] i
 ignored, and named.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 import re

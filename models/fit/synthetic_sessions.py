@@ -1,7 +1,5 @@
 """Synthetic indentation sessions with known laws, to try and to test the fitting. They are not measurements."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtr
 

@@ -5,8 +5,6 @@ nail, the side of the finger on which the bone lies. All three are taken from wh
 so that a slanting end of the images does not bend them.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The dimensions of a reconstructed fingertip, for the user to check."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -10,8 +10,6 @@ nail, the finger's own axes), except left and right: a mirrored image of a finge
 Without a header and without letters the next slice is taken to lie behind the one before.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -6,8 +6,6 @@ partial volume that is where the border is, to a part of a pixel. The nail gives
 tissue it sits on.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 

@@ -4,8 +4,6 @@ Brightness of a voxel is the mean over what it holds; noise is Rician, as in mag
 the body. Slices run from the tip to the hand, the nail is up.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Reading a stack of cross-sections: DICOM series, NIfTI, or numbered PNG and TIFF images with a given spacing."""
 
-from __future__ import annotations
-
 import dataclasses
 import gzip
 import io

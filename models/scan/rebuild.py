@@ -7,8 +7,6 @@ its inscribed radius falls with the root of the way to the tip, which the last t
 The surfaces are first made in the frame of the images, then turned to the finger's own axes (`align`).
 """
 
-from __future__ import annotations
-
 from typing import Literal, NamedTuple
 
 import numpy as np

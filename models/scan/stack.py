@@ -1,7 +1,5 @@
 """A stack of cross-sections, and what it must have to be one of a finger."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

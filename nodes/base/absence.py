@@ -1,7 +1,5 @@
 """What a node does while an input that it had is missing, or after it stood still: fade out and fade in, never jump."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 FALL = 4e-3

@@ -1,7 +1,5 @@
 """Bodies that take several contacts beside those that take one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

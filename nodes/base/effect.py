@@ -14,8 +14,6 @@ An author declares an effect where it is computed, in one of three ways, and wri
 A part is computed only where somebody reads one of its fields; otherwise the call gives `otherwise` and does no work.
 """
 
-from __future__ import annotations
-
 import functools
 import typing
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Reading a user's triangle mesh: STL (binary or text), PLY, OBJ."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What every node is: settings as fields, ports from the signature of `step`, state made in `start`."""
 
-from __future__ import annotations
-
 import inspect
 import types
 import typing

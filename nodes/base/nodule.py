@@ -1,7 +1,5 @@
 """A nodule in the scene's tissue, for every body that can have one."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

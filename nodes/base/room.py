@@ -1,7 +1,5 @@
 """A folder of node files as one room: `device.Falcon` is the class Falcon of any file of nodes/device."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 

@@ -12,8 +12,6 @@ Falcon's workspace, (0, 0, 110 mm): a finger at the centre is free, and one with
 touches 1 mm below.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated

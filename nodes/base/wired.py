@@ -1,7 +1,5 @@
 """Shared by all nodes that communicate with a device: its port, whether to wait for it, and the thread."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated, ClassVar
 

@@ -1,7 +1,5 @@
 """How several fingers hold one body."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

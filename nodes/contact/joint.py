@@ -1,7 +1,5 @@
 """Several fingertips on one body."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """The contact force as a random variable: mean and scatter of a measured subject's finger at this indentation."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Literal
 

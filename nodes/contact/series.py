@@ -1,7 +1,5 @@
 """Normal contact of fingertip and tissue."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

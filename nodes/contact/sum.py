@@ -1,7 +1,5 @@
 """One finger that meets several organs."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """The sampled body that keeps to an error (docs/effects.md)."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated, Literal

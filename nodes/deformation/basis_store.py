@@ -5,8 +5,6 @@ the surface, and the version of its builder (`BUILDERS`). The file says all of i
 commit and the command that built it, and its error.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

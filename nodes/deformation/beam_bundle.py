@@ -1,7 +1,5 @@
 """The deformable body as a bed of viscoelastic beams under its surface."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,7 +1,5 @@
 """The mass-spring body (docs/equations/mass-spring.md)."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,7 +1,5 @@
 """The reduced finite-element body (docs/equations/reduced-fe.md)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Literal
 

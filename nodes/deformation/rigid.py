@@ -1,7 +1,5 @@
 """A body that hardly gives."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,7 +1,5 @@
 """The Novint Falcon."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from palpate.drivers.exchange import Driver

@@ -1,7 +1,5 @@
 """A Falcon's grip in a simulated hand that follows a moving goal, whoever sets it."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,7 +1,5 @@
 """The hand that holds a device which is simulated or emulated: its script, its arm, the grip."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """Haply's devices."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated, Literal
 

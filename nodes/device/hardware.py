@@ -1,7 +1,5 @@
 """Shared by all real devices: how they are found, limited, waited for, and emulated."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar
 
 import msgspec

@@ -1,7 +1,5 @@
 """HID devices: 3Dconnexion's mice, gamepads, and haptic devices that speak the open raw-HID protocol."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Literal
 
 import msgspec

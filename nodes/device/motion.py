@@ -1,7 +1,5 @@
 """A motion in a table: time, and position or joint angles."""
 
-from __future__ import annotations
-
 import csv
 import re
 from typing import NamedTuple

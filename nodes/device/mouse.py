@@ -1,7 +1,5 @@
 """A pointer, of a mouse, a pen or a finger on a touch screen, and a hand that follows it."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

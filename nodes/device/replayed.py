@@ -1,7 +1,5 @@
 """A device whose motion was recorded."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated
 

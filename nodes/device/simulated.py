@@ -1,7 +1,5 @@
 """A simulated device and the simulated hand that holds it."""
 
-from __future__ import annotations
-
 from collections import deque
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """A hand that the program moves which steps the graph."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What pins under a fingerpad have to show."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import msgspec

@@ -1,7 +1,5 @@
 """Real pin displays, driven by `Pins`."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -1,8 +1,6 @@
 """Streams for the Lab Streaming Layer (https://labstreaminglayer.org), by which experiments record force beside EEG,
 gaze or markers on one clock."""
 
-from __future__ import annotations
-
 import socket
 import time
 from typing import Annotated, Any

@@ -1,7 +1,5 @@
 """Recording: every stream as a channel of an MCAP file, the wire bytes as they are."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import json

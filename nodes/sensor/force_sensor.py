@@ -1,7 +1,5 @@
 """A simulated force sensor: the finger's force on a display when there is no simulated contact."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Any, ClassVar
 

@@ -1,7 +1,5 @@
 """Real force sensors: the force of a real indentation."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar
 
 import msgspec

@@ -1,7 +1,5 @@
 """One step of a bed of beams under all its loads, compiled, and the law of the next one, see `beam_bed`."""
 
-from __future__ import annotations
-
 import math
 
 from palpate.physics.bodies.stretch import hold_together

@@ -22,8 +22,6 @@ The energy changes along the surface under contact i by its own part (`physics.b
 the slope of a_ij, which draws a finger into the dent of another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

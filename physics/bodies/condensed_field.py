@@ -1,7 +1,5 @@
 """Displacements of a condensed organ's surface under what it holds, see `condensed_body`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.bodies.condensed_step import MORE, NARROWED, PRESS, RADIUS, ROOM, SIDE

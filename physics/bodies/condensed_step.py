@@ -1,7 +1,5 @@
 """One implicit viscoelastic step of a condensed organ under the patch that presses it, see `condensed_body`."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

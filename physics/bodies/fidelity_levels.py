@@ -17,8 +17,6 @@ recording has the same times, so that a replay takes the same levels. The choice
 on nothing else.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -11,8 +11,6 @@ organ is thin or curved the difference C - H changes over the patch, and the ind
 for R_w up to 2 R. tests/physics/bodies/test_half_space_range.py has both.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh

@@ -1,7 +1,5 @@
 """Mean inverse distances between the hats of a surface: a half-space under loads that pass through its vertices."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh

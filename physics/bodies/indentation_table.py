@@ -19,8 +19,6 @@ whose displacement dV*/dh = (C/E)(h + k g), k = (s(y) - c y)/c, is that of the l
 patch. V* is convex as long as f(s) rises, whatever C: so the body is passive. `rise` holds it to that.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh

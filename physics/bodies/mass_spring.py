@@ -11,8 +11,6 @@ spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/
 Only nodes under load or not yet recovered are touched; they are kept in a compact list.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Interpolation between the coarse surface of a reduced body and the finer mesh that is touched and drawn."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.contact.spread import Spreader

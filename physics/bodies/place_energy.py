@@ -19,8 +19,6 @@ organ's compliance c = g.Cg/E under a patch round each vertex, along its normal,
 of the dent say, and the mesh's error as large as it.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -14,8 +14,6 @@ Everything is divided by the greatest nodal pressure over the total force, so th
 contact's own law and a coupling of zero gives the nodal law.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -36,8 +36,6 @@ true load:  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f,  the mean of W o
 Range: R above the spacing of the touched mesh, thickness and radius of curvature above 2R, one modulus within R.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -9,8 +9,6 @@ Laws of few sessions are themselves unsure. A new force is then distributed as F
 degrees of freedom (`freedom`; 0 stands for as many as one likes, the normal law).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -7,8 +7,6 @@ rate of change [m/s].
 MODELS are the five regression curves of the probabilistic force model, LAWS the contact laws of this package.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -9,8 +9,6 @@ For two contacts they lie on the line through both: q_1 = -q_2 = ((f_1 - f_2).e/
 Trans. Robotics Autom. 7 (1991) 67-77).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -12,8 +12,6 @@ Gauss-Seidel takes its place, which converges for symmetric positive C (as a pro
 Optim. Theory Appl. 22 (1977) 465-485).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.contact.series import balance

@@ -15,8 +15,6 @@ Dimitriadis et al., Biophys. J. 82 (2002) 2798-2810, has 1.28 and 0.77 there: it
 chi = 0.1, 2 % at 0.27, 5.5 % at 0.42 and 13 % at 0.75.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

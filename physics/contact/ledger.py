@@ -23,8 +23,6 @@ J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable
 from functools import reduce

@@ -6,8 +6,6 @@ Unlike a spring beside a dashpot this has no force jump at impact and no suction
 (K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42, 1975, 440-445).
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

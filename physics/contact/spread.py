@@ -8,8 +8,6 @@ conserved on any mesh. Nodes whose normal looks away from the contact's normal t
 or folded piece would be pushed from behind.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

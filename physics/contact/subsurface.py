@@ -15,8 +15,6 @@ Neither the modulus nor what presses enters: the stress is that of the tissue an
 finger's skin alike, as long as either is a half-space at the scale of the patch.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

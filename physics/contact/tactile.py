@@ -1,7 +1,5 @@
 """Tactile flow: equivalent strain, isostrain volumes and their growth with force, flow of the isostrain surfaces."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.kernel import kernel

@@ -7,8 +7,6 @@ F [N] normal force, s [m] indentation at the end of the step, T [s] its length. 
 same kind can be solved against it in a bracket, whatever the step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

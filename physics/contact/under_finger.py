@@ -1,7 +1,5 @@
 """What a modulus is under the finger of the scene kidney."""
 
-from __future__ import annotations
-
 import math
 
 FINGER_RADIUS = 8e-3

@@ -11,8 +11,6 @@ of haptic rendering: discretization, quantization, time delay, and Coulomb effec
 22 (2006) 256-268.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

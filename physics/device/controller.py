@@ -21,8 +21,6 @@ a filtered one comes too late for a stiff wall. A way of hardly more than one en
 and the damping would make noise of it: there the filtered velocity stands in, with less damping for its longer delay.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

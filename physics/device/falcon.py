@@ -13,8 +13,6 @@ R. E. Stamper, "A three degree of freedom parallel manipulator with only transla
 PhD thesis, University of Maryland, 1997.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple, dataclass
 

@@ -7,8 +7,6 @@ With N the unit vectors along the three parallelograms as rows and D their lever
 The first has no bound where the three vectors come to lie in a plane, the second where a leg is stretched or folded.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

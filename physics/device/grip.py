@@ -8,8 +8,6 @@ With y = x - p and p' constant over a step this is linear with a constant right 
 matrix exponential and stable whatever its length.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

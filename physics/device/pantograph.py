@@ -9,8 +9,6 @@ the same for B, so the rows of the rates' inverse are known and
 As in the maker's open library (hAPI), with the lengths of its two builds; the derivative is done anew here.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ The observer and controller of Hannaford & Ryu, with the energy exact for a forc
 B. Hannaford, J.-H. Ryu, IEEE Trans. Robotics Autom. 18 (2002) 1-10.
 """
 
-from __future__ import annotations
-
 import math
 
 from palpate.physics.kernel import kernel

@@ -9,8 +9,6 @@ Salisbury, IEEE Trans. Robotics 22 (2006) 256-268 part the plane into rest from 
 swing that is kept, and one that grows. Here the regions come from simulation, and the lines at 1/2 are drawn over them.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.device.wall_loop import WallDevice, run

@@ -15,8 +15,6 @@ taken up again where it comes down to that line. So what is soft enough is rende
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
 
-from __future__ import annotations
-
 from palpate.physics.kernel import kernel
 
 SHARE = 0.01

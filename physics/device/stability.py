@@ -9,8 +9,6 @@ for every hand that is itself passive, the stable one for a hand that lets the d
 G. Hirzinger, IEEE Trans. Control Syst. Technol. 22 (2014) 1297-1309, draw both in one plane.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

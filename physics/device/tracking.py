@@ -5,8 +5,6 @@ row agree with one another at their new place, the device has really moved (its 
 accepted and the velocity begins again at zero.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -5,8 +5,6 @@
 which equals N differences averaged where the stamps are even. Its response is in `velocity_response`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.kernel import kernel

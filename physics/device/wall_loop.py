@@ -4,8 +4,6 @@ A mass with viscous drag and dry friction, pushed by a steady hand, meets a wall
 encoder, a delay, a velocity filter, lost samples and uneven steps; the force goes through the controller, or not.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

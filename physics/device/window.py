@@ -10,8 +10,6 @@ F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing 
 Control Systems Technology 8 (2000) 1003-1009.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.kernel import kernel

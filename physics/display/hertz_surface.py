@@ -1,7 +1,5 @@
 """Hertz contact of two elastic bodies of revolution: pressure and surface displacements."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

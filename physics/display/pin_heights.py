@@ -1,7 +1,5 @@
 """What the pins of a display shall show: the deformation of the fingerpad, from a force, a surface or a pressure."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

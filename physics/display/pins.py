@@ -1,7 +1,5 @@
 """Actuators of a pin display: the grid, what a limited stroke can show, how fast pins move, how finely they stop."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -16,8 +16,6 @@ In ln x the function h is increasing (slope >= 5/3) and convex, so it has exactl
 started above that root comes down to it monotonically.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -10,8 +10,6 @@ index fingers (breadth 16-17 mm and depth 12-13 mm at the distal joint, skin of 
 of 7-8 mm on a shaft of 5 mm); they are rounded, not those of a person.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -7,8 +7,6 @@ beam (`voigt`) times the cell. Lateral force: an elastic spring per beam, in she
 held to the plate by friction (`stick_slip`). What is stated and what assumed: docs/equations/beam-bundle.md.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

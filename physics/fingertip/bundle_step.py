@@ -1,7 +1,5 @@
 """One step of a beam bundle, compiled: the chains, the sheet, stick and slip. `beam_bundle.step` is its door."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

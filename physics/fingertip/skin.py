@@ -9,8 +9,6 @@ and its viscosity is the same with c for E (eq. 1 of the beam bundle paper). Tri
 act; the mesh stays. `weights` fade them in with pressure, so that no force jumps when a node is gained or lost.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -14,8 +14,6 @@ each 2 x 2 problem finds who slips; a Newton step on those nodes, where Phi is s
 at; a line search keeps Phi falling. Warm-started, it ends after one to three iterations.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ graph is the law NAME of any file of this folder. A law may have
     caution()        which settings let it generate energy, a line that the user sees; "" where none does
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

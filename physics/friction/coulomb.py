@@ -1,7 +1,5 @@
 """Coulomb friction with an elastic stick."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 

@@ -7,8 +7,6 @@ P. Dupont, V. Hayward, B. Armstrong, F. Altpeter, "Single state elastoplastic fr
 Control 47 (2002) 787-792. With LuGre's bound on sigma2 it is passive.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 

@@ -7,8 +7,6 @@ normal force, vectors in the tangent plane, v = |v|:
 z [m] bristle deflection; sigma0, sigma1, sigma2 are `bristle_stiffness`, `bristle_damping` and `viscous`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, Literal, NamedTuple
 

@@ -6,8 +6,6 @@ cylinder across the mean normal of its triangles. On a smooth surface its height
 where a box is as high as it is wide: a point 40 mm from a mesh of 10^6 vertices then meets few leaves, not thousands.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -10,8 +10,6 @@ The foot point stays with its branch until another is nearer by more than the hy
 of the nearest branch, and so 1-Lipschitz along any path.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

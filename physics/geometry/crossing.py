@@ -1,7 +1,5 @@
 """Where a triangle mesh passes through itself."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.kernel import kernel

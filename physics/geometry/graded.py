@@ -8,8 +8,6 @@ that is farthest from all before it. One that is h away from these is sent up to
 region where all are. The receiver interpolates (`filled`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 

@@ -1,7 +1,5 @@
 """How high a surface lies above places of the horizontal plane, seen from above."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh

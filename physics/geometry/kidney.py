@@ -10,8 +10,6 @@ of 50-70 mm and 30-50 mm; as an ellipsoid these give 145 cm3, and sonography of 
 Shape: a round body bent about its medial side, with a hollow, the hilum, in the middle of that side.
 """
 
-from __future__ import annotations
-
 import argparse
 from functools import lru_cache
 

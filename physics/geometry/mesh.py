@@ -1,7 +1,5 @@
 """A triangle mesh with what contact needs of it: vertex normals and nodal areas."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

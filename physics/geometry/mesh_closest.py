@@ -3,8 +3,6 @@
 C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, sec. 5.1.5 (closest point of a triangle).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -16,8 +16,6 @@ rho = 0, so that a foot point crosses the pole like any other point.
 L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inversion).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.nurbs import (

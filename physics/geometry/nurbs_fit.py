@@ -3,8 +3,6 @@
 L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, revolution) and 9 (interpolation).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.nurbs import Nurbs, basis_matrices

@@ -1,7 +1,5 @@
 """The topology of a triangle mesh: closed or open, manifold or not, and its triangles oriented consistently."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.kernel import kernel

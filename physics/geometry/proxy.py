@@ -19,8 +19,6 @@ starts inside, or jumps, has no side: its foot is the nearest point.
 A sheet ends at its border: beside it the gap is the distance from the border, and the normal points from there.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.bvh import ORIGIN

@@ -4,8 +4,6 @@ J. A. Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243-253: 
 edge or vertex is right everywhere round a closed mesh, that by the nearest face alone is not.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.bvh import ACROSS, KIND, is_segment

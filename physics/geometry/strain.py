@@ -1,7 +1,5 @@
 """How much a surface is stretched, by its triangles alone."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -1,7 +1,5 @@
 """Near-uniform closed triangle meshes of a NURBS surface that is closed in u and has a pole at both ends of v."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh

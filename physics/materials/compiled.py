@@ -1,7 +1,5 @@
 """Compiled functions as arguments of compiled functions: one loop serves every law, and is cached on disk."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any

@@ -7,8 +7,6 @@ mu is the shear modulus at rest; b -> 0 is the neo-Hooke law.
 H. Demiray, J. Biomech. 5 (1972) 309-311; Y. C. Fung, Am. J. Physiol. 213 (1967) 1532-1544.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -6,8 +6,6 @@ It stays stiff in compression, where the law of St. Venant and Kirchhoff softens
 215-220.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -22,8 +22,6 @@ p       (n,)   constants of the material                 that nobody wants it: i
 A law in the invariants I and II needs its derivatives by these only: see `neo_hooke` and `invariants.shape_stress`.
 """
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Callable

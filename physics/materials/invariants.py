@@ -5,8 +5,6 @@ I = J^(-2/3) I1 - 3,    II = J^(-4/3) I2 - 3,    I1 = tr C,    I2 = ((tr C)² - 
 Most stand in the law itself when it is compiled, so that invariants and stress take the strain and its root once.
 """
 
-from __future__ import annotations
-
 import math
 
 import numba

@@ -3,8 +3,6 @@
 W = mu |dev e|²,    U = (kappa/2) (tr e)²
 """
 
-from __future__ import annotations
-
 import numba
 
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed

@@ -5,8 +5,6 @@
 with I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

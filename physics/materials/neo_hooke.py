@@ -3,8 +3,6 @@
 W = (mu/2) I,    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
 """
 
-from __future__ import annotations
-
 import numba
 
 from palpate.physics.materials.hyperelastic import Material, moduli, rubberlike, wants_mixed

@@ -19,8 +19,6 @@ as a whole in the soft tissue below it. Trust the place and the trend with depth
 effect use a finite-element model with `modulus_map`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -9,8 +9,6 @@ c/2, with the same alpha.
 R. W. Ogden, Proc. R. Soc. Lond. A 326 (1972) 565-584; S. Budday et al., Acta Biomater. 48 (2017) 319-340 for the form.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

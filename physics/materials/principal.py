@@ -1,7 +1,5 @@
 """What laws in the principal stretches share: stress and tangent, from the Kirchhoff stresses and their slopes."""
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -8,8 +8,6 @@ Y. C. Fung, Biomechanics: Mechanical Properties of Living Tissues (1993), 7.6; R
 Goudreau, Int. J. Numer. Methods Eng. 2 (1970) 45-59 for the recursion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numba

@@ -7,8 +7,6 @@ viscosities (0.1, 10, 1 Pa s) give relaxation within 3 to 74 microseconds, again
 here the viscosity is E times a relaxation time after Pawluk & Howe (1999). Full account: docs/equations/beam-bundle.md.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 

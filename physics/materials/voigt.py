@@ -15,8 +15,6 @@ V. A. Ho, S. Hirai, "Beam bundle model of human fingertip", eq. 2-5; there phi_j
 equal lengths only.
 """
 
-from __future__ import annotations
-
 import numba
 
 STRAIN_LIMIT = 0.9

@@ -7,8 +7,6 @@ The shear modulus at rest is 2 c1.
 O. H. Yeoh, Rubber Chem. Technol. 66 (1993) 754-771.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -4,8 +4,6 @@ A body is given each step's load, and the derivatives of the load's forces; it r
 next law, (5,P) for P parameters.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import numpy as np

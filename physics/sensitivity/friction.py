@@ -5,8 +5,6 @@ rule. Its derivative along a direction is a central difference of that step alon
 off by some 1e-9 of itself.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.friction import bristle

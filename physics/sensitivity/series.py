@@ -10,8 +10,6 @@ and the state at the end of the last step, whose derivatives are carried along.
 Derivatives are arrays (P,), one entry for each parameter.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Recordings in the formats that other tools open."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path

@@ -1,8 +1,6 @@
 """MCAP for Foxglove: the numbers of every stream as JSON, which PlotJuggler and the `mcap` command decode too, and a
 scene for its 3-D panel."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """A recording for the Rerun viewer: deforming surfaces, force arrows and all numbers over the graph's clock."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

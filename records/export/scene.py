@@ -4,8 +4,6 @@ Foxglove's 3-D panel knows a type by the name of its schema (https://docs.foxglo
 entity may hold, a scene here has triangles and arrows; the other lists are demanded by the type and stay empty.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

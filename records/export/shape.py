@@ -1,7 +1,5 @@
 """What exported scenes are made of: bodies at rest and displaced, the instants that are shown, colours, arrows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tables: Parquet or CSV files of each stream, one row a message, a column for each number, `force[0] [N]`."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """A series of surfaces for ParaView: PolyData with displacement per recorded instant, with .pvd and .vtp.series."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

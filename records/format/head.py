@@ -1,7 +1,5 @@
 """The head of a message: what a replay follows."""
 
-from __future__ import annotations
-
 import msgspec
 
 

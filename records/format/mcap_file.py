@@ -5,8 +5,6 @@ summary at the end, and of all data of a complete file. Metadata have none of th
 would need: they are sealed with one more key.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

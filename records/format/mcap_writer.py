@@ -5,8 +5,6 @@ bytes are joined, indexed with numpy, compressed and written. Small records (sch
 are those of the `mcap` package.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import struct

@@ -1,7 +1,5 @@
 """The matrix: each touch by each method at each fidelity, one cell each. A cell is kept by what it depends on."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

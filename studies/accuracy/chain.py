@@ -4,8 +4,6 @@ They are wired as in graphs/kidney.yaml (the body's law reaches the contact one 
 run, without encoding their messages: what is priced is the steps of the nodes.
 """
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Iterator

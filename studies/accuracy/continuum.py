@@ -12,8 +12,6 @@ and FElupe on bricks of 27 nodes (`peers.felupe`). Each makes its own load, bed 
 (`peers.calculix`) and MuJoCo (`peers.mujoco`) take the tetrahedra of the first.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass

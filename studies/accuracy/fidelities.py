@@ -1,7 +1,5 @@
 """The settings at which methods are tried, and a body in the chain of a touch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any

@@ -4,8 +4,6 @@ A quarter is meshed up to `SIZE` radii of contact. There it is held to the field
 (K. L. Johnson, Contact Mechanics, Cambridge 1985, eq. 3.18), which is what is left of Hertz's so far away.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from dataclasses import dataclass

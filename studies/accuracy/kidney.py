@@ -8,8 +8,6 @@ sideways. Its radius is a distance in space, as in spread.Kernel.
 `fe.Solver` takes quadratic tetrahedra on the grid, FElupe bricks of 27 nodes; each makes its own load and bed.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from functools import lru_cache

@@ -3,8 +3,6 @@
 A load step of the static curve is the step that is priced; the touch over time follows from the curve.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """The methods: which touches each can compute, and at which fidelities."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A method, its settings, and what it makes of a touch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

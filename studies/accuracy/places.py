@@ -6,8 +6,6 @@
 The last is Richardson's estimate with second order, which is below the order that smooth parts of the solution have.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

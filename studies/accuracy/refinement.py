@@ -11,8 +11,6 @@ condensed to n vertices takes its load, and tells its indentation, through hats 
 h² ~ 1/n: that widens the patch by a share of (h/R)², so p = 2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """How wrong an outcome is: differences from the truth over the whole touch, over the peak of the truth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.studies.accuracy.outcome import MethodOutcome

@@ -1,7 +1,5 @@
 """The standard touches, as data: how far a finger comes to a body over time, and where on it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -16,8 +16,6 @@ shares code with the nodes. On the kidney the curve changes along the path: S(h,
 of three stored places, and what a polygon through them differs by is part of the band.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -7,8 +7,6 @@ G. Dhondt, The Finite Element Method for Three-Dimensional Thermomechanical Appl
 http://www.calculix.de. Lengths are in mm, forces in N and moduli in MPa there.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

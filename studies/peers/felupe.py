@@ -3,8 +3,6 @@
 A. Dutzler, FElupe: finite element analysis for continuum mechanics of solid bodies, https://felupe.readthedocs.io.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace

@@ -7,8 +7,6 @@ takes the elasticity implicitly. Mass and damping are such that this takes few s
 MuJoCo: E. Todorov et al., IEEE/RSJ IROS (2012) 5026-5033; https://mujoco.readthedocs.io, `deformable/flex`.
 """
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Iterator

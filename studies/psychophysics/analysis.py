@@ -1,7 +1,5 @@
 """From the tables of a folder to thresholds, JNDs, Weber fractions and exponents, each with its 95 % interval."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Sequence

@@ -9,8 +9,6 @@ blocks:
   main: {procedure: staircase, start: 4.5e3, steps: [1.5, 1.25], scale: ratio, rule: 2-down-1-up, reversals: 8}
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any, Literal

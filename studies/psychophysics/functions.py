@@ -11,8 +11,6 @@ with the guess rate γ, the lapse rate λ, and for F
 (Wichmann & Hill, Perception & Psychophysics 63(8), 2001, eqs. 1 to 3). A trial without signal is x = -inf: F = 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -11,8 +11,6 @@ spread: 150                           # b
 function: normal
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import time

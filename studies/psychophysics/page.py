@@ -1,7 +1,5 @@
 """An experiment on the page of `palpate touch`: texts, intervals with the mouse or a device, questions."""
 
-from __future__ import annotations
-
 import math
 import queue
 import tempfile

@@ -1,7 +1,5 @@
 """Which level comes next: constant stimuli, up-down staircases, QUEST+."""
 
-from __future__ import annotations
-
 import re
 from typing import Protocol
 

@@ -8,8 +8,6 @@ next posterior is H(θ) - I(x) with the mutual information
 (Watson, Journal of Vision 17(3):10, 2017, eqs. 3 to 8). The largest I(x) is the least expected entropy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 A session is thus resumed by telling a new schedule the answers that are stored.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Generator
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """One session: each trial is presented, asked about, and stored before the next one."""
 
-from __future__ import annotations
-
 import datetime
 import socket
 import time

@@ -1,7 +1,5 @@
 """From a level to a run: where the level goes, what else differs, and what cannot be told apart."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -8,8 +8,6 @@ FOLDER/sourcedata/sub-01/ses-01/beh/...trial-003_interval-1.mcap          the re
 A row is on the disk before the next trial begins. What a power cut has left of the last row is moved aside.
 """
 
-from __future__ import annotations
-
 import fcntl
 import itertools
 import json

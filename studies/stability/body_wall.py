@@ -4,8 +4,6 @@ The hand of `physics.device.wall_loop` pushes a mass with drag into a body on th
 delay. A rigid finger touches it by contact.Series and spread.Kernel; the force goes through controller.Haptic or not.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Pictures of how stiff a wall, or a body, a device can hold."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The study of a device: walls, and if asked for bodies and the plane of drag and dry friction; tables and pictures."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """How stiff a wall may be on a device: by theory, and in the simulated loop with and without the controller."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@
  "tissue.damping": {"uniform": [2, 8]}}                       # sampled, together with all other distributions
 """
 
-from __future__ import annotations
-
 import json
 import math
 import warnings

@@ -1,7 +1,5 @@
 """What is wrong with a study, before anything runs."""
 
-from __future__ import annotations
-
 from itertools import product
 
 from palpate.engine.graph import Graph

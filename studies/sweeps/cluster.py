@@ -4,8 +4,6 @@ One worker has one thread and computes one point at a time. What is stored decid
 scheduler that goes takes nothing with it but the points under way.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

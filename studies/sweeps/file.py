@@ -7,8 +7,6 @@ over:                             # what varies
 keep: [peak contact.force, curve contact.force]
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any, Literal
 

@@ -1,7 +1,5 @@
 """What makes two points the same: hashes of what they depend on, and what changed from one study to the next."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 import json

@@ -8,8 +8,6 @@
 `controller.force[2]` is a component of a vector; without a number a vector counts by its length.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass

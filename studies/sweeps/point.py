@@ -4,8 +4,6 @@ A process of its own computes with pinned arithmetic whatever Dask's worker has 
 a point takes too long or takes its process down.
 """
 
-from __future__ import annotations
-
 import fcntl
 import hashlib
 import os

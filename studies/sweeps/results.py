@@ -1,7 +1,5 @@
 """What became of a study: its rows, numbers and indices."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a worker of Dask does: it hands points to a process of its own, and ends that when one takes too long."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

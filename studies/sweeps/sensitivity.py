@@ -13,8 +13,6 @@ quantity.
 `*_conf` is the half-width of the interval of 95 %, by resampling.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -10,8 +10,6 @@ Rows are found by their key, and none is ever removed: a study that is changed b
 written anew under another name and then renamed, so that a full disk or a kill leaves the former ones whole.
 """
 
-from __future__ import annotations
-
 import contextlib
 import datetime
 import errno

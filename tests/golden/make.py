@@ -10,8 +10,6 @@ that no path of this machine gets into the files.
                                                               whatever late, lost and held messages the machine gives
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

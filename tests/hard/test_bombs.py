@@ -1,7 +1,5 @@
 """Small files that claim, or unpack to, more than a machine has: refused before the memory is taken."""
 
-from __future__ import annotations
-
 import gzip
 import json
 import os

@@ -3,8 +3,6 @@
 Files are cut off, their bits flipped, bytes overwritten by large numbers, a part left out or repeated.
 """
 
-from __future__ import annotations
-
 import json
 import pickle
 import random

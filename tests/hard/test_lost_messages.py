@@ -6,8 +6,6 @@ force is never more than 1.2 times that of the same touch without losses, or of 
 force for 30 ms falls into the tissue, and what is pressed deeper presses back harder.
 """
 
-from __future__ import annotations
-
 import os
 import random
 from collections.abc import Mapping

@@ -4,8 +4,6 @@ recording can be read, and no force beyond the limit is in it.
 One that fails is run again by `python tests/support/random_faults.py SEED`.
 """
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Sequence

@@ -1,8 +1,6 @@
 """Every node of the kidney graph under inputs that no touch would bring: steps of no or negative length, huge and
 denormal numbers, points a million kilometres away, missing senders. No exception, no NaN, and the same bytes twice."""
 
-from __future__ import annotations
-
 import functools
 import math
 import os

@@ -1,7 +1,5 @@
 """Archives of arrays: what was written comes back; what was damaged, or claims too much, is told."""
 
-from __future__ import annotations
-
 import io
 import tracemalloc
 import zipfile

@@ -1,7 +1,5 @@
 """Exports open in the formats' own tools and hold the values of the recording, exactly."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """The scene in an export for Foxglove: its types as Foxglove's own library has them, its places as recorded."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

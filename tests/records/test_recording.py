@@ -1,7 +1,5 @@
 """Recording: what survives a kill and a full disk, what is counted, left out and thinned; the errors of bad files."""
 
-from __future__ import annotations
-
 import functools
 import json
 import os

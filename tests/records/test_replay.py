@@ -1,7 +1,5 @@
 """Replay: bit for bit, of simulated and live runs, whole and in part; and what it says where a byte differs."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Recordings of sources: byte for byte what a recording of everything holds, whoever reads; what is told otherwise."""
 
-from __future__ import annotations
-
 import json
 import random
 from pathlib import Path

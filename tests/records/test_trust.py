@@ -1,7 +1,5 @@
 """A recording is data: opening it imports palpate's own modules and those that the user trusts, and no others."""
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How seldom an effect may run: against the closed form of a signal that is held, and on whole touches."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

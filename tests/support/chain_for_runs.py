@@ -2,8 +2,6 @@
 that come late, are lost on the way, or are not sent. Only the numbers of the ticks count, so no machine changes the
 answer."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from types import SimpleNamespace

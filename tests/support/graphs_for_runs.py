@@ -1,7 +1,5 @@
 """A small graph of processes for the tests of the launcher: five nodes in a loop, one logger."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import nodes_for_runs  # noqa: F401  a recording of these graphs imports nothing that is not imported already

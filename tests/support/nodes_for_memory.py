@@ -1,7 +1,5 @@
 """Nodes that tell what their process holds."""
 
-from __future__ import annotations
-
 import gc
 import sys
 

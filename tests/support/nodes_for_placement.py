@@ -1,7 +1,5 @@
 """Nodes of random graphs: their answers depend on every bit of their inputs, their state and dt."""
 
-from __future__ import annotations
-
 from palpate.messages import Force, Torque
 from palpate.nodes.base import Node
 

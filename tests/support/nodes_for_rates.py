@@ -1,7 +1,5 @@
 """An effect whose output is known: a swinging force."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

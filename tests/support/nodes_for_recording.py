@@ -1,7 +1,5 @@
 """Nodes for the tests of recordings that run in processes of their own."""
 
-from __future__ import annotations
-
 import os
 import time
 from typing import Annotated

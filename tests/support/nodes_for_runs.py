@@ -1,7 +1,5 @@
 """Small nodes that the tests of the launcher run in processes of their own."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

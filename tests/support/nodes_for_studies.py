@@ -1,7 +1,5 @@
 """Small nodes whose answer is a formula of their settings, and one that misbehaves, for the tests of studies."""
 
-from __future__ import annotations
-
 import math
 import os
 import signal

@@ -1,7 +1,5 @@
 """A node of a user's that goes wrong in a chosen way, for the tests of whole runs."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import os

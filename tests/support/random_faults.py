@@ -3,8 +3,6 @@
 python tests/support/random_faults.py SEED [COUNT]      draws and runs them again, one line each
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math

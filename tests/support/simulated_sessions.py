@@ -1,7 +1,5 @@
 """Sessions of simulated observers that answer by the level: as in a real one, but no stimulus is computed."""
 
-from __future__ import annotations
-
 from palpate.studies.psychophysics.analysis import Outcome, outcome
 from palpate.studies.psychophysics.file import load
 from palpate.studies.psychophysics.observer import Settings, SimulatedObserver

@@ -1,7 +1,5 @@
 """A node that goes wrong in one of many ways at one of its steps, and a wire that does, for faults drawn at random."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

@@ -11,8 +11,6 @@ exit code. Its fork server is forked from it before it has threads. What has no 
 keeps its parent's `environ` there, is that environment: `started_in` finds the processes of a run by their folder too.
 """
 
-from __future__ import annotations
-
 import atexit
 import contextlib
 import ctypes

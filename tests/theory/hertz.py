@@ -7,8 +7,6 @@ Each body takes the share s_i = e E*/E_i* of the approach (Johnson, Contact Mech
 approach of the pair. Which one is right depends on what the bodies were measured against.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@ With f = g(x) (1 + c x') and y = c v_in, the outcome depends neither on the law 
 W0 the principal branch of the Lambert function, V the elastic energy. v_out < 1/c however hard the impact.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import lambertw

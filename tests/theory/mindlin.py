@@ -1,7 +1,5 @@
 """Cattaneo-Mindlin presliding of a sphere on a plane: displacement against tangential force."""
 
-from __future__ import annotations
-
 import numpy as np
 
 

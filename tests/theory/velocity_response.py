@@ -6,8 +6,6 @@ First null at fs/N, half power at about 0.446 fs/N (the kidney rendering paper q
 delay is N/2 samples, with that of the difference itself.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.optimize import brentq
 

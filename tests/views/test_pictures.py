@@ -1,7 +1,5 @@
 """Pictures of a recording: the data behind them, and that they are made whatever the recording and the machine lack."""
 
-from __future__ import annotations
-
 import importlib.util
 import io
 import math

@@ -1,7 +1,5 @@
 """`palpate run --view`: the run while it goes on, in the browser."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

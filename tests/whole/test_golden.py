@@ -4,8 +4,6 @@ Where one of these fails, a change has altered a force. If that was meant, make 
 (`python tests/golden/make.py`) and say so in the CHANGELOG.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

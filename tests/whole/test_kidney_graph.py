@@ -1,7 +1,5 @@
 """The kidney graph as it ships: what a whole touch must obey, and that placement and pruning leave it as it is."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

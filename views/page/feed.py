@@ -4,8 +4,6 @@ Surfaces are conflated by ZeroMQ: of a thousand a second one is decoded for each
 bursts. The run's outlets for observers drop what a listener does not take: it cannot slow the run.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """A run that goes on: its newest frame. The run itself says when it has begun, and where it can be heard."""
 
-from __future__ import annotations
-
 import os
 import threading
 import time

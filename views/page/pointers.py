@@ -1,7 +1,5 @@
 """Samples of the page's pointers on their way to the hands of a run."""
 
-from __future__ import annotations
-
 import contextlib
 import socket
 from collections.abc import Sequence

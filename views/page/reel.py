@@ -1,7 +1,5 @@
 """A recording that is looked at here and there: the last messages before any time, read when they are asked for."""
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Iterator
 from functools import lru_cache

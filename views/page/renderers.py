@@ -1,7 +1,5 @@
 """What renderers of others' take (docs/renderers.md): the page's messages as plain binary records, without JSON."""
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

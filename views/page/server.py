@@ -1,7 +1,5 @@
 """The server of the pages: static files and a socket on loopback, for whoever has the token."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import hmac

@@ -1,7 +1,5 @@
 """The runs behind a page to touch, one after the other: anew for another body, an effect or a reset."""
 
-from __future__ import annotations
-
 import tempfile
 import threading
 from pathlib import Path

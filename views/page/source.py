@@ -1,7 +1,5 @@
 """What a page shows, from the side of the server: a run that goes on, or recordings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A graph whose hands follow the page's pointer, and what of it the page shows."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass

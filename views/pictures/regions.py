@@ -5,8 +5,6 @@ Region B: the normal force is constant while the sliding speed rises.
 Both are found from normal force and speed alone, never from the friction that is to be judged in them.
 """
 
-from __future__ import annotations
-
 from collections import deque
 
 import numpy as np

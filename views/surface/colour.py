@@ -1,7 +1,5 @@
 """What colours a surface: how far it moved, the pressure on it, where it slides, how much it is stretched."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

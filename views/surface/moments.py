@@ -1,7 +1,5 @@
 """Which instants of a touch to show, and how the surface was deformed then."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any

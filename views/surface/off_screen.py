@@ -1,7 +1,5 @@
 """Drawing by VTK in a process of its own, and why it may fail on a machine."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import subprocess

@@ -3,8 +3,6 @@
 python -m palpate.views.surface.render views.npz pixels.npz
 """
 
-from __future__ import annotations
-
 import sys
 from typing import Any
 

@@ -1,7 +1,5 @@
 """`palpate effects`: the catalogue of effects."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

@@ -1,7 +1,5 @@
 """`palpate messages`: the message types with units and shapes."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any
 
 import typer

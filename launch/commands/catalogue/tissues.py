@@ -1,7 +1,5 @@
 """`palpate tissues`: the published tissues."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,7 +1,5 @@
 """`palpate check`: whether a graph can run, with everything that is wrong."""
 
-from __future__ import annotations
-
 from palpate.launch.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
 from palpate.launch.terminal.output import console, tell
 

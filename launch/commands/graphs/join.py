@@ -1,7 +1,5 @@
 """`palpate join`: run one group of a placement on this machine for a launcher elsewhere."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

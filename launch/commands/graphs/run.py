@@ -1,7 +1,5 @@
 """`palpate run`: one run of a graph, seen live, recorded, and drawn."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`palpate touch`: a page in the browser where the mouse is the finger."""
 
-from __future__ import annotations
-
 import datetime
 from pathlib import Path
 from typing import Annotated

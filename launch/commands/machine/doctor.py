@@ -1,7 +1,5 @@
 """`palpate doctor`: diagnostics of this machine, with remedies."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate keys`: the keys that secure connections to other machines."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

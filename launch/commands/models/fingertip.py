@@ -1,7 +1,5 @@
 """`palpate fingertip`: from images of a finger to the file that a beam bundle is filled from."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """`palpate record-indentation`: one press on real tissue, as a session for `palpate fit`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

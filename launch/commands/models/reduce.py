@@ -1,7 +1,5 @@
 """`palpate reduce`: build the basis of a reduced finite-element body and store it."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from pathlib import Path

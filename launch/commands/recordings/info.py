@@ -1,7 +1,5 @@
 """`palpate info`: what a recording holds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from palpate.launch.terminal.options import File, Json

@@ -1,7 +1,5 @@
 """`palpate recover`: a complete file from one that was cut off or damaged, or that holds its sources only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate fit-body`: calibrate MassSpring or BeamBundle to a reference body under the scene's patch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate film`: the deformed surface through a recording, as MP4 or GIF."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate picture`: the deformed surface at one instant of a recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate pictures`: the pictures of a recording."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate plot`: any fields of a recording over time, or over one another."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate view`: recordings in the browser, at any instant."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

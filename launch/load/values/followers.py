@@ -1,7 +1,5 @@
 """Which settings follow a value that is set from outside."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from palpate.engine.graph import Graph

@@ -1,7 +1,5 @@
 """A mapping of YAML checked against a struct: types, units and limits by msgspec, told with the field's description."""
 
-from __future__ import annotations
-
 import typing
 from collections.abc import Iterator
 from functools import cache

@@ -1,7 +1,5 @@
 """The texts that `--set` takes: from values as Python code gives them, and back."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The settings of one node: class default, then what the scene offers by `with:`, then the node's own line."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import sys

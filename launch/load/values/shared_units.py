@@ -1,7 +1,5 @@
 """A value of the scene that several classes would take in different units, without saying which it is in."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from collections.abc import Iterable, Iterator

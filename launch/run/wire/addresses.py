@@ -7,8 +7,6 @@ FOLDER is `palpate` in the user's runtime folder (XDG_RUNTIME_DIR), else /tmp/pa
 the folder of its run while it lives, so that what was left by one that was killed can be told from what is in use.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib

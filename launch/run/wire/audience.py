@@ -1,7 +1,5 @@
 """The observers of one worker, a logger or a viewer: they get messages as they travel, and how the nodes are doing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 
 from palpate.engine.imports import load_class

@@ -10,8 +10,6 @@ outlet of libzmq is closed when its readers have taken all: what a connection ho
 a reader that had no room for it.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping

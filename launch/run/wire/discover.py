@@ -1,7 +1,5 @@
 """Listening to a run that goes on, from another process: which runs there are, and what they send."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 

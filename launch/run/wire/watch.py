@@ -1,7 +1,5 @@
 """Which of many sockets have something to read, by one call of the system."""
 
-from __future__ import annotations
-
 import select
 from collections.abc import Callable
 

@@ -3,8 +3,6 @@
 Orders go out, reports come in, and which workers hear their orders already is known.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 

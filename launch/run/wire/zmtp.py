@@ -7,8 +7,6 @@ connections do not leave the machine, and the folder of their sockets is their u
 Subscriptions come as commands (3.1) or as messages that begin with a byte 1 or 0 (3.0, and libzmq's XSUB).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 
 MORE, LONG, COMMAND = 1, 2, 4  # flags of a frame

@@ -1,8 +1,6 @@
 """The first run on a machine compiles the kernels, and later ones load them: what takes a while is told, and uses two
 cores."""
 
-from __future__ import annotations
-
 import contextlib
 import gc
 import mmap

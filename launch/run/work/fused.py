@@ -3,8 +3,6 @@
 A node does not end a run that is one process: `os._exit` is that node's fault, as `sys.exit` is.
 """
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import os

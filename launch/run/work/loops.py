@@ -1,7 +1,5 @@
 """Which loop a worker runs: on the simulated clock, on the real one, or for observers alone."""
 
-from __future__ import annotations
-
 import gc
 
 from palpate.engine.clock import now

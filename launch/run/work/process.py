@@ -1,7 +1,5 @@
 """The life of a worker process, from its job to its last report."""
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import os

@@ -20,8 +20,6 @@ outage to hardware, while a simulated device stood still with the rest and goes 
 comes back after an outage comes in from zero (nodes/base/absence.py).
 """
 
-from __future__ import annotations
-
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot

@@ -4,8 +4,6 @@ Each node waits for exactly the messages that the rules of `schedule` name, so t
 placement. Every worker runs its nodes in the graph's order, which excludes deadlock.
 """
 
-from __future__ import annotations
-
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import Input, NodeError, Slot

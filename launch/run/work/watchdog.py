@@ -1,7 +1,5 @@
 """Ends a node that hangs where no launcher watches: in a run that is one process."""
 
-from __future__ import annotations
-
 import contextlib
 import faulthandler
 import signal

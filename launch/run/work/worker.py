@@ -3,8 +3,6 @@
 The loops over the ticks are apart, one for each clock: `simulated`, `real`; `observe` serves observers alone.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 import sys

@@ -8,8 +8,6 @@ their lines are one edge length apart. A contact narrower than about half an edg
 this size with no contact beside them are counted, too.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.models.fe.element import faces as face_rule

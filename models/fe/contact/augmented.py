@@ -1,7 +1,5 @@
 """Shared by all augmented-Lagrangian contacts: settings, state, the multipliers between two updates."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """An elastic bed under some faces: a spring per area that resists displacement in all directions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair

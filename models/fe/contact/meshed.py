@@ -4,8 +4,6 @@ A facetted body has no curvature on its facets and no normal on its edges, on wh
 have both everywhere. Edges and tips are rounded to about the spacing of the grid.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 from scipy.ndimage import spline_filter

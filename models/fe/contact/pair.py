@@ -5,8 +5,6 @@ normal, traction t = <l - e g> on the slave and its reaction on the master, as i
 or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 from scipy.spatial import cKDTree

@@ -11,8 +11,6 @@ deformed one. Against Hertz's pressure, whose slope is infinite at the edge of c
 falls with the first power of the faces' size (`benchmarks/fe_hertz.py`); beside the edge it may be a little below zero.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import splu

@@ -1,7 +1,5 @@
 """What the solver needs of a contact or support: `fe.Rigid`, `fe.Pair`, one of `fe.contact.bed`, or an own class."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any
 

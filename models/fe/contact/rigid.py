@@ -10,8 +10,6 @@ cut-off's dependence on t is left out of the tangent, which stays symmetric; `sk
 J. C. Simo, T. A. Laursen, Comput. Struct. 42 (1992) 97-116.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

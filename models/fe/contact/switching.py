@@ -13,8 +13,6 @@ the carrying points is positive, and no set then comes twice.
 M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; W. W. Hager, SIAM Rev. 31 (1989) 221-239.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

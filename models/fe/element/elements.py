@@ -5,8 +5,6 @@ The plain element integrates W(F) + U(J) at four points. The mixed one takes U a
 stays symmetric. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985) 177-208.
 """
 
-from __future__ import annotations
-
 import numba
 import numpy as np
 

@@ -1,7 +1,5 @@
 """Integration over the six-node faces of quadratic tetrahedra."""
 
-from __future__ import annotations
-
 import numpy as np
 
 _A, _B = 0.445948490915965, 0.091576213509771

@@ -5,8 +5,6 @@ Bernstein coefficients; where these leave its sign open the element is cut into 
 J.-F. Remacle, C. Geuzaine, J. Comput. Phys. 233 (2013) 359-372.
 """
 
-from __future__ import annotations
-
 from math import factorial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes of quadratic tetrahedra: nodes, elements, boundary faces, checks; and the surfaces that they fill."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 

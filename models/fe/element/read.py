@@ -1,7 +1,5 @@
 """Meshes of tetrahedra from files of other programs: Gmsh, VTK, Abaqus and what else meshio (extra `mesh`) reads."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Results as VTK files, that ParaView and pyvista read."""
 
-from __future__ import annotations
-
 import base64
 from pathlib import Path
 

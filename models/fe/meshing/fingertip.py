@@ -7,8 +7,6 @@ symmetry. World frame: z up from the plate, origin at the first point of contact
 E. Battaglia et al., A finite element model of tactile flow for softness perception (2015).
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any

@@ -4,8 +4,6 @@ The lattice is an inflated box: a core, and shells of bricks over all its faces 
 point of the lattice lies; which brick is of which layer, what is held and what may touch is the same for all.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property

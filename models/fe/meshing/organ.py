@@ -1,7 +1,5 @@
 """An organ from its closed surface, homogeneous or with a capsule or a nodule."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The surface is meshed anew within a thousandth of its size, with edges as long a
 D. Zorin, D. Panozzo, Fast tetrahedral meshing in the wild, ACM Trans. Graph. 39 (2020) 117.
 """
 
-from __future__ import annotations
-
 from contextlib import chdir
 from tempfile import TemporaryDirectory
 

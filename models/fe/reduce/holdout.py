@@ -1,7 +1,5 @@
 """Error of a sampled body on touches that were not used for its basis."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.models.fe.reduce.reducible import Reducible

@@ -4,8 +4,6 @@ The full model is pressed at scattered places (`fe.indent`), every time to the s
 patch; between the places its values are carried over the surface by a spline.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

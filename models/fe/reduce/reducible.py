@@ -1,7 +1,5 @@
 """A supported body and the surface on which it is touched: what a reduction needs of a model."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace

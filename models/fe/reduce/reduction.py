@@ -1,7 +1,5 @@
 """From a body to its sampled basis, and the touches that the layered fingertip is reduced from."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

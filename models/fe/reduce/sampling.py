@@ -19,8 +19,6 @@ The weights change the tangent at rest, Phi'K0 Phi = 1, a little, to M. The mode
 G_p M^(-1/2): at rest the sampled body is the full one in these modes, exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Assembly of a body: the unbalanced force and the tangent of its elements, loads and contacts."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

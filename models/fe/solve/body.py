@@ -1,8 +1,6 @@
 """An elastic body: its elements in groups of one material, the springs that it lies on, its surface. What a load step,
 a press and a reduction all need of it is said here once."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property

@@ -1,8 +1,6 @@
 """The file from which an interrupted run continues: load, displacement, the next step's size and direction, and the
 multipliers of contact."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple

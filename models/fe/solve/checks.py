@@ -1,7 +1,5 @@
 """Checks of a model before it is solved: plausible units, a supported body, functions of the right shape."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

@@ -10,8 +10,6 @@ S_e is taken to change evenly, so the step is of second order and holds for any 
 G. A. Holzapfel, Int. J. Numer. Methods Eng. 39 (1996) 3903-3926.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Static equilibrium of a soft body in load steps: Newton with line search, steps cut back where they fail."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass

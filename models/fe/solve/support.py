@@ -1,7 +1,5 @@
 """Whether every piece of a body is held against rigid motion: by what is fixed, or by contacts that carry a force."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -75,7 +73,8 @@ class Support:
         at = point_text(self.mesh.points[own[:, :4]].mean(axis=(0, 1)))
         return (
             f"nothing holds the piece of {len(own)} elements round {at} against {goes}: {why}. Fix some of its nodes, "
-            "lay it on a `Bed`, or press it from all sides, with friction where it may slide"
+            "lay it on an `ElasticFoundation` (palpate.models.fe.contact.bed), or press it from all sides, with friction "
+            "where it may slide"
         )
 
 

@@ -6,8 +6,6 @@ A. George, SIAM J. Numer. Anal. 10 (1973) 345-363; A. Schild, C. Sommer, On bala
 SEA 2015.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

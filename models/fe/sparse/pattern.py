@@ -1,7 +1,5 @@
 """The block pattern of a tangent matrix, made once for a set of coupled nodes."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

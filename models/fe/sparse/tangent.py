@@ -10,8 +10,6 @@ quite the same map each time, so directions are made conjugate by the change of 
 1969).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import suppress
 

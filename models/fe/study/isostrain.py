@@ -7,8 +7,6 @@ cut off (`physics.tactile.isostrain_volume`). The error falls with the square of
 Pictures and flows take the strain at the corners of the elements, smoothed within a layer.
 """
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

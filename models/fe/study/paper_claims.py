@@ -1,7 +1,5 @@
 """The paper's statements about hard and soft plates, and what the model gives for them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

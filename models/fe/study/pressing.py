@@ -1,7 +1,5 @@
 """One pressing of a finger on a plate: the boundary conditions, the contact, and the strain that comes of it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path

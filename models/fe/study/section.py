@@ -1,7 +1,5 @@
 """A pressed finger cut along its middle: what lies in the plane x = 0, deformed, for pictures."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -9,8 +9,6 @@ Biometrika 41 (1954) 390-402), and Student's t of n_eff - p. Profiles are cut at
 scatter from press to press bounds the interval from below.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What `palpate fit-tissue` does: presses in, parameters with their intervals, and what the data leave open."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """A press from the messages of a palpate recording: of a force sensor and a device, or of a simulated contact."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

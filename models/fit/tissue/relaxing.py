@@ -5,8 +5,6 @@ hunt-crossley   F = F_e(s) <1 + c s'>
 prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear in the force
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

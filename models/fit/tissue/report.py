@@ -1,7 +1,5 @@
 """What a fit says: plain data for `report.json`, Markdown for `report.md`, a scene that runs."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Any

@@ -13,8 +13,6 @@ cylinder   linear, neo_hooke, ogden, ogden2,         pi R² P(1 - s/H), P of uni
 Hertz and the flat punch: K. L. Johnson, Contact Mechanics (1985), 3.8, 4.2.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

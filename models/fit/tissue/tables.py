@@ -5,8 +5,6 @@ are computed once, ln F is interpolated between them, and a fit costs no more th
 the result with a finer mesh.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

@@ -10,8 +10,6 @@ Eng. 313 (2017) 687-722 (empirical cubature).
 Each point has its own volume ratio: what elements with one mean ratio (`fe.elements`, mixed) hold is no such sum.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

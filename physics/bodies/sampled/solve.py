@@ -5,8 +5,6 @@ D. Goldfarb, D. F. Shanno, 1970), and where an iteration stalls it is made anew 
 down in energy; the number of evaluations is bounded, and what is left over is left to the next call.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.physics.bodies.sampled.energy import forces, tangent

@@ -1,8 +1,6 @@
 """A step of a sampled body (`physics.bodies.sampled_body`), compiled: history of the load, equilibrium of the modes,
 what these miss, and the terminal law of the next step."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Beams in one layer as thick as the slab."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from palpate.models.fe.meshing.organ import SLAB

@@ -1,7 +1,5 @@
 """Springs with Hertz's law; with and without a surface, alone and as a net."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from palpate.nodes.deformation import MassSpring

@@ -1,7 +1,5 @@
 """Reduced finite elements: linear, condensed, sampled. A basis that does not ship is charged as offline time."""
 
-from __future__ import annotations
-
 import json
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The page: what came out, in Markdown, with what it does not cover at its end."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Which points no other point beats in both error and time, an overview of all touches, and what to take."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

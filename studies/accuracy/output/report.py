@@ -1,7 +1,5 @@
 """A run of the accuracy bench written down: table, pictures where matplotlib is there, page; and what it was run on."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Sequence

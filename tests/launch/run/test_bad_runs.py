@@ -1,8 +1,6 @@
 """The command line as a user meets it when something goes wrong: one clear line, the right exit code, a recording that
 can be read, nothing that stays behind."""
 
-from __future__ import annotations
-
 import os
 import resource
 import signal

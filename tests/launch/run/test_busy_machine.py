@@ -1,7 +1,5 @@
 """Many runs at once, on fewer cores: nobody is taken for hung who gets no processor, and no message is lost."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """What is sent last is read, however far behind the reader is: who closes waits until it was taken."""
 
-from __future__ import annotations
-
 import threading
 import time
 

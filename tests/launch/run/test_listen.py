@@ -1,7 +1,5 @@
 """Listening to a running graph: the example of the documentation, `palpate echo` and `palpate top`."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

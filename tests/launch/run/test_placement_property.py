@@ -1,8 +1,6 @@
 """Placement never changes the answer: random graphs of small nodes with divisors, optional inputs, several outputs and
 loops, in random groupings, against the same graph in one process."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

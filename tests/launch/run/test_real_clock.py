@@ -3,8 +3,6 @@
 Rates are low and margins wide, so that a busy machine passes: what is asserted is order, not speed.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

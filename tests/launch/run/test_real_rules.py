@@ -1,7 +1,5 @@
 """The rules of the real clock one by one, without processes: ages of inputs, ticks left out, messages passed over."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import msgspec

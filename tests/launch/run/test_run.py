@@ -1,7 +1,5 @@
 """Whole runs: fused, as processes, in random groupings, over TCP; what happens when a node fails."""
 
-from __future__ import annotations
-
 import os
 import random
 import re

@@ -1,7 +1,5 @@
 """The start of a run: nobody is told anything before he hears it."""
 
-from __future__ import annotations
-
 import socket
 import threading
 import time

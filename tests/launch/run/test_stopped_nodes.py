@@ -4,8 +4,6 @@ Each node of a graph runs by the rules of the real clock as in a process of its 
 that stands: only the numbers of the ticks count, so that the answer does not depend on the machine.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import pytest

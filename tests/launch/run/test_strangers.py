@@ -1,7 +1,5 @@
 """What is not of the run: dropped and counted where it comes in; shut out where it can be."""
 
-from __future__ import annotations
-
 import os
 import random
 import stat

@@ -1,8 +1,6 @@
 """A node that fails in whatever way: the device is without torque, the culprit is named, nothing outlives the run, and
 what was recorded before can be checked."""
 
-from __future__ import annotations
-
 import subprocess
 import time
 from pathlib import Path

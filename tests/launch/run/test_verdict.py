@@ -1,7 +1,5 @@
 """Whether a run on the real clock kept its rate: counted, said in a line, and an exit code on wish."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The wire protocol by its bytes, as RFC 37 prints them, and whatever else a peer may send."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

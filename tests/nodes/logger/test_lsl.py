@@ -1,7 +1,5 @@
 """logger.LSL as the library of the Lab Streaming Layer receives it, on this machine alone."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

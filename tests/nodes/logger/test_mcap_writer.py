@@ -1,7 +1,5 @@
 """The MCAP file as written: what its authors' reader finds in it, with and without index; cut off anywhere; no room."""
 
-from __future__ import annotations
-
 import errno
 import io
 import random

@@ -1,7 +1,5 @@
 """Pictures of `palpate fit`: data with the fitted curve and its band, all regressions, and the probability density."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Pictures of `palpate fit-tissue`: force and residuals, and the profile of each parameter."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`palpate new`: files to begin from."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate fe compare`: a finger on both plates, beside what the paper says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

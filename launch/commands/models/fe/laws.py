@@ -1,7 +1,5 @@
 """`palpate fe laws`: the material laws."""
 
-from __future__ import annotations
-
 from inspect import signature
 
 import typer

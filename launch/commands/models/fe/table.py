@@ -1,7 +1,5 @@
 """`palpate fe table`: what a finger feels on both plates, as a table for tactile.Flow."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`palpate bench stability`: the stiffest virtual wall, or tissue model, that a device can render."""
 
-from __future__ import annotations
-
 import math
 from itertools import groupby
 from pathlib import Path
