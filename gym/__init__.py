@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.extras import missing
 
 if TYPE_CHECKING:
     from palpate.gym.find_nodule import FindNodule
@@ -29,8 +29,8 @@ class GymError(PalpateError, ImportError):
 
 try:
     import gymnasium
-except ImportError:
-    raise GymError(f"palpate.gym needs the package gymnasium: {install('gym')}") from None
+except ImportError as error:
+    raise GymError(missing("palpate.gym", error.name, "gym")) from None
 
 _HOMES = {"Touch": "touch", "FindNodule": "find_nodule", "Press": "press"}
 __all__ = ["FindNodule", "Press", "Touch"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from palpate.drivers.discover import Found
+from palpate.physics.extras import install
 
 
 def firmware_of(usb_device: Found) -> str:
@@ -27,7 +28,7 @@ def firmware_of(usb_device: Found) -> str:
 def next_step(usb_device: Found) -> str:
     """What stands in the way; empty: nothing."""
     if usb_device.missing:
-        return 'pip install "palpate[devices]"'
+        return install("devices")
     if not usb_device.file:
         return "no device file: its kernel driver is not bound"
     if not usb_device.permitted:

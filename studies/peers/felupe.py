@@ -15,6 +15,7 @@ from scipy.sparse import coo_matrix, csr_matrix, kron
 from scipy.spatial import KDTree
 
 from palpate.models.fe.meshing.organ import SLAB
+from palpate.physics.extras import install, missing
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.accuracy.continuum import (
     BED,
@@ -31,7 +32,7 @@ from palpate.studies.accuracy.continuum import (
 )
 from palpate.studies.accuracy.errors import MissingError
 
-INSTALL = 'pip install "palpate[bench]"'
+INSTALL = install("bench")
 
 
 def version() -> str | None:
@@ -47,8 +48,8 @@ def library() -> Any:
     """Its module. MissingError: it is not installed."""
     try:
         import felupe
-    except ImportError:
-        raise MissingError(f"FElupe is not installed. Install it: {INSTALL}") from None
+    except ImportError as error:
+        raise MissingError(missing("FElupe", error.name, "bench")) from None
     return felupe
 
 

@@ -6,19 +6,15 @@ import socket
 import time
 from collections.abc import Callable
 
-from palpate.launch.load.extras import install
-from palpate.physics.errors import ArgumentError
+from palpate.nodes.logger.lsl import library
 
 
 def markers(task: str, participant: str) -> Callable[[str, float | None], object]:
     """What sends an event of a moment [s, time.monotonic], None: of now, in the stream `palpate.TASK`.
 
-    ArgumentError: pylsl is missing.
+    SettingError: pylsl or its library is missing.
     """
-    try:
-        import pylsl
-    except (ImportError, RuntimeError) as error:  # it looks for its library when it is imported
-        raise ArgumentError(f"lsl: pylsl cannot be used ({error}): {install('lsl')}, or leave out `lsl`") from None
+    pylsl = library()
     name = f"palpate.{task}"
     info = pylsl.StreamInfo(name, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
                             f"{name} sub-{participant} on {socket.gethostname()}")  # fmt: skip
