@@ -63,9 +63,7 @@ RULE = "/etc/udev/rules.d/70-palpate.rules"
 
 def udev_rules() -> str:
     """The text of a rules file that permits the user at the machine, and the group plugdev, to use all of them."""
-    lines = [
-        "# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again.",
-    ]
+    lines = ["# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again."]
     for kind in KNOWN:
         if not kind.ids:
             continue
@@ -73,6 +71,5 @@ def udev_rules() -> str:
         for vendor, product in kind.ids:
             only = "" if product == "*" else f', ATTRS{{idProduct}}=="{product}"'
             grant = 'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
-            subsystem = {"usb": "usb", "hidraw": "hidraw", "tty": "tty"}[kind.through]
-            lines.append(f'SUBSYSTEM=="{subsystem}", ATTRS{{idVendor}}=="{vendor}"{only}, {grant}')
+            lines.append(f'SUBSYSTEM=="{kind.through}", ATTRS{{idVendor}}=="{vendor}"{only}, {grant}')
     return "\n".join(lines) + "\n"

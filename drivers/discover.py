@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.drivers.catalogue import Known, fitting
+from palpate.physics.extras import install
 
 USB = Path("/sys/bus/usb/devices")
 DEV = Path("/dev")
@@ -38,6 +39,15 @@ class Found:
     missing: str
     serial: str
 
+    @property
+    def next_step(self) -> str:
+        """What stands in the way; empty: nothing."""
+        if self.missing:
+            return install("devices")
+        if not self.file:
+            return "no device file: its kernel driver is not bound"
+        return "" if self.permitted else "not permitted: palpate devices --install-udev"
+
 
 def devices() -> Iterator[Found]:
     """All known devices on USB."""
@@ -49,7 +59,6 @@ def devices() -> Iterator[Found]:
 
 def _found(kind: Known, folder: Path) -> Found:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
-    serial = _word(folder / "serial")
     file: Path | None
     if kind.through == "usb":
         file, port = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3), f"{bus}:{number}"
@@ -68,7 +77,7 @@ def _found(kind: Known, folder: Path) -> Found:
         permitted=file is not None and os.access(file, os.R_OK | os.W_OK),
         bound=_bound(folder),
         missing=kind.needs if kind.needs and not _installed(kind.needs) else "",
-        serial=serial,
+        serial=_word(folder / "serial"),
     )
 
 

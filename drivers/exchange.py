@@ -57,8 +57,7 @@ class Exchange:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.cycles = self.answers = 0
-        self.rate = 0.0
-        """[Hz] of the device's answers over the last second."""
+        self.rate = 0.0  # [Hz] of the device's answers over the last second
 
     def start(self) -> None:
         """Open the device and begin to talk. DeviceError: it cannot be opened."""

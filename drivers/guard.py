@@ -85,7 +85,7 @@ class Guard:
             low, high = self.limits.box
             if not all(a <= x <= b for a, x, b in zip(low, last.position, high, strict=True)):
                 return "outside its box"
-            if self._speed() > self.limits.speed:
+            if math.hypot(*self._rate("position")) > self.limits.speed:
                 return "too fast"
         return ""
 
@@ -122,9 +122,6 @@ class Guard:
         if last.time <= first.time or len(a) != len(b):
             return ()
         return tuple((y - x) * 1e9 / (last.time - first.time) for x, y in zip(a, b, strict=True))
-
-    def _speed(self) -> float:
-        return math.hypot(*self._rate("position"))
 
     def _power(self, command: tuple[float, ...]) -> float:
         """[W] that the command gives to the hand at the present rate."""

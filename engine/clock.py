@@ -14,8 +14,7 @@ _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
-now = time.monotonic_ns
-"""[ns] of the machine's monotonic clock, the same in all processes of one machine."""
+now = time.monotonic_ns  # [ns] of the machine's monotonic clock, the same in all processes of one machine
 
 
 def sleep_until(deadline: int) -> int:

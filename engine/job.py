@@ -124,13 +124,9 @@ def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
 def observer_job(plan: Plan, name: str) -> ObserverJob:
     """What a worker is told of one observer."""
     spec = plan.graph.nodes[name]
-    producers = {stream: node for node in plan.order for stream in plan.graph.nodes[node].streams}
+    senders = {stream: plan.graph.nodes[node] for node in plan.order for stream in plan.graph.nodes[node].streams}
     streams = {
-        stream: StreamJob(
-            type=full_name(plan.graph.streams[stream]),
-            producer=producers[stream],
-            every=plan.graph.nodes[producers[stream]].every,
-        )
+        stream: StreamJob(full_name(plan.graph.streams[stream]), senders[stream].name, senders[stream].every)
         for stream in plan.observers[name]
     }
     return ObserverJob(name=name, cls=full_name(spec.cls), settings=spec.settings, streams=streams)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-Link = tuple[str, str, str]
-"""The node that hears, its input, and the node that sends."""
+Link = tuple[str, str, str]  # the node that hears, its input, and the node that sends
 
 
 def parts(links: Iterable[Link]) -> dict[str, int]:

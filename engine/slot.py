@@ -88,21 +88,9 @@ class Input:
     """
 
     __slots__ = (
-        "arrived",
-        "dead",
-        "every",
-        "feed",
-        "kind",
-        "loop",
-        "message",
-        "output",
-        "port",
-        "producer",
-        "queue",
-        "rank",
-        "stream",
-        "waits",
-    )
+        "arrived", "dead", "every", "feed", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
+        "stream", "waits",
+    )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
         self.port, self.kind, self.output = port, port.type, output
@@ -170,16 +158,13 @@ class Slot:
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
         """The inputs by their place, those first that come last: while a step waits for them the others come."""
-        self.near = False
-        """Whether all inputs come from nodes of this worker that run at each tick."""
+        self.near = False  # whether all inputs come from nodes of this worker that run at each tick
         self.health = HealthCounters()
         self.due = 0
         self.period = 1
         """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
-        self.sends = 0
-        """Tick from which on somebody takes what it sends next."""
-        self.time: int | None = None
-        """[ns] of the last step; None: there was none since the start."""
+        self.sends = 0  # tick from which on somebody takes what it sends next
+        self.time: int | None = None  # [ns] of the last step; None: there was none since the start
         self._single = len(self.outputs) == 1
         self.takes(counts(type(node), [port.name for port in inputs(type(node))]))
 

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Message, pack, unpack
+from palpate.messages import pack, unpack
 from palpate.nodes.base import Node, Port, inputs
 
 STEP = 1e-3  # [s]
@@ -35,13 +35,9 @@ def warm(node: Node, counts: tuple[int, ...]) -> None:
 
 
 def _argument(port: Port, count: int, tick: int, loaded: bool, absent: bool) -> Any:
-    message = _message(port, tick, loaded, absent)
-    return message if count < 0 else [message] * count
-
-
-def _message(port: Port, tick: int, loaded: bool, absent: bool) -> Message | None:
     """As it comes from the wire: its arrays cannot be written, which to a compiler is a type of its own."""
-    if absent and port.optional:
-        return None
-    made = msgspec.structs.replace(port.type.example(loaded), tick=tick, time=round(tick * STEP * 1e9))
-    return unpack(pack(made), port.type)
+    message = None
+    if not (absent and port.optional):
+        made = msgspec.structs.replace(port.type.example(loaded), tick=tick, time=round(tick * STEP * 1e9))
+        message = unpack(pack(made), port.type)
+    return message if count < 0 else [message] * count

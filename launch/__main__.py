@@ -15,8 +15,7 @@ from typing import Annotated  # noqa: E402
 import typer  # noqa: E402
 
 from palpate.launch import commands  # noqa: E402
-from palpate.launch.terminal.group import Verbs  # noqa: E402
-from palpate.launch.terminal.tree import group  # noqa: E402
+from palpate.launch.terminal.group import Verbs, group  # noqa: E402
 
 app = group(commands, cls=Verbs, pretty_exceptions_enable=False)
 

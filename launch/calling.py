@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import gc
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,10 +44,10 @@ def run_and_open(
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     carry = _carrying(launch, sensitivity) if sensitivity else None
-    if launch.place is None and launch.clock != "real" and not _hardware(launch):
+    may_fuse = launch.place is None and launch.clock != "real"
+    if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
-    gc.unfreeze()  # a loop in this process has set aside what the caller made before it
     if not outcome.result.ok:
         kept = f" What was recorded before is in {outcome.recording}."
         raise RunError("; ".join(map(str, outcome.result.deaths)) + kept)
@@ -86,11 +85,6 @@ def described(
         scene=None if scene is None else find_file(scene, SCENES, what="scene"),
         duration=None if duration is None else _seconds(duration),
     )
-
-
-def _hardware(launch: LaunchFile) -> bool:
-    """Whether a node of the graph talks to a device, which takes the real clock."""
-    return any(spec.cls.hardware for spec in launch.load().nodes.values())
 
 
 def _fresh(name: str) -> Path:

@@ -14,8 +14,7 @@ from palpate.launch.load.values.units import UnitError, parse, split
 from palpate.physics.errors import ArgumentError
 from palpate.records.sensitivity import Chain, Where
 
-CHANGE = 1e-3
-"""[1] By which a parameter is changed to see what follows it."""
+CHANGE = 1e-3  # [1] by which a parameter is changed to see what follows it
 
 
 def resolved(launch: LaunchFile, names: Sequence[str]) -> tuple[Chain, list[Where]]:

@@ -8,15 +8,13 @@ for tick in steps("kidney", duration=0.5):
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from palpate.engine.faults import choices
 from palpate.engine.plan import Plan
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
-from palpate.launch.calling import described
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import fused
 from palpate.launch.load.plan import plan
@@ -99,8 +97,7 @@ class Stepper:
 
     def __init__(self, given: LaunchFile | Plan) -> None:
         launch = given if isinstance(given, LaunchFile) else None
-        self.plan = planned(given) if isinstance(given, LaunchFile) else given
-        """What runs of the graph."""
+        self.plan = planned(given) if isinstance(given, LaunchFile) else given  # what runs of the graph
         graph = self.plan.graph
         devices = [name for name in self.plan.order if graph.nodes[name].cls.hardware]
         if devices or (launch and launch.clock == "real"):
@@ -157,23 +154,8 @@ def planned(launch: LaunchFile) -> Plan:
     return plan(graph)
 
 
-def steps(
-    graph: str | Path,
-    *,
-    duration: float | str | None,
-    scene: str | None,
-    sets: Sequence[str],
-    nodes: Mapping[str, str | Mapping[str, Any]],
-) -> Iterator[Tick]:
-    """Run a graph in this process on simulated time, one tick for each step of the loop; arguments as `palpate.run`.
-
-    GraphError, ArgumentError: what is wrong with them. NodeError: a node failed.
-    """
-    launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
-    return _ticks(Stepper(launch))
-
-
-def _ticks(stepper: Stepper) -> Iterator[Tick]:
+def ticks(stepper: Stepper) -> Iterator[Tick]:
+    """Run a graph in this process, one tick for each step of the loop. NodeError: a node failed."""
     try:
         stepper.start()
         for _ in itertools.count() if stepper.last is None else range(stepper.last + 1):

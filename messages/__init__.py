@@ -29,37 +29,10 @@ from palpate.messages.uncertainty import ForceBand
 from palpate.registry import find
 
 __all__ = [
-    "Contact",
-    "Contacts",
-    "DeviceState",
-    "Field",
-    "Floats",
-    "Force",
-    "ForceBand",
-    "Friction",
-    "Health",
-    "Ints",
-    "Ledger",
-    "Load",
-    "Message",
-    "MessageError",
-    "Pins",
-    "Pointed",
-    "Pose",
-    "Proximity",
-    "Slip",
-    "Subsurface",
-    "Surface",
-    "Tactile",
-    "Torque",
-    "Vector",
-    "Vector2",
-    "Vector3",
-    "check_finite",
-    "fields",
-    "pack",
-    "unpack",
-]
+    "Contact", "Contacts", "DeviceState", "Field", "Floats", "Force", "ForceBand", "Friction", "Health", "Ints",
+    "Ledger", "Load", "Message", "MessageError", "Pins", "Pointed", "Pose", "Proximity", "Slip", "Subsurface",
+    "Surface", "Tactile", "Torque", "Vector", "Vector2", "Vector3", "check_finite", "fields", "pack", "unpack",
+]  # fmt: skip
 
 if not TYPE_CHECKING:
 

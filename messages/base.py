@@ -31,19 +31,9 @@ from palpate.messages.example import example
 from palpate.messages.fields import HEADER, Field, Floats, Ints, MessageError, Vector, Vector2, Vector3, fields
 
 __all__ = [
-    "HEADER",
-    "Field",
-    "Floats",
-    "Ints",
-    "Message",
-    "MessageError",
-    "Vector",
-    "Vector2",
-    "Vector3",
-    "fields",
-    "pack",
-    "unpack",
-]
+    "HEADER", "Field", "Floats", "Ints", "Message", "MessageError", "Vector", "Vector2", "Vector3", "fields",
+    "pack", "unpack",
+]  # fmt: skip
 
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=False)

@@ -12,8 +12,7 @@ from palpate.messages.fields import Field, fields
 
 TYPICAL = {"m": 1e-3, "m/s": 1e-2, "s": 1e-3, "rad": 0.1, "N": 0.1, "N m": 1e-3, "Pa": 1e3, "m^2": 1e-5, "J": 1e-4}
 """What a touch has of each SI unit; 1 of all others."""
-OPEN = 3
-"""Length of a vector whose length is open."""
+OPEN = 3  # length of a vector whose length is open
 
 
 def example(kind: type, loaded: bool) -> Any:

@@ -22,13 +22,17 @@ from palpate.physics.geometry.orient import edge_counts
 from palpate.physics.geometry.proxy import follow, follow_mesh, memory
 
 
-class Nurbs(Placed):
-    """The closest point of a smooth patch (docs/equations/surface.md)."""
+class _Nearest(Placed):
+    """Settings of both."""
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
     """Fingertip tissue in front of the bone edge, h0."""
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
     """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
+
+
+class Nurbs(_Nearest):
+    """The closest point of a smooth patch (docs/equations/surface.md)."""
 
     def start(self) -> None:
         patch = surface_patch(self.surface, self.position, self.rotation)
@@ -43,13 +47,8 @@ class Nurbs(Placed):
         return _proximity(self.scratch[3], 0, self.thickness, pose)
 
 
-class Mesh(OnSurface):
+class Mesh(_Nearest, OnSurface):
     """The closest point of a triangle mesh (docs/equations/surface.md)."""
-
-    thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
-    """Fingertip tissue in front of the bone edge, h0."""
-    hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
-    """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
 
     def start(self) -> None:
         mesh = self.mesh()

@@ -14,14 +14,10 @@ from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE,
 from palpate.physics.entry_point import entry_point
 
 ZERO = (0.0, 0.0, 0.0)
-GENTLE = 500.0
-"""[N/s] by which the force of the added damping rises at most after an outage, until contact ends."""
-SETTLE = 1.0
-"""[s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`."""
-LENT = 0.5e-3
-"""[J] of debt that the display may make after an outage before the force stops rising."""
-YIELD = 25e-3
-"""[s] in which the force falls to zero again while the display gives out more than that."""
+GENTLE = 500.0  # [N/s] by which the force of the added damping rises at most after an outage, until contact ends
+SETTLE = 1.0  # [s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`
+LENT = 0.5e-3  # [J] of debt that the display may make after an outage before the force stops rising
+YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
 
 
 class Haptic(Node):
@@ -62,22 +58,9 @@ class Haptic(Node):
 
     def start(self) -> None:
         observe = self.passivity or self.wants("energy")
-        self.gains = np.array(
-            [
-                self.stiffness,
-                self.damping,
-                self.contact_damping,
-                self.hysteresis,
-                self.mass,
-                self.drag,
-                self.limit,
-                self.slew,
-                self.resolution,
-                observe,
-                self.passivity,
-            ],
-            dtype=float,
-        )
+        given = self.stiffness, self.damping, self.contact_damping, self.hysteresis, self.mass, self.drag
+        bounds = self.limit, self.slew, self.resolution
+        self.gains = np.array([*given, *bounds, observe, self.passivity], dtype=float)
         self._whole = self._lost = False
         self._contact, self._device = Lost(), Lost()
         self._pace = Pace()
@@ -157,17 +140,10 @@ class Haptic(Node):
         if self._tripped:
             share *= self._closed(dt)
         self.state[MODE, WITHHELD] = 1.0 - share
-        a = contact.lateral_force
+        a, approach = contact.lateral_force, contact.compression + contact.indentation
+        rubbing = p[0] - a[0], p[1] - a[1], p[2] - a[2]
+        pressing = contact.force, contact.normal, rubbing, approach
         fx, fy, fz, touching, energy = self._haptic(
-            self.gains,
-            self.state,
-            self.past,
-            contact.force,
-            contact.normal,
-            (p[0] - a[0], p[1] - a[1], p[2] - a[2]),
-            contact.compression + contact.indentation,
-            pose.position,
-            pose.velocity,
-            dt,
+            self.gains, self.state, self.past, *pressing, pose.position, pose.velocity, dt
         )
         return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

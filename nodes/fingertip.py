@@ -16,8 +16,7 @@ from palpate.physics.fingertip.surfaces import FingertipError, FingertipSurfaces
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 UP = (0.0, 0.0, 1.0)
-CLEAR = 1e-3
-"""[m] How far above the plate a lifted finger stops."""
+CLEAR = 1e-3  # [m] how far above the plate a lifted finger stops
 
 
 class Slide(Node):

@@ -113,11 +113,7 @@ class FalconStatics(Node):
         self.geometry = FALCON.geometry
         self._torque = entry_point(torque_kernel, self.geometry, *ZERO, *ZERO)
 
-    def step(
-        self,
-        force: Annotated[Force | None, Wants("force")],
-        pose: Annotated[Pose, Wants("position")],
-    ) -> Torque:
+    def step(self, force: Annotated[Force | None, Wants("force")], pose: Annotated[Pose, Wants("position")]) -> Torque:
         if force is None:
             return Torque(torques=ZERO)
         x, y, z = pose.position

@@ -12,13 +12,7 @@ import numpy as np
 from palpate.messages import Contact, Friction, Load, Subsurface, Tactile, Vector
 from palpate.nodes.base import Node, SettingError, Wants
 from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.contact.subsurface import (
-    PAIRS,
-    SHALLOWEST,
-    strain_energy_density,
-    under_patch,
-    von_mises,
-)
+from palpate.physics.contact.subsurface import PAIRS, SHALLOWEST, strain_energy_density, under_patch, von_mises
 from palpate.physics.contact.tactile import stick_radius
 from palpate.physics.entry_point import NO_FLOATS
 
@@ -66,9 +60,7 @@ class Flow(Node):
         self._flat = np.zeros(self._columns.shape[1])
 
     def step(
-        self,
-        contact: Annotated[Contact, Wants("force")],
-        friction: Annotated[Friction | None, Wants("force")],
+        self, contact: Annotated[Contact, Wants("force")], friction: Annotated[Friction | None, Wants("force")]
     ) -> Tactile:
         force = contact.force
         row = int(np.searchsorted(self._force, force, side="right")) - 1

@@ -42,8 +42,7 @@ class Delay(Carrier):
         self.random = np.random.Generator(np.random.PCG64(self.seed))
         self.clock = self.sent = self.newest = 0
         self.tick = -2  # of the last message that was sent; -1 is that of a message outside a graph
-        self.crossing: list[tuple[int, int, Message]] = []
-        """Time [ns] of arrival, number, message."""
+        self.crossing: list[tuple[int, int, Message]] = []  # time [ns] of arrival, number, message
 
     def carry(self, message: Message, dt: float) -> Message | None:
         self.clock += round(dt * 1e9)

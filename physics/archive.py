@@ -1,10 +1,13 @@
-"""Reading arrays from an .npz file that somebody else may have written, or damaged."""
+"""Files of arrays: written whole or not at all, and read though somebody else may have written or damaged them."""
 
 from __future__ import annotations
 
 import math
+import os
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +28,18 @@ _BAD = (OSError, KeyError, ValueError, TypeError, EOFError, MemoryError, Overflo
 
 class ArchiveError(PalpateError, ValueError):
     """A file that is no archive of arrays, or a damaged one; says which file and what was found."""
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """A file to write, which takes the place of `path` when it is whole; broken off, it is gone, `path` as it was."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.{os.getpid()}.part{path.suffix}")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def read_arrays(path: str | Path, *names: str) -> dict[str, np.ndarray]:

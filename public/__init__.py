@@ -97,9 +97,10 @@ def steps(
 
     PalpateError: what is wrong with the graph, or which node failed.
     """
-    from palpate.launch.stepping import steps as begin
+    from palpate.launch.calling import described
+    from palpate.launch.stepping import Stepper, ticks
 
-    return begin(graph, duration=duration, scene=scene, sets=sets, nodes=nodes)
+    return ticks(Stepper(described(graph, duration=duration, scene=scene, sets=sets, nodes=nodes)))
 
 
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:

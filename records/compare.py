@@ -161,38 +161,35 @@ class _Streams:
             kinds = plan.graph.nodes[part.name].streams
             for index, kind in enumerate(kinds.values()):
                 self.slots.setdefault(kind, (part.slot, index))
-        self.now: dict[type[Message], Message | None] = {}
+        self.force: Force | None = None
+        self.contact: Contact | None = None
+        self.surface: Surface | None = None
 
     def take(self, tick: int) -> None:
         """What was sent at this tick."""
-        for kind in (Force, Contact, Surface):
-            sender = self.slots.get(kind)
-            message = sender[0].outputs[sender[1]].last if sender else None
-            self.now[kind] = message if message is not None and message.tick == tick else None
+        self.force, self.contact, self.surface = (self._sent(kind, tick) for kind in (Force, Contact, Surface))
+
+    def _sent(self, kind: type[Message], tick: int) -> Any:
+        if kind not in self.slots:
+            return None
+        slot, index = self.slots[kind]
+        message = slot.outputs[index].last
+        return message if message is not None and message.tick == tick else None
 
 
 def _hold_against(variant: Variant, own: _Streams, other: _Streams, draw: bool) -> None:
-    force, base = own.now[Force], other.now[Force]
-    contact, under = own.now[Contact], other.now[Contact]
-    if isinstance(force, Force) and isinstance(base, Force):
-        apart = math.dist(force.force, base.force)
-        variant.force.add(apart, math.hypot(*base.force))
-    if isinstance(contact, Contact) and isinstance(under, Contact):
-        variant.indentation.add(abs(contact.indentation - under.indentation), under.indentation)
-    shape, flat = own.now[Surface], other.now[Surface]
-    if isinstance(shape, Surface) and isinstance(flat, Surface):
-        rms, peak = _shapes(shape, flat)
-        variant.shape.add(rms, peak)
-    size = (
-        math.hypot(*force.force)
-        if isinstance(force, Force)
-        else contact.force
-        if isinstance(contact, Contact)
-        else None
-    )
-    if draw and size is not None:
-        sent: Any = force or contact
-        depth = contact.indentation if isinstance(contact, Contact) else math.nan
+    force, contact = own.force, own.contact
+    if force is not None and other.force is not None:
+        variant.force.add(math.dist(force.force, other.force.force), math.hypot(*other.force.force))
+    if contact is not None and other.contact is not None:
+        depth = other.contact.indentation
+        variant.indentation.add(abs(contact.indentation - depth), depth)
+    if own.surface is not None and other.surface is not None:
+        variant.shape.add(*_shapes(own.surface, other.surface))
+    sent = force or contact
+    if draw and sent is not None:
+        size = math.hypot(*sent.force) if isinstance(sent, Force) else sent.force
+        depth = contact.indentation if contact is not None else math.nan
         variant.curves.append((sent.time * 1e-9, size, depth))
 
 

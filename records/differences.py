@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -11,8 +12,7 @@ import numpy as np
 from palpate.messages import Message, MessageError, fields, pack, unpack
 from palpate.messages.base import HEADER
 
-ELSEWHERE = 1e-6
-"""Relative tolerance for a recording that was computed with other versions or instructions."""
+ELSEWHERE = 1e-6  # relative tolerance for a recording that was computed with other versions or instructions
 
 
 @dataclass(frozen=True)
@@ -95,43 +95,33 @@ def compare_one(
     try:
         recorded = unpack(payload, type(message))
     except MessageError as error:
-        difference: Difference | None = Difference(
-            stream, message.tick, "type", "1", str(error), type(message).__name__
-        )
+        found = [Difference(stream, message.tick, "type", "1", str(error), type(message).__name__)]
     else:
-        difference = _first(own, stream, payload, recorded, message, tolerance, scales)
-    if difference is not None:
+        found = list(_differences(own, stream, recorded, message, tolerance, scales))
+        if not found and not tolerance:
+            found = [_other_fields(stream, payload, message)]
+    if found:
         own.differing += 1
-        own.first = own.first or difference
+        own.first = own.first or found[0]
 
 
-def _first(
-    own: NodeReport,
-    stream: str,
-    payload: bytes,
-    a: Message,
-    b: Message,
-    tolerance: float,
-    scales: dict[tuple[str, str], float],
-) -> Difference | None:
-    """The first field that differs beyond the tolerance."""
-    difference = None
+def _differences(
+    own: NodeReport, stream: str, a: Message, b: Message, tolerance: float, scales: dict[tuple[str, str], float]
+) -> Iterator[Difference]:
+    """Where the fields differ beyond the tolerance, the recorded ones (a) and the computed ones (b)."""
     for name in HEADER:
         if getattr(a, name) != getattr(b, name):
-            difference = difference or Difference(
-                stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name))
-            )
+            yield Difference(stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name)))
     for each in fields(type(b)):
         x, y = getattr(a, each.name), getattr(b, each.name)
         numeric = each.dtype is not None or bool(each.shape) or each.type is float
         if not numeric:
             if x != y:
-                difference = difference or Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
+                yield Difference(stream, b.tick, each.name, each.unit, repr(x), repr(y))
             continue
         p, q = np.asarray(x), np.asarray(y)
         if p.shape != q.shape:
-            shapes = (f"shape {p.shape}", f"shape {q.shape}")
-            difference = difference or Difference(stream, b.tick, each.name, each.unit, *shapes)
+            yield Difference(stream, b.tick, each.name, each.unit, f"shape {p.shape}", f"shape {q.shape}")
             continue
         if not p.size or p.tobytes() == q.tobytes():
             continue
@@ -144,12 +134,7 @@ def _first(
         if len(wrong):
             index = tuple(int(i) for i in wrong[0])
             label = each.name + (f"[{', '.join(map(str, index))}]" if index else "")
-            difference = difference or Difference(
-                stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index]))
-            )
-    if difference is None and not tolerance:
-        difference = _other_fields(stream, payload, b)
-    return difference
+            yield Difference(stream, b.tick, label, each.unit, repr(float(p[index])), repr(float(q[index])))
 
 
 def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:

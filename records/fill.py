@@ -7,6 +7,7 @@ say it.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -17,10 +18,11 @@ import numpy as np
 from palpate.engine.provenance import made_by, rounding
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
-from palpate.messages import MessageError, fields, unpack
-from palpate.records.copy import begin_copy, write_json
+from palpate.messages import fields
+from palpate.nodes.logger.mcap import PROFILE
 from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
 from palpate.records.format.head import head_of, is_head
+from palpate.records.format.mcap_writer import McapWriter
 from palpate.records.instants import instants
 from palpate.records.player import Part, Player, plan_of
 from palpate.records.stored import RecordingError, Stored
@@ -81,7 +83,9 @@ class _Filling:
                 sent = self.player.step(tick, payloads, now)
                 if self.player.missing is not None:
                     if self.stored.complete:
-                        self._lost(*self.player.missing)
+                        node, stream, lost = self.player.missing  # what it used did not reach the logger
+                        told = Difference(stream, lost, "message", "1", f"used by {node!r}", "not in the file")
+                        self.report.nodes[node].first = told
                     break  # else the file was cut off before all of this tick was in it
                 agreed = self._check(tick, payloads, sent)
                 if self.report.first is not None:
@@ -97,10 +101,6 @@ class _Filling:
         finally:
             self.player.stop()
         yield from pending
-
-    def _lost(self, node: str, stream: str, tick: int) -> None:
-        """A message that a node used on the real clock did not reach the logger."""
-        self.report.nodes[node].first = Difference(stream, tick, "message", "1", f"used by {node!r}", "not in the file")
 
     def _ticks(self) -> Iterator[tuple[int, dict[str, bytes]]]:
         """The ticks of the run, with what is stored of each."""
@@ -150,12 +150,7 @@ class _Filling:
                 continue
             skipped = self._uncomputed.get(output.stream)
             if skipped:
-                try:
-                    stored = unpack(whole[output.stream], output.kind)
-                except MessageError as error:
-                    raise RecordingError(
-                        f"{self.stored.path}: stream {output.stream!r}, tick {tick}: {error}"
-                    ) from None
+                stored = self.stored.decoded(output.stream, tick, whole[output.stream], output.kind)
                 message = msgspec.structs.replace(message, **{name: getattr(stored, name) for name in skipped})
             compare_one(own, output.stream, whole[output.stream], message, self.tolerance, self._scales)
 
@@ -168,3 +163,28 @@ def explained(path: Path, report: Report, about: dict[str, Any]) -> str:
         f"{path}: computed again, it is not what was recorded: {report.first}", who, *rounding(about),
         f"what agrees before that: `palpate recover --full {path}`",
     ])  # fmt: skip
+
+
+def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tuple[McapWriter, dict[str, int]]:
+    """A writer for it, and the number of each stream's channel. `about` replaces the provenance."""
+    writer = McapWriter(file, PROFILE)
+    write_json(writer, "palpate.about", about)
+    for node, ticks in recording.restarted.items():
+        for tick in ticks:
+            writer.add_metadata("palpate.restarted", {"node": node, "tick": str(tick)})
+    schemas: dict[str, int] = {}
+    channels = {}
+    for name, stream in recording.streams.items():
+        kind, title = stream.schema["class"], stream.schema["title"]
+        if kind not in schemas:
+            schemas[kind] = writer.add_schema(title, json.dumps(stream.schema).encode())
+        about_stream = {"producer": stream.producer, "every": str(stream.every), "thin": str(stream.thin)}
+        if stream.kept:
+            about_stream["kept"] = stream.kept
+        channels[name] = writer.add_channel(name, "msgpack", schemas[kind], about_stream)
+    return writer, channels
+
+
+def write_json(writer: McapWriter, name: str, data: dict[str, Any]) -> None:
+    """Metadata, each value of them as JSON."""
+    writer.add_metadata(name, {key: json.dumps(value) for key, value in data.items()})

@@ -9,20 +9,19 @@ rules of simulated time.
 from __future__ import annotations
 
 import inspect
+from collections import deque
 from collections.abc import Iterable
 
 from palpate.engine.faults import GraphError
-from palpate.engine.force_path import force_path
 from palpate.engine.graph import places
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
 from palpate.engine.job import node_job
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeError, Slot
-from palpate.messages import Message, MessageError, pack, unpack
+from palpate.messages import Message, pack
 from palpate.nodes.base import Node, SettingError
 from palpate.records.format.head import Head, head_of
-from palpate.records.history import History
 from palpate.records.stored import RecordingError, Stored
 
 
@@ -142,11 +141,7 @@ class Player:
         for stream, kind in self.kinds.items():
             payload = payloads.get(stream)
             if payload is not None:
-                try:
-                    message = unpack(payload, kind)
-                except MessageError as error:
-                    raise RecordingError(f"{self.recording.path}: stream {stream!r}, tick {tick}: {error}") from None
-                self.history[stream].add(message)
+                self.history[stream].add(self.recording.decoded(stream, tick, payload, kind))
 
     def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
         """Run all nodes that step at this tick; what they send, in its wire form. NodeError: one raised.
@@ -245,3 +240,39 @@ def plan_of(recording: Stored) -> Plan:
             f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
         ) from None
     return planned
+
+
+MOST = 65_536  # messages kept at most for a reader that asks for none: far more than a logger can bring out of order
+
+
+class History:
+    """The last messages of one stream; older than what every reader has used is forgotten."""
+
+    def __init__(self) -> None:
+        self.last: Message | None = None
+        self.readers: dict[object, int] = {}  # of each reader the last tick that it has used
+        self._messages: dict[int, Message] = {}
+        self._ticks: deque[int] = deque()
+
+    def add(self, message: Message) -> None:
+        """Take the next message."""
+        self.last = message
+        self._messages[message.tick] = message
+        self._ticks.append(message.tick)
+        oldest = min(self.readers.values(), default=message.tick)
+        ticks = self._ticks
+        while ticks and (ticks[0] < oldest or len(ticks) > MOST):
+            del self._messages[ticks.popleft()]
+
+    def at(self, tick: int, reader: object) -> Message | None:
+        """The message of this tick, None where there is none."""
+        if tick > self.readers.get(reader, -1):
+            self.readers[reader] = tick
+        return self._messages.get(tick)
+
+    def newest(self, limit: int, reader: object) -> Message | None:
+        """The newest message up to tick `limit`."""
+        for tick in reversed(self._ticks):
+            if tick <= limit:
+                return self.at(tick, reader)
+        return None

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from palpate.records.copy import begin_copy, write_json
 from palpate.records.differences import Report
-from palpate.records.fill import fill
+from palpate.records.fill import begin_copy, fill, write_json
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError, Stored
 

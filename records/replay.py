@@ -134,18 +134,9 @@ class Replay:
     def _tell(self, node: str, steps: int, since: int) -> None:
         """What a worker would tell the observers of a node: since which tick it runs and how much it has sent."""
         message = Health(
-            source=node,
-            since=since,
-            steps=steps,
-            late=0,
-            lost=0,
-            held=0,
-            state="replayed",
-            median=0.0,
-            p99=0.0,
-            longest=0.0,
-            age=0.0,
-        )
+            source=node, since=since, steps=steps, state="replayed", late=0, lost=0, held=0, median=0.0, p99=0.0,
+            longest=0.0, age=0.0,
+        )  # fmt: skip
         for observer in self.observers:
             observer.node.health(message)
 

@@ -66,6 +66,11 @@ class Chain:
     tissue: str
     friction: str | None
 
+    @property
+    def names(self) -> list[str]:
+        """Of these nodes."""
+        return [name for name in (self.collision, self.contact, self.spread, self.tissue, self.friction) if name]
+
     @classmethod
     def of(cls, plan: Plan) -> Chain:
         nodes = plan.graph.nodes
@@ -104,32 +109,23 @@ class Chain:
         if friction is not None and not issubclass(friction, _Sliding):
             raise ArgumentError(f"sensitivity: {self.friction!r} is {friction.__name__}, expected a bristle law of "
                                 "friction, or none")  # fmt: skip
-        slow = [
-            n
-            for n in (self.collision, self.contact, self.spread, self.tissue, self.friction)
-            if n and nodes[n].every != 1
-        ]
+        slow = [name for name in self.names if nodes[name].every != 1]
         if slow:
-            raise ArgumentError(
-                f"sensitivity: {slow[0]!r} runs at every {nodes[slow[0]].every} ticks, expected every tick"
-            )
+            ticks = nodes[slow[0]].every
+            raise ArgumentError(f"sensitivity: {slow[0]!r} runs at every {ticks} ticks, expected every tick")
 
     def known(self) -> dict[str, tuple[str, ...]]:
         """Of each node the settings with derivatives."""
         nodes = self.plan.graph.nodes
         law = nodes[self.contact].settings.get("finger_law", Series.finger_law)
         body = SPRING if nodes[self.tissue].cls is MassSpring else CONDENSED
-        return {
-            self.tissue: body,
-            self.contact: tuple(filter(None, FINGER[law])),
-            self.collision: ("thickness",),
-        }
+        return {self.tissue: body, self.contact: tuple(filter(None, FINGER[law])), self.collision: ("thickness",)}
 
     def check(self, parameters: Sequence[Where]) -> None:
         """ArgumentError: a parameter that this chain has no derivative for; says which it has."""
         known = self.known()
         names = [f"{node}.{key}" for node, keys in known.items() for key in keys]
-        path = {*known, self.spread, *([self.friction] if self.friction else [])}
+        path = self.names
         for one in parameters:
             reached = [(node, key) for node, key in one.settings if node in path]
             if not reached:
@@ -155,13 +151,7 @@ def derivatives(run: Run, chain: Chain, parameters: Sequence[Where]) -> dict[str
     """Of the contact's numbers by each parameter, by its name. RecordingError: the recording has not all it takes."""
     if run.about.get("clock") != "simulated" or any(run._recording.restarted.values()):
         raise RecordingError(f"{run.path}: sensitivities need a run on simulated time in which no node was restarted")
-    streams = [
-        chain.collision,
-        chain.contact,
-        chain.spread,
-        chain.tissue,
-        *([chain.friction] if chain.friction else []),
-    ]
+    streams = chain.names
     lacking = [s for s in streams if s not in run or len(run[s]) != len(run[chain.contact])]
     if lacking or run[chain.contact].tick[0] != 0:
         raise RecordingError(f"{run.path}: sensitivities need every message of {', '.join(streams)}")
@@ -220,15 +210,14 @@ def _carried(run: Run, chain: Chain, parameters: Sequence[Where]) -> dict[str, D
         dlaw = condensed.step(load, df, dforces, dt)
     time = run[chain.contact].time
     units = [run[chain.contact].columns[name].unit for name in SHOWN]
-    return {
-        one.name: Derivatives(
-            *(
-                Samples(rows[:, p], f"d({chain.contact}.{name})/d({one.name})", per(unit, one.unit), time)
-                for rows, name, unit in zip(out, SHOWN, units, strict=True)
-            )
-        )
-        for p, one in enumerate(parameters)
-    }
+    found = {}
+    for p, one in enumerate(parameters):
+        columns = zip(out[:, :, p], SHOWN, units, strict=True)
+        found[one.name] = Derivatives(*(
+            Samples(column, f"d({chain.contact}.{name})/d({one.name})", per(unit, one.unit), time)
+            for column, name, unit in columns
+        ))  # fmt: skip
+    return found
 
 
 def per(unit: str, other: str) -> str:

@@ -8,7 +8,7 @@ from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
@@ -21,6 +21,7 @@ from palpate.physics.errors import PalpateError
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
 
 _MOST_TICKS = 1 << 31
+M = TypeVar("M", bound=Message)
 
 
 class RecordingError(PalpateError, ValueError):
@@ -76,8 +77,7 @@ class Stored:
         self.times: dict[str, dict[str, float]] = {}
         self.restarted: dict[str, list[int]] = {}
         self.damage: Broken | None = None
-        self.channels: dict[int, str] = {}
-        """Number in the file -> stream."""
+        self.channels: dict[int, str] = {}  # number in the file -> stream
         try:
             with open(self.path, "rb") as file:
                 begin = file.read(8)
@@ -281,6 +281,13 @@ class Stored:
                 if len({len(v) if isinstance(v, tuple) else -1 for v in values}) <= 1:
                     columns[field.name] = np.array(values)
         return columns
+
+    def decoded(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
+        """A message of a stream. RecordingError: bytes that do not fit its type."""
+        try:
+            return unpack(payload, kind)
+        except MessageError as error:
+            raise RecordingError(f"{self.path}: stream {name!r}, tick {tick}: {error}") from None
 
     def stream_of(self, kind: type[Message]) -> str | None:
         """The first stream of this message type, None where there is none."""

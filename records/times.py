@@ -9,8 +9,7 @@ from palpate.engine.plan import Plan
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-NEWEST = 3
-"""Recordings that are looked through for the times of a graph."""
+NEWEST = 3  # recordings that are looked through for the times of a graph
 
 
 def step_times(planned: Plan, given: Path | None) -> tuple[dict[str, float], Path | None]:

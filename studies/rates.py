@@ -18,8 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.engine.force_path import force_path
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Field, Message, fields
 from palpate.nodes.base import inputs

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import msgspec
 
+from palpate.drivers.errors import DeviceError
+
 Chance = Annotated[float, "1", msgspec.Meta(ge=0, le=1)]
 When = Annotated[float, "s"]
 
@@ -60,6 +62,11 @@ class Days:
         """Whether the plug is out at `now` [ns]."""
         since, given = self._since(now), self.faults
         return 0.0 <= given.unplug <= since and not 0.0 <= given.back <= since
+
+    def check(self, name: str, now: int) -> None:
+        """DeviceError: the plug is out at `now` [ns]."""
+        if self.unplugged(now):
+            raise DeviceError(f"the {name} is gone. Plug it in again.", lost=True)
 
     def silent(self, now: int) -> bool:
         """Whether it has stopped to answer for good."""

@@ -36,10 +36,10 @@ class Script:
 
 
 class EmulatedOperator:
-    """A held grip. The clock of its way begins with `begin`."""
+    """A held grip. The clock of its way begins with `begin`, but not while it `waits` for `go`."""
 
-    def __init__(self, script: Script) -> None:
-        self.script = script
+    def __init__(self, script: Script, waits: bool = False) -> None:
+        self.script, self.waits = script, waits
         self.ends = np.array(script.ends, dtype=float)
         self.points = np.array(script.points, dtype=float)
         self.shapes = np.array(script.shapes, dtype=np.int64)
@@ -55,18 +55,18 @@ class EmulatedOperator:
         self.time, self.segment = 0.0, -1
 
     @property
-    def begun(self) -> bool:
-        """Whether it is on its way."""
-        return self._then is not None
-
-    @property
     def buttons(self) -> int:
         """[1] mask of the buttons that are pressed."""
         return self.script.buttons[self.segment] if 0 <= self.segment < len(self.script.buttons) else 0
 
+    def go(self) -> None:
+        """It need not wait any more."""
+        self.waits = False
+
     def begin(self, now: int) -> None:
-        """Go from here; `now` [ns]."""
-        self._then = now
+        """Go from here at `now` [ns], unless it waits or is on its way."""
+        if not self.waits and self._then is None:
+            self._then = now
 
     def move(self, force: Callable[[np.ndarray], Point], now: int) -> np.ndarray:
         """Advance to `now` [ns] under a force [N] that depends on the place; the position [m] (3)."""
@@ -86,16 +86,8 @@ class EmulatedOperator:
         _, *p = wanted(self.time, self.ends, self.points, self.shapes)
         self.segment, *q = wanted(self.time + h, self.ends, self.points, self.shapes)
         for i in range(3):
+            x, v = self.position[i], self.velocity[i]
             self.position[i], self.velocity[i] = advance(
-                self._matrix,
-                h,
-                made.mass,
-                made.drag,
-                force[i],
-                self.position[i],
-                self.velocity[i],
-                p[i],
-                q[i],
-                self.constants,
+                self._matrix, h, made.mass, made.drag, force[i], x, v, p[i], q[i], self.constants
             )
         self.time += h

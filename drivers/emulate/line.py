@@ -9,25 +9,11 @@ import select
 import threading
 import time
 import tty
-from typing import Protocol
 
+from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.emulate.faults import Days, EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.transport.serial import SerialLine
-
-
-class EmulatedDevice(Protocol):
-    """What speaks."""
-
-    @property
-    def period(self) -> float:
-        """[s] between two messages that it sends by itself; 0: it only answers."""
-
-    def hear(self, data: bytes, now: int) -> list[bytes]:
-        """Its answers to bytes that came at `now` [ns]."""
-
-    def say(self, now: int) -> bytes:
-        """What it says by itself."""
 
 
 class EmulatedLine:

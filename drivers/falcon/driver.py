@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from statistics import median_low
 
+from palpate.drivers.connected import PortDriver
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import firmware, frames
 from palpate.drivers.guard import DeviceSample
@@ -26,7 +27,7 @@ AGREE = 60  # [counts] between two of them: 2 m/s at 1 kHz
 Counts = tuple[int, int, int]
 
 
-class FalconDriver:
+class FalconDriver(PortDriver[Ftdi]):
     """The device behind an FTDI chip.
 
     connect   opens the chip
@@ -34,6 +35,7 @@ class FalconDriver:
     clock     [ns]
     """
 
+    name = "Falcon"
     limits = LIMITS["falcon"]
     size = 3
 
@@ -43,8 +45,8 @@ class FalconDriver:
         image: Callable[[], bytes] | None = None,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        self.connect, self.image, self.clock = connect, image, clock
-        self.chip: Ftdi | None = None
+        super().__init__(connect)
+        self.image, self.clock = image, clock
         self.reader = frames.FalconFrameReader()
         self.attempts = 0
         self.glitches = 0
@@ -59,8 +61,8 @@ class FalconDriver:
         self.doubted: list[Counts] = []
         self.state = frames.HOMING | frames.RED
         self.reader.clear()
-        self.chip = self.connect()
-        firmware.run_mode(self.chip)
+        self.port = self.connect()
+        firmware.run_mode(self.port)
         self.attempts = 0
         if self._answers():
             return
@@ -70,34 +72,30 @@ class FalconDriver:
                 " with its driver (nvent_firmware.bin, also in the source tree of libnifalcon): firmware: path/to/it."
             )
         data = self.image()
-        self.attempts = firmware.load(self.chip, data, self.clock)
+        self.attempts = firmware.load(self.port, data, self.clock)
         if not self._answers():
             raise DeviceError(
                 f"a firmware of {len(data)} bytes was loaded, but the Falcon sends no frames. Is it a Falcon's image?"
             )
 
     def _answers(self) -> bool:
-        assert self.chip is not None
         for _ in range(PROBES):
-            self.chip.write(frames.command((0, 0, 0), frames.HOMING))
+            self.port.write(frames.command((0, 0, 0), frames.HOMING))
             if self._frame() is not None:
                 return True
         return False
 
     def _frame(self) -> bytes | None:
         """The newest complete frame that arrives within the patience."""
-        assert self.chip is not None
         deadline = self.clock() + round(PATIENCE * 1e9)
         while (left := deadline - self.clock()) > 0:
-            batch = self.reader.feed(payload(self.chip.read(left * 1e-9)))
+            batch = self.reader.feed(payload(self.port.read(left * 1e-9)))
             if batch:
                 return batch[-1]
         return None
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        if self.chip is None:
-            raise DeviceError("the Falcon is not open", lost=True)
-        self.chip.write(frames.command(frames.motors(command), self.state))
+        self.port.write(frames.command(frames.motors(command), self.state))
         frame = self._frame()
         if frame is None:
             return None
@@ -141,8 +139,6 @@ class FalconDriver:
         return self.last
 
     def close(self) -> None:
-        if self.chip is not None:
-            chip, self.chip = self.chip, None
-            with suppress(DeviceError):
-                chip.write(frames.command((0, 0, 0), frames.RED))
-            chip.close()
+        with suppress(DeviceError):
+            self.port.write(frames.command((0, 0, 0), frames.RED))
+        super().close()

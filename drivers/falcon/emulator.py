@@ -24,8 +24,7 @@ from palpate.physics.device.falcon_statics import force_kernel
 MODEM_BYTES = b"\x01\x60"
 CLOCK = 3.0e6  # [Hz] of the chip's baud generator
 OFFSET = (137, -411, 262)  # [counts] of the encoders before homing
-IMAGE = random.Random(48).randbytes(9973)
-"""Stands for a firmware: only an emulator takes it."""
+IMAGE = random.Random(48).randbytes(9973)  # stands for a firmware: only an emulator takes it
 
 
 def baud(divisor: int) -> float:
@@ -42,7 +41,7 @@ class EmulatedFalcon:
     image   the firmware that it takes; any other is loaded, too, and does not run
     loaded  whether it has its firmware already
     homing  [s] in homing mode until the hand has moved it past its marks
-    waits   whether the hand goes its way when `go` says so; otherwise as soon as the device is homed
+    waits   whether the hand goes its way when `hand.go` says so; otherwise as soon as the device is homed
     now     clock [ns]; sleep: wait [s]
     """
 
@@ -58,9 +57,9 @@ class EmulatedFalcon:
         now: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self.hand = EmulatedOperator(script or Script())
+        self.hand = EmulatedOperator(script or Script(), waits)
         self.days = Days(faults or EmulatedFaults())
-        self.image, self.homing, self.waits = image, homing, waits
+        self.image, self.homing = image, homing
         self.now, self.sleep = now, sleep
         self.running = loaded
         self.homed_at: int | None = None
@@ -78,14 +77,10 @@ class EmulatedFalcon:
             raise DeviceError(f"no {NAME} on USB: the emulated one is unplugged")
         return EmulatedChip(self)
 
-    def go(self) -> None:
-        """The hand begins its way."""
-        self.waits = False
-
     def answer(self, frame: bytes) -> bytes:
         """One frame to the running firmware, and its answer."""
         now = self.now()
-        if not self.waits:
+        if not self.hand.waits:
             self.days.begin(now)
         words, state = frames.numbers(frame[1:13]), frame[13] - frames.BASE
         self.seen.append((now, words))
@@ -95,7 +90,7 @@ class EmulatedFalcon:
         elif self.homed_at is None:
             self.homed_at = now + round(self.homing * 1e9)
         homed = self.homed_at is not None and now >= self.homed_at
-        if homed and not self.waits and not self.hand.begun:
+        if homed:
             self.hand.begin(now)
         place = self.hand.move(self._force, now)
         self.torques = frames.torques(words)
@@ -129,12 +124,8 @@ class EmulatedChip:
         self.free = 0  # [ns] when the line back is free again
         self.timer = device.now()
 
-    def _plugged(self) -> None:
-        if self.device.days.unplugged(self.device.now()):
-            raise DeviceError(f"the {NAME} is gone. Plug it in again.", lost=True)
-
     def control(self, request: int, value: int) -> None:
-        self._plugged()
+        self.device.days.check(NAME, self.device.now())
         if request == ftdi.RESET and value == ftdi.PURGE_RX:
             self.line.clear()
         elif request == ftdi.RESET and value == ftdi.PURGE_TX:
@@ -153,7 +144,7 @@ class EmulatedChip:
             self.dtr = value == ftdi.DTR_HIGH
 
     def write(self, data: bytes) -> None:
-        self._plugged()
+        self.device.days.check(NAME, self.device.now())
         device = self.device
         taken = round(10.0 / baud(self.divisor) * 1e9 * len(data))
         if self.divisor == firmware.SLOW and self.dtr:
@@ -199,8 +190,10 @@ class EmulatedChip:
         due = self.timer + period
         if len(self.line) >= ftdi.PACKET - 2:
             due = min(due, self.line[ftdi.PACKET - 3][0])
-        self._wait(min(due, deadline))
-        self._plugged()
+        left = min(due, deadline) - device.now()
+        if left > 0:
+            device.sleep(left * 1e-9)
+        self.device.days.check(NAME, self.device.now())
         if due > deadline:
             return b""
         self.timer = due
@@ -208,11 +201,6 @@ class EmulatedChip:
         while self.line and len(packet) < ftdi.PACKET - 2 and self.line[0][0] <= due:
             packet.append(self.line.popleft()[1])
         return MODEM_BYTES + bytes(packet)
-
-    def _wait(self, until: int) -> None:
-        left = until - self.device.now()
-        if left > 0:
-            self.device.sleep(left * 1e-9)
 
     def close(self) -> None:
         self.line.clear()

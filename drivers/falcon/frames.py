@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from palpate.drivers.framing import FrameReader
+
 LENGTH = 16
 BASE = 0x41
 LARGEST = 4096  # of a motor word
@@ -75,39 +77,13 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
     return a, b, c
 
 
-class FalconFrameReader:
-    """Finds frames in the received bytes, whatever comes between them.
+class FalconFrameReader(FrameReader[bytes]):
+    """Finds the frames of a Falcon."""
 
-    wrong  [1]  bytes that belonged to no frame
-    """
+    head = b"<"
 
-    def __init__(self) -> None:
-        self._rest = b""
-        self.wrong = 0
-
-    def clear(self) -> None:
-        """Forget what has come."""
-        self._rest = b""
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes; the whole frames among all that came."""
-        rest, frames = self._rest + data, []
-        while True:
-            start = rest.find(b"<")
-            if start < 0:
-                self.wrong += len(rest)
-                rest = b""
-                break
-            self.wrong += start
-            rest = rest[start:]
-            if len(rest) < LENGTH:
-                break
-            body = rest[1:13]
-            if rest[15:16] == b">" and all(BASE <= b <= BASE + 0xF for b in body) and BASE <= rest[13] <= BASE + 0x7F:
-                frames.append(rest[:LENGTH])
-                rest = rest[LENGTH:]
-            else:
-                self.wrong += 1
-                rest = rest[1:]
-        self._rest = rest
-        return frames
+    def parse(self, data: bytes) -> tuple[bytes | None, int]:
+        frame = data[:LENGTH]
+        words, state, end = frame[1:13], frame[13:14], frame[15:]
+        whole = end == b">" and all(BASE <= b <= BASE + 0xF for b in words) and BASE <= state[0] <= BASE + 0x7F
+        return frame if whole else None, LENGTH

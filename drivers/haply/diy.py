@@ -14,6 +14,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from palpate.drivers.connected import PortDriver
+from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
@@ -55,48 +57,47 @@ def torques(version: int, values: tuple[float, float]) -> bytes:
     return bytes((2, NUMBER)) + struct.pack("<2f", *(values[i] for i in order))
 
 
-class Haply2Diy:
+class Haply2Diy(PortDriver[Line]):
     """The device on its line. Its command is a force [N] (2) in its plane; its position is (x, y, 0).
 
     connect  opens the line
     version  of the hardware: 2, of metal, or 3, of plastic
     """
 
+    name = NAME
     limits = LIMITS["haply2diy"]
     size = 2
 
     def __init__(self, connect: Callable[[], Line], version: int = 3) -> None:
-        self.connect, self.version = connect, version
+        super().__init__(connect)
+        self.version = version
         self.mechanism = BUILDS[version][0]
         self.order = sorted(range(2), key=lambda i: BUILDS[version][2][i][3])
-        self.line: Line | None = None
 
     def open(self) -> None:
         self.angles: tuple[float, float] | None = None
-        self.line = self.connect()
-        self.line.write(b"\0\0")
+        self.port = self.connect()
+        self.port.write(b"\0\0")
         time.sleep(0.1)
-        self.line.write(setup(self.version))
+        self.port.write(setup(self.version))
         time.sleep(0.1)
-        burst(self.line.read, 0.01)  # what it said before
+        burst(self.port.read, 0.01)  # what it said before
         for _ in range(20):
             if self.cycle((0.0, 0.0)) is not None:
                 return
         raise DeviceError(f"the {NAME} does not answer. Is this its port, and does it run the hAPI firmware?")
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        if self.line is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
         fx, fy = command
         rates = None if self.angles is None else jacobian(self.mechanism, *self.angles)
         given = (0.0, 0.0)
         if rates is not None:
             (a, b), (c, d) = rates
             given = a * fx + c * fy, b * fx + d * fy
-        self.line.write(torques(self.version, given))
+        self.port.write(torques(self.version, given))
         data, deadline = b"", time.monotonic() + PATIENCE
         while len(data) < ANSWER and (left := deadline - time.monotonic()) > 0.0:
-            data += self.line.read(left)
+            data += self.port.read(left)
         return self._take(data)
 
     def _take(self, data: bytes) -> DeviceSample | None:
@@ -114,31 +115,20 @@ class Haply2Diy:
         self.angles = q[0], q[1]
         return DeviceSample(time.monotonic_ns(), position=(*where, 0.0))
 
-    def close(self) -> None:
-        if self.line is not None:
-            line, self.line = self.line, None
-            line.close()
 
-
-class Emulated2Diy:
+class Emulated2Diy(EmulatedDevice):
     """The board with its linkage and the hand that holds it, for `emulate.line.EmulatedLine`.
 
     The hand's script is in the device's plane: x, y, and z is not used.
     """
 
-    period = 0.0
-
     def __init__(self, script: Script, version: int = 3, *, waits: bool = False) -> None:
         self.mechanism, self.motors, self.encoders = BUILDS[version]
-        self.version, self.waits = version, waits
-        self.hand = EmulatedOperator(script)
+        self.version = version
+        self.hand = EmulatedOperator(script, waits)
         self.torques = (0.0, 0.0)
         self.ready = False
         self.heard = b""
-
-    def go(self) -> None:
-        """The hand begins its way."""
-        self.waits = False
 
     def hear(self, data: bytes, now: int) -> list[bytes]:
         self.heard += data
@@ -164,8 +154,7 @@ class Emulated2Diy:
         given = [0.0, 0.0]
         for place, motor in enumerate(order):
             given[motor] = by_port[place]
-        if not self.waits and not self.hand.begun:
-            self.hand.begin(now)
+        self.hand.begin(now)
         x, y, _ = self.hand.move(self._force, now)
         self.torques = given[0], given[1]
         angles = cranks(self.mechanism, float(x), float(y)) or (0.0, 0.0)
@@ -182,6 +171,3 @@ class Emulated2Diy:
             return 0.0, 0.0, 0.0
         fx, fy = np.linalg.solve(np.array(rates).T, np.array(self.torques))
         return float(fx), float(fy), 0.0
-
-    def say(self, now: int) -> bytes:
-        return b""

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from palpate.drivers.connected import PortDriver
 from palpate.drivers.emulate.faults import Days, EmulatedFaults
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError, package
@@ -72,26 +73,27 @@ def buttons(message: dict[str, Any]) -> int:
     return 0
 
 
-class Inverse3:
+class Inverse3(PortDriver[Messages]):
     """A device of the service.
 
     connect  opens the connection
     device   its id; empty where the service has only one
     """
 
+    name = NAME
     limits = LIMITS["inverse3"]
     size = 3
 
     def __init__(self, connect: Callable[[], Messages], device: str = "") -> None:
-        self.connect, self.device = connect, device
-        self.link: Messages | None = None
+        super().__init__(connect)
+        self.device = device
 
     def open(self) -> None:
-        self.link, self.calm = self.connect(), CALM
+        self.port, self.calm = self.connect(), CALM
         deadline = time.monotonic() + 2.0
         first: dict[str, Any] = {}
         while "inverse3" not in first and time.monotonic() < deadline:
-            first = state(self.link.read(0.2))
+            first = state(self.port.read(0.2))
         if "inverse3" not in first:
             raise DeviceError(f"the {NAME} reports no devices within 2 s. Is it version 3 of the service?")
         known = [str(d.get("device_id")) for d in entries(first, "inverse3") if isinstance(d, dict)]
@@ -104,10 +106,8 @@ class Inverse3:
         self.chosen = self.device or known[0]
 
     def cycle(self, command_: tuple[float, ...]) -> DeviceSample | None:
-        if self.link is None:
-            raise DeviceError(f"the {NAME} is not connected", lost=True)
-        self.link.write(command(self.chosen, command_))
-        texts = burst(self.link.read, PATIENCE)
+        self.port.write(command(self.chosen, command_))
+        texts = burst(self.port.read, PATIENCE)
         self.calm = self.calm + 1 if len(texts) < MOST else 0
         if not texts or self.calm < CALM:
             return None
@@ -115,17 +115,9 @@ class Inverse3:
         for device in entries(message, "inverse3"):
             if isinstance(device, dict) and str(device.get("device_id")) == self.chosen:
                 place = position(device)
-                return (
-                    None
-                    if place is None
-                    else DeviceSample(time.monotonic_ns(), position=place, buttons=buttons(message))
-                )
+                if place is not None:
+                    return DeviceSample(time.monotonic_ns(), position=place, buttons=buttons(message))
         return None
-
-    def close(self) -> None:
-        if self.link is not None:
-            link, self.link = self.link, None
-            link.close()
 
 
 class EmulatedService:
@@ -135,21 +127,13 @@ class EmulatedService:
         self, script: Script | None = None, faults: EmulatedFaults | None = None, *, ids: tuple[str, ...] = ("04EF",),
         waits: bool = False,
     ) -> None:  # fmt: skip
-        self.hand, self.days, self.waits, self.ids = (
-            EmulatedOperator(script or Script()),
-            Days(faults or EmulatedFaults()),
-            waits,
-            ids,
-        )
+        self.hand, self.days = EmulatedOperator(script or Script(), waits), Days(faults or EmulatedFaults())
+        self.ids = ids
         self.force = (0.0, 0.0, 0.0)
         self.errors = package("websockets.exceptions")
         self.server = package("websockets.sync.server").serve(self._serve, "127.0.0.1", 0, compression=None)
         self.address = f"ws://127.0.0.1:{self.server.socket.getsockname()[1]}"
         threading.Thread(target=self.server.serve_forever, name="emulated Inverse service", daemon=True).start()
-
-    def go(self) -> None:
-        """The hand begins its way."""
-        self.waits = False
 
     def _state(self, now: int, *, first: bool) -> str:
         x, y, z = map(float, self.hand.move(lambda place: self.force, now))
@@ -157,24 +141,20 @@ class EmulatedService:
         if first:
             device["config"] = {"handedness": "right"}
         pressed = {name: bool(self.hand.buttons >> i & 1) for i, name in enumerate("abc")}
-        return json.dumps(
-            {
-                "inverse3": [{"device_id": name, **device} for name in self.ids],
-                "wireless_verse_grip": [{"device_id": "61576", "state": {"buttons": pressed}}],
-            }
-        )
+        devices = [{"device_id": name, **device} for name in self.ids]
+        grips = [{"device_id": "61576", "state": {"buttons": pressed}}]
+        return json.dumps({"inverse3": devices, "wireless_verse_grip": grips})
 
     def _serve(self, link: Any) -> None:
         try:
             link.send(self._state(time.monotonic_ns(), first=True))
             for text in link:
                 now = time.monotonic_ns()
-                if not self.waits:
+                if not self.hand.waits:
                     self.days.begin(now)
                 if self.days.unplugged(now):
                     return
-                if not self.waits and not self.hand.begun:
-                    self.hand.begin(now)
+                self.hand.begin(now)
                 for device in entries(state(text), "inverse3"):
                     if device.get("device_id") == self.ids[0]:
                         given = device["commands"]["set_cursor_force"]["values"]

@@ -24,15 +24,11 @@ class EmulatedRawHid:
     def __init__(
         self, script: Script | None = None, faults: EmulatedFaults | None = None, *, waits: bool = False
     ) -> None:
-        self.hand, self.days, self.waits = EmulatedOperator(script or Script()), Days(faults or EmulatedFaults()), waits
+        self.hand, self.days = EmulatedOperator(script or Script(), waits), Days(faults or EmulatedFaults())
         self.said: deque[tuple[int, bytes]] = deque()
         self.force = (0.0, 0.0, 0.0)
         self.until = 0
         self.sequence = 0
-
-    def go(self) -> None:
-        """The hand begins its way."""
-        self.waits = False
 
     def connect(self) -> EmulatedRawHid:
         """Open the device. DeviceError: it is unplugged."""
@@ -40,20 +36,15 @@ class EmulatedRawHid:
             raise DeviceError(f"no {raw.NAME} on USB: the emulated one is unplugged")
         return self
 
-    def _plugged(self) -> None:
-        if self.days.unplugged(time.monotonic_ns()):
-            raise DeviceError(f"the {raw.NAME} is gone. Plug it in again.", lost=True)
-
     def write(self, report: bytes) -> None:
-        self._plugged()
+        self.days.check(raw.NAME, time.monotonic_ns())
         message = raw.unpack(report)
         if not isinstance(message, raw.RawCommand):
             return
         now = time.monotonic_ns()
-        if not self.waits:
+        if not self.hand.waits:
             self.days.begin(now)
-        if not self.waits and not self.hand.begun:
-            self.hand.begin(now)
+        self.hand.begin(now)
         place = self.hand.move(self._force_at(now), now)
         if message.flags & raw.ENABLE:
             x, y, z = (UNIT * v for v in message.values[:3])
@@ -81,7 +72,7 @@ class EmulatedRawHid:
         return lambda place: force
 
     def read(self, size: int, timeout: float) -> bytes:
-        self._plugged()
+        self.days.check(raw.NAME, time.monotonic_ns())
         end = time.monotonic_ns() + round(timeout * 1e9)
         due = self.said[0][0] if self.said else end + 1
         left = min(due, end) - time.monotonic_ns()
@@ -123,8 +114,7 @@ class EmulatedReports:
             time.sleep(max(0.0, min(self.due, end) - time.monotonic()))
         now = time.monotonic()
         self.days.begin(time.monotonic_ns())
-        if self.days.unplugged(time.monotonic_ns()):
-            raise DeviceError("the device is gone. Plug it in again.", lost=True)
+        self.days.check("device", time.monotonic_ns())
         if now >= self.due and not self.days.silent(time.monotonic_ns()):
             self.due = now + self.PERIOD
             self.said += [spoilt for data in self.moved(now - self.begun) if (spoilt := self.days.spoil(data))]

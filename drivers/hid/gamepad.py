@@ -27,8 +27,8 @@ class Gamepad(HidSender):
     name = NAME
 
     def open(self) -> None:
-        self.device = self.connect()
-        inputs = fields(self.device.descriptor())
+        self.port = self.connect()
+        inputs = fields(self.port.descriptor())
         self.numbered = any(f.report for f in inputs)
         self.axes: dict[int, ReportField] = {f.usage: f for f in reversed(inputs) if f.page == DESKTOP}
         self.keys = [f for f in inputs if f.page == BUTTON][:32]

@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 import struct
 import time
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from palpate.drivers.checksums import crc16_x25
+from palpate.drivers.connected import PortDriver
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
@@ -98,19 +98,16 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry.get("usage_page") == USAGE_PAGE and entry.get("usage") == USAGE
 
 
-class RawHidDriver:
+class RawHidDriver(PortDriver[HidPort]):
     """A device that speaks the protocol, with three axes."""
 
+    name = NAME
     limits = LIMITS["rawhid"]
     size = 3
 
-    def __init__(self, connect: Callable[[], HidPort]) -> None:
-        self.connect = connect
-        self.device: HidPort | None = None
-
     def open(self) -> None:
         self.sequence, self.wrong, self.last = 0, 0, -1
-        self.device = self.connect()
+        self.port = self.connect()
         self.info = self._ask()
         if not 1 <= self.info.axes <= 3:
             raise DeviceError(f"the {NAME} has {self.info.axes} axes, expected 1 to 3.")
@@ -119,20 +116,18 @@ class RawHidDriver:
             raise DeviceError(f"the {NAME} reports scales of {scales}, expected none to be 0: check its firmware.")
 
     def _ask(self) -> Info:
-        assert self.device is not None
         deadline = time.monotonic() + 1.0
         while time.monotonic() < deadline:
             self._send(ASK_INFO, (0,) * AXES)
             for _ in range(8):
-                answer = unpack(self.device.read(LENGTH, 0.01))
+                answer = unpack(self.port.read(LENGTH, 0.01))
                 if isinstance(answer, Info):
                     return answer
         raise DeviceError(f"the {NAME} does not answer as docs/raw_hid.md says. Is its firmware of version {VERSION}?")
 
     def _send(self, flags: int, values: tuple[int, ...]) -> None:
-        assert self.device is not None
         self.sequence = self.sequence + 1 & 0xFFFF
-        self.device.write(pack(RawCommand(self.sequence, flags, WATCHDOG, values)))
+        self.port.write(pack(RawCommand(self.sequence, flags, WATCHDOG, values)))
 
     def units(self, command: tuple[float, ...]) -> tuple[int, ...]:
         """A command [N] or [N m] in the device's units: too large a one is scaled as a whole."""
@@ -141,14 +136,12 @@ class RawHidDriver:
         return (*(round(scale * r) for r in raw), *(0,) * (AXES - len(raw)))
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        device = self.device
-        if device is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
+        port = self.port
         self._send(ENABLE | HOME, self.units(command))
         deadline = time.monotonic() + PATIENCE
         state = None
         while state is None and (left := deadline - time.monotonic()) > 0.0:
-            for report in reversed(burst(lambda timeout: device.read(LENGTH, timeout), left)):  # the newest counts
+            for report in reversed(burst(lambda timeout: port.read(LENGTH, timeout), left)):  # the newest counts
                 message = unpack(report)
                 if isinstance(message, RawState) and message.sequence != self.last:
                     state = message
@@ -168,8 +161,3 @@ class RawHidDriver:
         if self.info.flags & TORQUES:
             return DeviceSample(now, joints=where, buttons=state.buttons)
         return DeviceSample(now, position=where, buttons=state.buttons)
-
-    def close(self) -> None:
-        if self.device is not None:
-            device, self.device = self.device, None
-            device.close()

@@ -38,7 +38,7 @@ class SpaceMouse(HidSender):
     def open(self) -> None:
         self.axes = [0.0] * 6
         self.buttons = 0
-        self.device = self.connect()
+        self.port = self.connect()
 
     def take(self, report: bytes) -> None:
         """One report; what is none of the three, or cut off, is left out."""

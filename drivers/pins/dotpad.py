@@ -15,7 +15,12 @@ from functools import reduce
 from operator import xor
 from typing import NamedTuple
 
+import numpy as np
+
+from palpate.drivers.connected import PortDriver
+from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.framing import FrameReader
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.serial import Line
@@ -27,9 +32,8 @@ NAME_REQUEST, NAME_REPLY = 0x0100, 0x0101
 BOARD_REQUEST, BOARD_REPLY = 0x0110, 0x0111
 LINE_REQUEST, LINE_REPLY, LINE_DONE = 0x0200, 0x0201, 0x0202
 GRAPHIC, TEXT = 0x80, 0x40  # features
-BOARD = struct.Struct(
-    "12B"
-)  # features, dots a cell, pin distance, keys, then rows, columns, -, time of text and graphic
+BOARD = struct.Struct("12B")
+# features, dots a cell, pin distance, keys, then rows, columns, -, time of text and graphic
 CELL_WIDTH, CELL_HEIGHT = 2, 4
 PATIENCE = 0.5  # [s] for an answer
 LONGEST = 1024  # [bytes] of a body
@@ -50,75 +54,49 @@ def pack(packet: Packet) -> bytes:
     return SYNC + struct.pack(">H", len(body) + 1) + body + bytes((reduce(xor, body, SEED),))
 
 
-class PacketReader:
+class PacketReader(FrameReader[Packet]):
     """Finds packets in what comes off the line."""
 
-    def __init__(self) -> None:
-        self._rest = b""
-        self.wrong = 0
+    head = SYNC
 
-    def feed(self, data: bytes) -> list[Packet]:
-        """Take bytes; the packets among all that came."""
-        rest, packets = self._rest + data, []
-        while (start := rest.find(SYNC)) >= 0:
-            self.wrong += start
-            rest = rest[start:]
-            if len(rest) < 4:
-                break
-            length = int.from_bytes(rest[2:4])
-            if not 5 <= length <= LONGEST:
-                self.wrong += 1
-                rest = rest[1:]
-                continue
-            if len(rest) < 4 + length:
-                break
-            body, check = rest[4 : 3 + length], rest[3 + length]
-            if reduce(xor, body, SEED) == check:
-                packets.append(Packet(body[0], int.from_bytes(body[1:3]), body[3], body[4:]))
-                rest = rest[4 + length :]
-            else:
-                self.wrong += 1
-                rest = rest[1:]
-        else:
-            keep = rest[-1:] if rest.endswith(SYNC[:1]) else b""
-            self.wrong += len(rest) - len(keep)
-            rest = keep
-        self._rest = rest
-        return packets
+    def parse(self, data: bytes) -> tuple[Packet | None, int]:
+        if len(data) < 4:
+            return None, 4
+        length = int.from_bytes(data[2:4])
+        if not 5 <= length <= LONGEST:
+            return None, 0
+        body, check = data[4 : 3 + length], data[3 + length : 4 + length]
+        if check != bytes((reduce(xor, body, SEED),)):
+            return None, 4 + length
+        return Packet(body[0], int.from_bytes(body[1:3]), body[3], body[4:]), 4 + length
 
 
 def cells(dots: list[bool], rows: int, columns: int) -> list[bytes]:
     """The bytes of each line of cells, of dots row by row."""
-    lines = []
-    for top in range(0, rows, CELL_HEIGHT):
-        line = bytearray(columns // CELL_WIDTH)
-        for y in range(CELL_HEIGHT):
-            for x in range(columns):
-                if dots[(top + y) * columns + x]:
-                    line[x // CELL_WIDTH] |= 1 << y + CELL_HEIGHT * (x % CELL_WIDTH)
-        lines.append(bytes(line))
-    return lines
+    blocks = np.array(dots).reshape(rows // CELL_HEIGHT, CELL_HEIGHT, columns // CELL_WIDTH, CELL_WIDTH)
+    bits = blocks.transpose(0, 2, 3, 1).reshape(rows // CELL_HEIGHT, columns // CELL_WIDTH, -1)
+    return [line.tobytes() for line in np.packbits(bits, axis=-1, bitorder="little")]
 
 
-class DotPad:
+class DotPad(PortDriver[Line]):
     """The display on its line. A command is one number for each dot, row by row: above 0 it is up.
 
     connect        opens the line
     rows, columns  of dots that are expected
     """
 
+    name = NAME
     limits = Limits(float("inf"), float("inf"), float("inf"))
 
     def __init__(self, connect: Callable[[], Line], rows: int = 40, columns: int = 60) -> None:
-        self.connect, self.rows, self.columns = connect, rows, columns
-        self.size = rows * columns
-        self.line: Line | None = None
+        super().__init__(connect)
+        self.rows, self.columns, self.size = rows, columns, rows * columns
 
     def open(self) -> None:
         self.reader = PacketReader()
         self.shown: dict[int, bytes] = {}
         self.waiting: dict[int, bytes] = {}
-        self.line = self.connect()
+        self.port = self.connect()
         self.model = self._ask(NAME_REQUEST, NAME_REPLY).decode("ascii", errors="replace")
         reply = self._ask(BOARD_REQUEST, BOARD_REPLY)
         if len(reply) < BOARD.size:
@@ -134,44 +112,34 @@ class DotPad:
             )
 
     def _ask(self, command: int, reply: int) -> bytes:
-        assert self.line is not None
-        self.line.write(pack(Packet(0, command, 0, b"")))
+        self.port.write(pack(Packet(0, command, 0, b"")))
         deadline = time.monotonic() + PATIENCE
         while (left := deadline - time.monotonic()) > 0.0:
-            for packet in self.reader.feed(self.line.read(left)):
+            for packet in self.reader.feed(self.port.read(left)):
                 if packet.command == reply:
                     return packet.data
         raise DeviceError(f"the {NAME} does not answer. Is this its port, and is it switched on?")
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         """Send at most one changed line, and wait for its answer: a line takes milliseconds."""
-        if self.line is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
         lines = cells([c > 0.0 for c in command], self.rows, self.columns)
         changed = next((i for i, line in enumerate(lines) if self.shown.get(i) != line), None)
         if changed is None:
-            self.reader.feed(self.line.read(0.01))
+            self.reader.feed(self.port.read(0.01))
             return DeviceSample(time.monotonic_ns())
-        self.line.write(pack(Packet(self.first + changed, LINE_REQUEST, 0, b"\0" + lines[changed])))
+        self.port.write(pack(Packet(self.first + changed, LINE_REQUEST, 0, b"\0" + lines[changed])))
         deadline = time.monotonic() + PATIENCE
         while (left := deadline - time.monotonic()) > 0.0:
-            for packet in self.reader.feed(self.line.read(left)):
+            for packet in self.reader.feed(self.port.read(left)):
                 if packet.command == LINE_REPLY and packet.to == self.first + changed:
                     if packet.data[:1] == b"\0":
                         self.shown[changed] = lines[changed]
                     return DeviceSample(time.monotonic_ns())
         return None
 
-    def close(self) -> None:
-        if self.line is not None:
-            line, self.line = self.line, None
-            line.close()
 
-
-class EmulatedDotPad:
+class EmulatedDotPad(EmulatedDevice):
     """The display itself. dots: line of cells by number, as it shows them."""
-
-    period = 0.0
 
     def __init__(self, rows: int = 40, columns: int = 60) -> None:
         self.rows, self.columns = rows, columns
@@ -184,26 +152,11 @@ class EmulatedDotPad:
             if packet.command == NAME_REQUEST:
                 said.append(pack(Packet(0, NAME_REPLY, 0, b"DotPad320A")))
             elif packet.command == BOARD_REQUEST:
-                board = (
-                    GRAPHIC | TEXT,
-                    8,
-                    25,
-                    4,
-                    1,
-                    20,
-                    0,
-                    0,
-                    self.rows // CELL_HEIGHT,
-                    self.columns // CELL_WIDTH,
-                    0,
-                    0,
-                )
+                rows, columns = self.rows // CELL_HEIGHT, self.columns // CELL_WIDTH
+                board = (GRAPHIC | TEXT, 8, 25, 4, 1, 20, 0, 0, rows, columns, 0, 0)
                 said.append(pack(Packet(0, BOARD_REPLY, 0, BOARD.pack(*board))))
             elif packet.command == LINE_REQUEST:
                 self.dots[packet.to] = packet.data[1:]
                 said.append(pack(Packet(packet.to, LINE_REPLY, packet.sequence, b"\0")))
                 said.append(pack(Packet(packet.to, LINE_DONE, packet.sequence, b"\0")))
         return said
-
-    def say(self, now: int) -> bytes:
-        return b""

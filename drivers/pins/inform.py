@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
@@ -112,10 +113,8 @@ class InForm:
             line.close()
 
 
-class EmulatedBoards:
+class EmulatedBoards(EmulatedDevice):
     """The boards on one line. heights: what each pin shows, 0 .. 1, by board."""
-
-    period = 0.0
 
     def __init__(self, index: int) -> None:
         self.index = index
@@ -139,6 +138,3 @@ class EmulatedBoards:
             if kind == ASK:
                 said.append(bytes((REPLY, board)) + body)
         return said
-
-    def say(self, now: int) -> bytes:
-        return b""

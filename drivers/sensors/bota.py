@@ -12,7 +12,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from palpate.drivers.checksums import crc16_x25
+from palpate.drivers.connected import PortDriver
+from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.framing import FrameReader
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
 from palpate.drivers.transport.serial import Line
@@ -43,55 +46,37 @@ def frame(reading: Reading) -> bytes:
     return HEADER + body + struct.pack("<H", crc16_x25(body))
 
 
-class BotaFrameReader:
-    """Finds frames in the received bytes. wrong [1]: bytes that belonged to none."""
+class BotaFrameReader(FrameReader[Reading]):
+    """Finds the frames of the sensor."""
 
-    def __init__(self) -> None:
-        self._rest = b""
-        self.wrong = 0
+    head = HEADER
 
-    def feed(self, data: bytes) -> list[Reading]:
-        """Take bytes; the frames among all that came."""
-        rest, readings, at = self._rest + data, [], 0
-        while True:
-            start = rest.find(HEADER, at)
-            if start < 0:
-                self.wrong += len(rest) - at
-                at = len(rest)
-                break
-            self.wrong += start - at
-            at = start
-            if len(rest) - at < FRAME:
-                break
-            body, check = rest[at + 1 : at + 1 + BODY.size], rest[at + 1 + BODY.size : at + FRAME]
-            if crc16_x25(body) == int.from_bytes(check, "little"):
-                status, *wrench, stamp, warmth = BODY.unpack(body)
-                readings.append(Reading(status, tuple(wrench), stamp, warmth))
-                at += FRAME
-            else:
-                self.wrong += 1
-                at += 1
-        self._rest = rest[at:]
-        return readings
+    def parse(self, data: bytes) -> tuple[Reading | None, int]:
+        body, check = data[1 : 1 + BODY.size], data[1 + BODY.size : FRAME]
+        if len(data) < FRAME or crc16_x25(body) != int.from_bytes(check, "little"):
+            return None, FRAME
+        status, *wrench, stamp, warmth = BODY.unpack(body)
+        return Reading(status, tuple(wrench), stamp, warmth), FRAME
 
 
-class Bota:
+class Bota(PortDriver[Line]):
     """The sensor behind a line.
 
     connect  opens the line
     sinc     length of its filter: 51 200 / sinc frames a second
     """
 
+    name = NAME
     limits = Limits(0.0, 0.0, float("inf"))
     size = 0
 
     def __init__(self, connect: Callable[[], Line], sinc: int = 57) -> None:
-        self.connect, self.sinc = connect, sinc
-        self.line: Line | None = None
+        super().__init__(connect)
+        self.sinc = sinc
 
     def open(self) -> None:
         self.reader = BotaFrameReader()
-        self.line = self.connect()
+        self.port = self.connect()
         self._ask("C")
         self._ask("c,0,1,0,4")  # no temperature compensation, calibrated, binary, 460 800 baud
         self._ask(f"f,{self.sinc},0,0,1")
@@ -99,17 +84,15 @@ class Bota:
 
     def _ask(self, command: str) -> None:
         """One command and its answer; asked again while the sensor is still streaming frames or starting up."""
-        assert self.line is not None
         answer, deadline = f"r,0,{command[0]},0".encode(), time.monotonic() + SETUP
         heard = b""
         while time.monotonic() < deadline:
-            self.line.write(command.encode())
+            self.port.write(command.encode())
             pause = time.monotonic() + 0.25
             while time.monotonic() < pause:
-                heard = (heard + self.line.read(0.05))[-4096:]
-                if answer in heard or (
-                    command == "R" and BotaFrameReader().feed(heard)
-                ):  # frames say that it runs, too
+                heard = (heard + self.port.read(0.05))[-4096:]
+                runs = command == "R" and BotaFrameReader().feed(heard)  # frames say so, too
+                if answer in heard or runs:
                     return
         what = "nothing" if not heard else f"{len(heard)} bytes without its answer"
         raise DeviceError(
@@ -117,22 +100,15 @@ class Bota:
         )
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        if self.line is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
         deadline = time.monotonic() + PATIENCE
         while (left := deadline - time.monotonic()) > 0.0:
-            readings = [r for r in self.reader.feed(self.line.read(left)) if not r.status & INVALID]
+            readings = [r for r in self.reader.feed(self.port.read(left)) if not r.status & INVALID]
             if readings:
                 return DeviceSample(time.monotonic_ns(), wrench=readings[-1].wrench)
         return None
 
-    def close(self) -> None:
-        if self.line is not None:
-            line, self.line = self.line, None
-            line.close()
 
-
-class EmulatedBota:
+class EmulatedBota(EmulatedDevice):
     """The sensor itself, for `emulate.line.EmulatedLine`. `wrench` tells what acts on it at a time [ns]."""
 
     def __init__(self, wrench: Callable[[int], tuple[float, ...]]) -> None:

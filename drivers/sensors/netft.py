@@ -19,6 +19,7 @@ import xml.etree.ElementTree as xml
 from collections.abc import Callable
 from typing import NamedTuple
 
+from palpate.drivers.connected import PortDriver
 from palpate.drivers.emulate.faults import Days, EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
@@ -46,8 +47,7 @@ class Scale(NamedTuple):
     torque: float
 
 
-LEAST, MOST = 1e-9, 1e12
-"""[1] Counts per unit beyond which no sensor is: real ones have 1e3 to 1e9."""
+LEAST, MOST = 1e-9, 1e12  # [1] counts per unit beyond which no sensor is: real ones have 1e3 to 1e9
 
 
 def scale(text: bytes) -> Scale:
@@ -68,27 +68,27 @@ def scale(text: bytes) -> Scale:
     return Scale(FORCES[units[0]] / force, TORQUES[units[1]] / torque)
 
 
-class NetFT:
+class NetFT(PortDriver[Udp]):
     """The sensor at an address.
 
     host   of the sensor
     rdt    its UDP port; web: its HTTP port
     """
 
+    name = NAME
     limits = Limits(0.0, 0.0, float("inf"))
     size = 0
 
     def __init__(self, host: str, rdt: int = PORT, web: int = 80) -> None:
-        self.host, self.rdt, self.web = host, rdt, web
-        self.link: Udp | None = None
-        self.lost = 0
-        """[1] samples whose number was left out."""
+        super().__init__(lambda: Udp(host, rdt, NAME))
+        self.host, self.web = host, web
+        self.lost = 0  # [1] samples whose number was left out
 
     def open(self) -> None:
         if not self.host:
             raise DeviceError(f"the {NAME} is on the network: give its address as `port`, 192.168.1.1 as delivered.")
         self.scale = scale(self._page())
-        self.link = Udp(self.host, self.rdt, NAME)
+        self.port = self.connect()
         self.number = -1
         self._ask(STREAM)
 
@@ -104,14 +104,11 @@ class NetFT:
             ) from None
 
     def _ask(self, command: int) -> None:
-        assert self.link is not None
-        self.link.write(REQUEST.pack(MAGIC, command, 0))
+        self.port.write(REQUEST.pack(MAGIC, command, 0))
         self.asked = time.monotonic()
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        if self.link is None:
-            raise DeviceError(f"the {NAME} is not open", lost=True)
-        samples = [data for data in burst(self.link.read, PATIENCE) if len(data) == SAMPLE.size]
+        samples = [data for data in burst(self.port.read, PATIENCE) if len(data) == SAMPLE.size]
         if not samples:
             if time.monotonic() - self.asked > RENEW:
                 self._ask(STREAM)
@@ -127,11 +124,9 @@ class NetFT:
         )
 
     def close(self) -> None:
-        if self.link is not None:
-            link, self.link = self.link, None
-            with contextlib.suppress(DeviceError):
-                link.write(REQUEST.pack(MAGIC, STOP, 0))
-            link.close()
+        with contextlib.suppress(DeviceError):
+            self.port.write(REQUEST.pack(MAGIC, STOP, 0))
+        super().close()
 
 
 class EmulatedNetFT:

@@ -7,6 +7,8 @@ aside: a Falcon wants baud divisors that a serial line has no name for.
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
 from palpate.drivers.errors import DeviceError, package
@@ -64,10 +66,8 @@ class UsbFtdi:
                 self.device.detach_kernel_driver(0)
         except (NotImplementedError, self.usb.USBError):
             pass  # the claim below says what is wrong
-        try:
+        with self._told():
             self.util.claim_interface(self.device, 0)
-        except self.usb.USBError as error:
-            self._refused(error)
 
     def _choose(self, vendor: int, product: int, port: str, backend: Any) -> Any:
         try:
@@ -99,36 +99,33 @@ class UsbFtdi:
         except (ValueError, self.usb.USBError):
             return None  # not permitted, or it has none
 
-    def _refused(self, error: Any) -> None:
-        if error.errno == errno.EACCES:
-            raise DeviceError(
-                f"no permission for the {self.name}. `palpate devices --install-udev` writes the rule; then plug it in"
-                " again."
-            ) from None
-        if error.errno == errno.EBUSY:
-            raise DeviceError(f"the {self.name} is in use by another program. End that one.") from None
-        raise DeviceError(f"the {self.name} is gone ({error}). Plug it in again.", lost=True) from None
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """What USB refuses is a DeviceError that says what to do."""
+        try:
+            yield
+        except self.usb.USBError as error:
+            if error.errno == errno.EACCES:
+                raise DeviceError(
+                    f"no permission for the {self.name}. `palpate devices --install-udev` writes the rule; then plug it"
+                    " in again."
+                ) from None
+            if error.errno == errno.EBUSY:
+                raise DeviceError(f"the {self.name} is in use by another program. End that one.") from None
+            raise DeviceError(f"the {self.name} is gone ({error}). Plug it in again.", lost=True) from None
 
     def control(self, request: int, value: int) -> None:
-        try:
+        with self._told():
             self.device.ctrl_transfer(0x40, request, value, 0, None, TIMEOUT)
-        except self.usb.USBError as error:
-            self._refused(error)
 
     def write(self, data: bytes) -> None:
-        try:
+        with self._told():
             self.device.write(OUT, data, TIMEOUT)
-        except self.usb.USBError as error:
-            self._refused(error)
 
     def read(self, timeout: float) -> bytes:
-        try:
+        with self._told(), suppress(self.usb.USBTimeoutError):
             return bytes(self.device.read(IN, PACKET, max(1, round(timeout * 1e3))))
-        except self.usb.USBTimeoutError:
-            return b""
-        except self.usb.USBError as error:
-            self._refused(error)
-            return b""
+        return b""
 
     def close(self) -> None:
         self.util.dispose_resources(self.device)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from palpate.engine.faults import Fault
-from palpate.engine.graph import Graph, NodeSpec
+from palpate.engine.graph import Graph
 from palpate.nodes.base import inputs
 
 
@@ -41,13 +41,13 @@ def missing_senders(graph: Graph) -> list[Fault]:
 
 def running_nodes(graph: Graph) -> set[str]:
     """Names of the running nodes, observers included."""
-    may = {name for name, spec in graph.nodes.items() if spec.off is None}
-    queue = [name for name in graph.nodes if name in may and _is_root(graph.nodes[name])]
-    listening = [graph.nodes[name] for name in may if graph.nodes[name].observer]
+    may = {name: spec for name, spec in graph.nodes.items() if spec.off is None}
+    queue = [name for name, spec in may.items() if spec.cls.paced or spec.cls.sink or spec.observer]
+    listening = [spec for spec in may.values() if spec.observer]
     asked = set(graph.wanted or ()) | {s for spec in listening for s in spec.listen or ()}
-    queue += [n for n in graph.nodes if n in may and not asked.isdisjoint(graph.nodes[n].streams)]
+    queue += [name for name, spec in may.items() if not asked.isdisjoint(spec.streams)]
     if graph.wanted is None and any(spec.listen is None for spec in listening):
-        queue += [name for name in graph.nodes if name in may]
+        queue += may
     running: set[str] = set()
     while queue:
         name = queue.pop()
@@ -55,10 +55,6 @@ def running_nodes(graph: Graph) -> set[str]:
             running.add(name)
             queue += [e.producer for e in graph.nodes[name].edges]
     return running
-
-
-def _is_root(spec: NodeSpec) -> bool:
-    return spec.cls.paced or spec.cls.sink or spec.observer
 
 
 def skipped_nodes(graph: Graph, running: set[str]) -> dict[str, str]:

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from palpate.engine.plan import Plan
 
-SHARES = (0.05, 0.15, 0.3)
-"""Shares of the time of a tick from which a node is drawn darker."""
+SHARES = (0.05, 0.15, 0.3)  # shares of the time of a tick from which a node is drawn darker
 SHADES = ("#e8f1fa", "#bcd7ee", "#7fb2dd", "#4a90c8")
 
 

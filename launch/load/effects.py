@@ -61,15 +61,10 @@ def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Fau
             elif effect.how == "setting" and not choice.on:
                 mark = switch(spec.cls, effect)
                 spec.settings[effect.setting] = mark.without(spec.settings[effect.setting])
-        if choice.on and not any(_computes(spec, effect) for spec, effect in parts):
+        held = [switch(spec.cls, e).has(spec.settings[e.setting]) for spec, e in parts if e.how == "setting"]
+        if choice.on and len(held) == len(parts) and not any(held):
             at = ", ".join(f"{spec.name}.{effect.setting}" for spec, effect in parts)
             faults.add(f"effects: {name} is on, but {at} is at the value without it", "Give it another.", choice.place)
-
-
-def _computes(spec: NodeSpec, effect: Effect) -> bool:
-    if effect.how != "setting":
-        return True
-    return switch(spec.cls, effect).has(spec.settings[effect.setting])
 
 
 def _filled(name: str, nodes: dict[str, NodeSpec]) -> bool:

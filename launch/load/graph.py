@@ -56,8 +56,7 @@ class _Line(msgspec.Struct, rename={"inputs": "in", "offered": "with"}):
     offered: Any = None
     when: Any = None
     every: Annotated[
-        Annotated[int, msgspec.Meta(ge=1, le=MOST)] | None,
-        msgspec.Meta(description=f"a whole number from 1 to {MOST}"),
+        Annotated[int, msgspec.Meta(ge=1, le=MOST)] | None, msgspec.Meta(description=f"a whole number from 1 to {MOST}")
     ] = None
     restart: Annotated[bool | None, msgspec.Meta(description="true or false")] = None
 
@@ -107,7 +106,8 @@ def load_source(
     """The same from a graph that has been read already; `file` is what it is called."""
     faults = Faults()
     scene_source = read_scene(scene, source, faults)
-    changes = _overrides(overrides, faults)
+    parsed = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in overrides]
+    changes = [item for item in parsed if item is not None]
     written = uses(source)
     apply(changes, source, scene_source, faults)
     said = chosen_effects(source, scene_source, faults)
@@ -183,11 +183,6 @@ def _settle_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
             faults.add(f"only hands on what it sends itself: {' -> '.join([*way, name][::-1])}",
                        "Give it a sender that is not fed by it.", drafts[name].line.place("in"), node=name)  # fmt: skip
     return left
-
-
-def _overrides(given: Sequence[str | Override], faults: Faults) -> list[Override]:
-    overrides = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in given]
-    return [item for item in overrides if item is not None]
 
 
 def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[dict[str, _Draft], set[str]]:

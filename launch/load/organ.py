@@ -21,14 +21,12 @@ if TYPE_CHECKING:
     from palpate.engine.graph import Graph
     from palpate.launch.load.launchfile import LaunchFile
 
-FINGER = 8e-3
-"""[m] How far round its top the organ must bear the finger."""
+FINGER = 8e-3  # [m] how far round its top the organ must bear the finger
 STEEPEST = 10e-3
 """[m] By how much more or less than the scene's own surface the organ may fall away under the hand's path."""
 SCALES = tuple(k / 10 for k in range(10, -1, -1))
 """[1] Of the path's horizontal extent: the first under which the organ lies is taken."""
-BETWEEN = 5
-"""Places between two points of the path at which this is looked at."""
+BETWEEN = 5  # places between two points of the path at which this is looked at
 
 
 @dataclass(frozen=True)

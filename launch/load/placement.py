@@ -17,8 +17,7 @@ from typing import Annotated
 import msgspec
 
 from palpate.engine.faults import Faults, choices
-from palpate.engine.force_path import force_path
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.files import PLACES, find_file
 from palpate.launch.load.values.lines import fill
 from palpate.launch.load.values.source import YamlSource, read
@@ -26,8 +25,7 @@ from palpate.launch.load.values.source import YamlSource, read
 FUSED = "fused"
 AUTO = "auto"
 APART = "apart"
-BUILT_IN = (FUSED, AUTO, APART)
-"""Placements without a file."""
+BUILT_IN = (FUSED, AUTO, APART)  # placements without a file
 SHARE = 0.5
 """[1] of a period that the steps of the force path may take in the median: the rest is for what they take at worst."""
 AWAY = 100.0

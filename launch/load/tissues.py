@@ -24,25 +24,12 @@ if TYPE_CHECKING:
 
 TISSUES = Path(next(iter(palpate.graphs.__path__))).resolve() / "tissues"
 NEEDED = (
-    "tissue",
-    "species",
-    "state",
-    "test",
-    "strain",
-    "rate",
-    "law",
-    "parameters",
-    "shear",
-    "grade",
-    "read",
-    "source",
-)
+    "tissue", "species", "state", "test", "strain", "rate", "law", "parameters", "shear", "grade", "read", "source",
+)  # fmt: skip
 MORE = ("n", "spread", "doi", "remark", "relaxation", "scene")
 GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
-PLAIN = ("alpha", "b")
-"""Parameters without a unit."""
-RATIO = 0.499
-"""Poisson's ratio where the record has no bulk modulus."""
+PLAIN = ("alpha", "b")  # parameters without a unit
+RATIO = 0.499  # Poisson's ratio where the record has no bulk modulus
 
 
 def material(record: Mapping[str, Any]) -> Material:

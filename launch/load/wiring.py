@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -16,8 +17,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
 from palpate.nodes.base import Node, Port, inputs
 
-Kinds = dict[str, dict[str, type[Message]]]
-"""Of each node its streams and their message types."""
+Kinds = dict[str, dict[str, type[Message]]]  # of each node its streams and their message types
 
 
 @dataclass
@@ -48,14 +48,7 @@ def find_streams(given: str, kinds: Kinds) -> list[str]:
     return [s for s, kind in own.items() if not message or kind.__name__ == message]
 
 
-def wires(
-    name: str,
-    cls: type[Node],
-    line: YamlSource,
-    kinds: Kinds,
-    unclear: set[str],
-    faults: Faults,
-) -> list[Wire]:
+def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> list[Wire]:
     """The connected inputs of a node in port order; what is wrong becomes faults.
 
     kinds    streams with their types, by node
@@ -115,9 +108,8 @@ def wires(
                            "Name another edge of the loop.", where, node=name, port=port.name)  # fmt: skip
             held = cls.paced or bool(named and not driving)
             if named is False and cls.paced:
-                faults.add(
-                    "loop: all inputs of a source are held", "Leave `loop` out.", where, node=name, port=port.name
-                )
+                text = "loop: all inputs of a source are held"
+                faults.add(text, "Leave `loop` out.", where, node=name, port=port.name)
             producer = stream.partition(".")[0]
             connections.append(Wire(name, port, producer, stream, where, driving, held, named))
     return connections
@@ -142,6 +134,7 @@ def _match(
     faults: Faults,
 ) -> str | None:  # fmt: skip
     """The sender's stream that fits the port."""
+    fault = partial(faults.add, place=place, node=name, port=port.name)
     node, _, message = sender.partition(".")
     expects = f"expects {port.type.__name__}"
     fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
@@ -149,29 +142,24 @@ def _match(
         return None
     if node not in kinds:
         cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, fit, unclear)}".strip()
-        faults.add(f"{expects}; there is no node {node!r}", cure, place,
-                   node=name, port=port.name)  # fmt: skip
+        fault(f"{expects}; there is no node {node!r}", cure)
         return None
     own = kinds[node]
     if not own:
-        faults.add(f"{expects}, but {node!r} sends nothing", _who(port, fit, unclear), place, node=name, port=port.name)
+        fault(f"{expects}, but {node!r} sends nothing", _who(port, fit, unclear))
         return None
     if message and message not in {kind.__name__ for kind in own.values()}:
         sends = [kind.__name__ for kind in own.values()]
-        faults.add(f"{expects}; {node!r} sends no {message!r}", choices(f"{node!r} sends", message, sends), place,
-                   node=name, port=port.name)  # fmt: skip
+        fault(f"{expects}; {node!r} sends no {message!r}", choices(f"{node!r} sends", message, sends))
         return None
     named = find_streams(sender, kinds)
     right = [s for s in named if issubclass(own[s], port.type)]
     if not right:
         what = ", ".join(own[s].__name__ for s in named)
-        faults.add(
-            f"{expects}, but {sender!r} sends {what}", _who(port, fit, unclear), place, node=name, port=port.name
-        )
+        fault(f"{expects}, but {sender!r} sends {what}", _who(port, fit, unclear))
         return None
     if len(right) > 1:
-        faults.add(f"{expects}, and {node!r} sends several", f"Write one of: {', '.join(right)}.", place,
-                   node=name, port=port.name)  # fmt: skip
+        fault(f"{expects}, and {node!r} sends several", f"Write one of: {', '.join(right)}.")
     return right[0]
 
 
@@ -222,20 +210,14 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
 
 def _way(after: dict[str, list[str]], start: str, end: str) -> list[str] | None:
     """A shortest way along direct edges, from start to end, both included."""
-    came: dict[str, str | None] = {start: None}
-    queue = [start]
-    for node in queue:
-        if node == end:
-            way = []
-            step: str | None = node
-            while step is not None:
-                way.append(step)
-                step = came[step]
-            return way[::-1]
-        for follower in after[node]:
-            if follower not in came:
-                came[follower] = node
-                queue.append(follower)
+    ways, seen = [[start]], {start}
+    for way in ways:
+        if way[-1] == end:
+            return way
+        for follower in after[way[-1]]:
+            if follower not in seen:
+                seen.add(follower)
+                ways.append([*way, follower])
     return None
 
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 
-from palpate.engine.force_path import force_path
 from palpate.engine.graph import places
 from palpate.engine.job import Job, node_job, observer_job
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.placement import Placement, ProcessGroup
 from palpate.nodes.base import inputs
 
@@ -66,12 +65,10 @@ def jobs(
 def spared(plan: Plan) -> frozenset[str]:
     """Nodes that a run on the real clock goes on without: those that the graph has only when the scene calls for them
     (`when:`), if all of their readers can do without. Not a ledger: who asked for it does not want to touch without."""
-    needed = {
-        edge.producer
-        for name in plan.order
-        for edge in plan.edges[name]
-        if not {port.name: port.optional for port in inputs(plan.graph.nodes[name].cls)}[edge.port]
-    }
+    needed = set()
+    for name in plan.order:
+        optional = {port.name for port in inputs(plan.graph.nodes[name].cls) if port.optional}
+        needed |= {edge.producer for edge in plan.edges[name] if edge.port not in optional}
     nodes = plan.graph.nodes
     return frozenset(n for n in plan.order if nodes[n].when and nodes[n].cls.effect != "energy" and n not in needed)
 

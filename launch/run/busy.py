@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 
-SPARE = 0.5
-"""Cores that may be taken though nothing goes on: the load average is that of the last minute."""
+SPARE = 0.5  # cores that may be taken though nothing goes on: the load average is that of the last minute
 
 
 def busy(own: float = 0.0) -> str:

@@ -32,8 +32,7 @@ class Ending:
         self._members, self._control, self._forkserver, self._real, self._note = members, wires, forkserver, real, note
         self._quit_at: float | None = None
         self._deadline: float | None = None
-        self.closed = False
-        """Whether all nodes have ended: only observers are left."""
+        self.closed = False  # whether all nodes have ended: only observers are left
 
     @property
     def near(self) -> bool:

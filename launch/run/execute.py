@@ -15,9 +15,8 @@ import msgspec
 from rich.console import Console
 
 from palpate.engine.faults import Faults
-from palpate.engine.force_path import force_path
 from palpate.engine.graph import Graph
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.placement import APART, AUTO, Placement, auto
@@ -26,10 +25,9 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs, spared
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.result import Result
+from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.sources import record_sources
-from palpate.launch.run.verdict import Verdict, verdict
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import run_fused
@@ -108,7 +106,9 @@ def execute(
     clock = _clock(launch, planned)
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
-    crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
+    crowded = False
+    if fit_cores and launch.place is None and clock == "real":  # nodes of the force path wait for a core: on two cores
+        crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))  # nine processes do not keep 1 kHz
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
@@ -166,24 +166,14 @@ def execute(
         if made and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
     if crowded:
+        groups_by = "; ".join(f"{group.name}: {group.why}" for group in place.groups)
         result.notes.append(
-            f"placed as --place {AUTO} ({_placed(place)}), as there are fewer cores than nodes on the force path; "
+            f"placed as --place {AUTO} ({groups_by}), as there are fewer cores than nodes on the force path; "
             f"--place {APART}: a process for each"
         )
     result.health = {name: result.health[name] for name in names if name in result.health}
     kept = verdict(result, planned, ticks) if clock == "real" else None
     return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
-
-
-def _placed(place: Placement) -> str:
-    """The processes of `auto`, and why."""
-    return "; ".join(f"{group.name}: {group.why}" for group in place.groups)
-
-
-def _crowded(planned: Plan) -> bool:
-    """Whether the force path has more nodes than this process may use cores: then they wait for one another, and on two
-    cores nine processes do not keep 1 kHz."""
-    return len(force_path(planned)) > len(os.sched_getaffinity(0))
 
 
 def _clock(launch: LaunchFile, planned: Plan) -> str:

@@ -19,36 +19,13 @@ import zmq
 
 from palpate.engine.clock import now
 from palpate.engine.job import Job, members
+from palpate.launch.run import reports
 from palpate.launch.run.barrier import Barrier
 from palpate.launch.run.descendants import awake, stopped
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
-from palpate.launch.run.lost import lost
-from palpate.launch.run.member import WorkerHandle
-from palpate.launch.run.reports import (
-    Alive,
-    Beat,
-    End,
-    Exited,
-    Go,
-    Gone,
-    Hello,
-    Kill,
-    Linked,
-    NodeFault,
-    NodesEnded,
-    Note,
-    Paused,
-    Prepare,
-    Ready,
-    Report,
-    Start,
-    Started,
-    Starting,
-    Stop,
-    Take,
-)
+from palpate.launch.run.member import WorkerHandle, lost
 from palpate.launch.run.result import Death, Result
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.wire.wires import ControlChannel, blocked_by
@@ -99,8 +76,7 @@ class Launcher:
         self.show, self.printed, self.died = show, printed, died
         self.run_id = f"{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.result = Result()
-        self.origin = 0
-        """[ns] of the machine's monotonic clock at tick 0, once the run has begun."""
+        self.origin = 0  # [ns] of the machine's monotonic clock at tick 0, once the run has begun
         self.phase = "starting"
         self._real = any(job.clock == "real" for job in jobs)
         self._interrupts: list[int] = []
@@ -109,8 +85,7 @@ class Launcher:
         self._ended = 0.0
         self._tail: list[str] = []
         self._beat = 0.0
-        self._abreast = False
-        """Whether all reports that have come were taken."""
+        self._abreast = False  # whether all reports that have come were taken
         try:
             self._control = ControlChannel(self.run_id, self.jobs, address, key)
         except OSError:
@@ -161,7 +136,7 @@ class Launcher:
     def _run(self) -> None:
         try:
             modules = {given.cls.rpartition(".")[0] for job in self.jobs.values() for given in members(job)}
-            self.forkserver.ask(Prepare(sorted(modules)))
+            self.forkserver.ask(reports.Prepare(sorted(modules)))
             for member in self.members.values():
                 if not member.joined:
                     self._fork(member)
@@ -180,7 +155,9 @@ class Launcher:
         self._control.expect(member.job.group)
         member.forked()
         control = self._control
-        self.forkserver.ask(Start(member.job, self.run_id, control.control, control.reports, self.key, control.guarded))
+        self.forkserver.ask(
+            reports.Start(member.job, self.run_id, control.control, control.reports, self.key, control.guarded)
+        )
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
@@ -197,7 +174,9 @@ class Launcher:
             for answer in self.forkserver.answers():
                 self._answer(answer)
             if self.forkserver.process.poll() is not None:
-                self._lost_forkserver()
+                self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
+                for member in self.members.values():
+                    member.state = "gone"
         if len(self._interrupts) > self._heeded:
             self._interrupt()
         self._check_time()
@@ -218,42 +197,42 @@ class Launcher:
             self._take(self.members[addressed.group], addressed.report)
         return addressed is not None
 
-    def _take(self, member: WorkerHandle, report: Report) -> None:
-        if member.state == "gone" and not isinstance(report, Alive):
+    def _take(self, member: WorkerHandle, report: reports.Report) -> None:
+        if member.state == "gone" and not isinstance(report, reports.Alive):
             return  # overtaken by the end of its process, which says the same
-        if not self._ending.closed or not isinstance(report, Alive) or self._progress(report):
+        if not self._ending.closed or not isinstance(report, reports.Alive) or self._progress(report):
             member.heard()
         match report:
-            case Hello():
-                self._control.tell(f"join-{member.job.group}", Take(member.job, self.run_id))
-            case Starting(node, kernels):
+            case reports.Hello():
+                self._control.tell(f"join-{member.job.group}", reports.Take(member.job, self.run_id))
+            case reports.Starting(node, kernels):
                 member.busy, member.kernels = node, kernels
-            case Ready():
+            case reports.Ready():
                 self._ready(member, report)
-            case Linked():
+            case reports.Linked():
                 self._linked(member)
-            case Alive(nodes, foreign, awaits):
+            case reports.Alive(nodes, foreign, awaits):
                 self.result.health.update(msgspec.to_builtins(nodes))
                 member.foreign = foreign
                 member.waits(awaits)
-            case Paused(tick):
+            case reports.Paused(tick):
                 member.paused = tick
                 ticks = [lead.paused for lead in self._leads()]
                 if None not in ticks:
-                    self._control.tell("*", End(max(tick for tick in ticks if tick is not None)))
-            case NodeFault():
+                    self._control.tell("*", reports.End(max(tick for tick in ticks if tick is not None)))
+            case reports.NodeFault():
                 self._died(member, report)
-            case Note(text):
+            case reports.Note(text):
                 self.result.notes.append(text)
                 self.printed(text + "\n")
-            case NodesEnded(clean_exit):
+            case reports.NodesEnded(clean_exit):
                 member.flushed, member.clean_exit = True, clean_exit
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
                 self._left(member)
 
-    def _progress(self, report: Alive) -> bool:
+    def _progress(self, report: reports.Alive) -> bool:
         """Whether observers, to whom nobody sends any more, still take what was sent."""
         return any(
             self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
@@ -264,11 +243,11 @@ class Launcher:
         if member.joined:
             self._is_gone(member)
 
-    def _ready(self, member: WorkerHandle, report: Ready) -> None:
+    def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
         if not self._barrier.ready(member, report):
             return
         if self._real and not any(lead.alive for lead in self._leads()):
-            self._control.tell(member.job.group, Stop())  # started again too late: the run has ended meanwhile
+            self._control.tell(member.job.group, reports.Stop())  # started again too late: the run has ended meanwhile
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
             self._barrier.link(member)
@@ -280,8 +259,10 @@ class Launcher:
         member.state = "linked"
         if self.phase == "linking" and self._barrier.all("linked"):
             self._go()
-        elif self.phase == "running":
-            self._back(member)
+        elif self.phase == "running":  # it was started again, and joins the run
+            self._control.tell(member.job.group, reports.Go(self.origin))
+            member.state = "running"
+            self._tell_gone({node.name for node in member.job.nodes}, back=True)
 
     def _go(self) -> None:
         self.phase = "running"
@@ -289,20 +270,14 @@ class Launcher:
         self.result.start = self._started - self.begun
         self.result.origin = self._started
         self.origin = now() + (HEAD_START if self._real else 0)
-        self._control.tell("*", Go(self.origin))
+        self._control.tell("*", reports.Go(self.origin))
         for member in self.members.values():
             member.state = "running"
             member.heard()
 
-    def _back(self, member: WorkerHandle) -> None:
-        """A worker that was started again joins the run."""
-        self._control.tell(member.job.group, Go(self.origin))
-        member.state = "running"
-        self._tell_gone({node.name for node in member.job.nodes}, back=True)
-
     # -- trouble -------------------------------------------------------------------------------------------------
 
-    def _died(self, member: WorkerHandle, fault: NodeFault) -> None:
+    def _died(self, member: WorkerHandle, fault: reports.NodeFault) -> None:
         member.state = "failed"
         death = Death(fault.node or member.names, fault.where, fault.text, fault.trace)
         self.result.deaths.append(death)
@@ -330,11 +305,11 @@ class Launcher:
 
     def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
         blocked = blocked_by(self.jobs.values(), nodes)
-        self._control.tell("*", Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
+        self._control.tell("*", reports.Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
 
-    def _answer(self, answer: Started | Exited) -> None:
+    def _answer(self, answer: reports.Started | reports.Exited) -> None:
         member = self.members[answer.group]
-        if isinstance(answer, Started):
+        if isinstance(answer, reports.Started):
             member.pid, member.keeper = answer.pid, answer.keeper
             return
         # Its last words were sent before its end, but may come after the news of it; on a busy machine long after, and
@@ -347,7 +322,7 @@ class Launcher:
             how = f"killed by {signal.Signals(-status).name}" if status < 0 else f"exit code {status}"
             self._listen()
             trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
-            self._died(member, NodeFault("", "process", f"its process ended: {how}", trace))
+            self._died(member, reports.NodeFault("", "process", f"its process ended: {how}", trace))
         member.pid = member.keeper = None
         if member.state == "restarting":
             self._fork(member)
@@ -361,11 +336,6 @@ class Launcher:
 
     def _leads(self) -> list[WorkerHandle]:
         return [member for member in self.members.values() if member.job.leads]
-
-    def _lost_forkserver(self) -> None:
-        self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
-        for member in self.members.values():
-            member.state = "gone"
 
     def _interrupt(self) -> None:
         """The first Ctrl-C stops the run in order, a second one at once."""
@@ -386,7 +356,7 @@ class Launcher:
         if moment - self._beat > BEAT:
             self._beat = moment
             if self.address:
-                self._control.tell("*", Beat())
+                self._control.tell("*", reports.Beat())
             for pid in (self.forkserver.process.pid, *(m.keeper for m in self.members.values() if m.keeper)):
                 awake(pid)  # who would never tell of a worker's end
         self._ending.check(begun=self.phase not in ("starting", "linking"))
@@ -400,7 +370,7 @@ class Launcher:
             return
         gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
         if gone is not None:
-            self._died(gone[0], NodeFault("", "stream", gone[1]))
+            self._died(gone[0], reports.NodeFault("", "stream", gone[1]))
 
     def _limit(self, member: WorkerHandle) -> float:
         """For how long [s] a worker that was not stopped may be silent."""
@@ -421,7 +391,7 @@ class Launcher:
             if silence <= limit:
                 continue
             how = "it was stopped by a signal" if halted else "it hangs"
-            self.forkserver.ask(Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
+            self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
             before, until = len(self._tail), time.monotonic() + (0.05 if halted else 0.5)
             while len(self._tail) == before and time.monotonic() < until:
                 time.sleep(0.05)
@@ -429,6 +399,6 @@ class Launcher:
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
             text = f"no sign of life for {limit:.3g} s: {how}"
-            self._died(member, NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
-            self.forkserver.ask(Kill(group, int(signal.SIGKILL)))
+            self._died(member, reports.NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
+            self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
             self._left(member)

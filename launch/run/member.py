@@ -1,12 +1,13 @@
-"""One worker as the launcher sees it, and whether it hangs."""
+"""One worker as the launcher sees it, whether it hangs, and whether it waits for what was lost on its way."""
 
 from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from palpate.engine.job import Job, members
 from palpate.launch.run.reports import Ready
@@ -146,3 +147,32 @@ def able(passed: float, before: dict[str, Thread], now: dict[str, Thread]) -> fl
     if ready:
         return max(ready)
     return passed - max((new.queued - old.queued for old, new in pairs), default=0.0)
+
+
+def lost(
+    members: Iterable[WorkerHandle], health: Mapping[str, Mapping[str, Any]], signs: int
+) -> tuple[WorkerHandle, str] | None:
+    """The sender of a message that somebody still waits for so many signs of life after it was sent, and what is to be
+    told. Call it whenever all reports that have come were taken.
+
+    health  counters of the nodes by name. A sender that has stepped but is held back by another reader may not have
+            sent yet: it counts where it waits for a message itself, or has stepped once more
+
+    A reader's signs are counted from when the sender is known to be beyond the message: before, the reader may have
+    waited for long, for a sender that had much to compute.
+    """
+    members = list(members)
+    sent = {stream: (member, node.name) for member in members for node in member.job.nodes for stream in node.streams}
+    for member in members:
+        if member.awaits is None:
+            continue
+        stream, tick = member.awaits
+        sender, node = sent[stream]
+        counters = health.get(node)
+        if counters is None or counters["tick"] < tick + (sender.awaits is None):
+            member.awaited = None
+        elif member.awaited is None:
+            member.awaited = 0
+        elif member.awaited >= signs:
+            return sender, f"its message of tick {tick} has not come to {member.names}: it was lost on its way"
+    return None

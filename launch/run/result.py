@@ -1,8 +1,10 @@
-"""What is known of a run when it has ended."""
+"""What is known of a run when it has ended, and on the real clock whether it kept its rate."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+
+from palpate.engine.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -52,3 +54,72 @@ class Result:
     def interrupted(self) -> bool:
         """Whether the user stopped it."""
         return bool(self.signal)
+
+
+LATE, OVERDUE = 1e-3, 1e-2
+"""[1] Shares of the ticks that may be left out, and answered after the next one has begun, in a run that counts as real
+time."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How many of the ticks that were due were in time.
+
+    rate     [Hz]
+    due      ticks of the run
+    late     of them, those that the device left out
+    overdue  those whose force came when the next tick had begun, or not at all
+    """
+
+    rate: float
+    due: int
+    late: int
+    overdue: int
+
+    @property
+    def kept(self) -> bool:
+        """Whether the run counts as real time."""
+        return self.due > 0 and self.late <= LATE * self.due and self.overdue <= OVERDUE * self.due
+
+    def __str__(self) -> str:
+        if not self.due:
+            return f"not real time: no tick of {self.rate:g} Hz was run"
+        share = f"{_percent((self.due - self.late - self.overdue) / self.due)} of {self.due} ticks in time"
+        if self.kept:
+            return f"kept {self.rate:g} Hz: {share}"
+        late, overdue = _percent(self.late / self.due), _percent(self.overdue / self.due)
+        return f"not real time: {late} of {self.due} ticks left out, {overdue} answered after the next had begun"
+
+
+def verdict(result: Result, plan: Plan, ticks: int | None) -> Verdict | None:
+    """The verdict on a run on the real clock; None where no node keeps the time. `ticks`: those that it was to run."""
+    paced = [name for name in plan.order if plan.graph.nodes[name].cls.paced]
+    if not paced:
+        return None
+    due = ticks if ticks is not None and not result.interrupted and not result.deaths else result.ticks
+    late = overdue = 0
+    for name in paced:
+        every = plan.graph.nodes[name].every
+        asked = -(-due // every)
+        steps = result.health.get(name, {}).get("steps", 0)
+        late = max(late, asked - steps)
+        for edge in plan.edges[name]:
+            answers = result.health.get(edge.producer, {"steps": 0, "overdue": 0})
+            answered = answers["steps"] * plan.graph.nodes[edge.producer].every // every
+            overdue = max(overdue, answers["overdue"] + max(0, min(steps, asked) - answered))
+    late = min(max(late, 0), due)
+    return Verdict(plan.graph.rate, due, late, min(overdue, due - late))
+
+
+def _percent(share: float) -> str:
+    """As many digits as tell a good run from a perfect one."""
+    percent = 100.0 * share
+    return f"{percent:.2f} %" if percent > 99.0 or 0.0 < percent < 1.0 else f"{percent:.0f} %"
+
+
+TROUBLES = {
+    "late": "late: ticks that the clock left out, since a whole period had passed",
+    "lost": "lost: messages that a node skipped, or that did not arrive within a period",
+    "held": "held: steps that reused the previous value of an input",
+}
+"""What the columns of the table count, for a run in which one of them is not zero."""

@@ -15,8 +15,7 @@ from palpate.launch.run.result import Death, Result
 
 FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
 
-KERNELS = 150
-"""About as many as the kidney graph compiles."""
+KERNELS = 150  # about as many as the kidney graph compiles
 COMPILING = "compiling the kernels for this processor: once, 15 s to a minute; later runs start at once"
 
 
@@ -115,18 +114,8 @@ def tell(death: Death, console: Console) -> None:
 
 def table(result: Result, speed: dict[str, float] | None = None) -> Fitted:
     """One row per node; `speed` [Hz] while it runs, else the mean over the run."""
-    titles = (
-        "node",
-        "steps",
-        "rate\n[Hz]",
-        "p50\n[us]",
-        "p99\n[us]",
-        "longest\n[us]",
-        "late",
-        "lost",
-        "held",
-        "asleep",
-    )
+    timed = (f"{name}\n[us]" for name in ("p50", "p99", "longest"))
+    titles = ("node", "steps", "rate\n[Hz]", *timed, "late", "lost", "held", "asleep")
     rows = []
     for name, health in result.health.items():
         rate = speed.get(name, 0.0) if speed is not None else health["steps"] / result.wall if result.wall else 0.0

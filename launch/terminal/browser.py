@@ -13,7 +13,6 @@ import typer
 
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
-    from palpate.launch.run.launcher import Launcher
     from palpate.views.page.source import FrameSource
 
 
@@ -38,6 +37,7 @@ class RunPage:
     """The page that shows a run while it goes on. BadParameter, PalpateError: nothing can be opened.
 
     launch, graph  the run, changed so that there is something to see, and its graph
+    live           what the launcher updates, and that the run is over is told to
     silent         do not print the address
     """
 
@@ -54,19 +54,11 @@ class RunPage:
         if len(self.launch.placement(planned).groups) == 1 and self.launch.clock != "real":
             raise typer.BadParameter("--view: a run in one process on the simulated clock has no sockets; leave "
                                      "out --fused, or look at its recording: palpate view FILE")  # fmt: skip
-        self._watch = LiveView(planned)
-        self._server = serve(self._watch)
+        self.live = LiveView(planned)
+        self._server = serve(self.live)
         if not silent:
             typer.echo(f"view it at {self._server.address}", err=True)
         webbrowser.open(self._server.address)
-
-    def on_update(self, launcher: Launcher) -> None:
-        """Called by the launcher again and again."""
-        self._watch.on_update(launcher)
-
-    def over(self) -> None:
-        """The run has ended; the page stays."""
-        self._watch.over()
 
     def stay(self) -> None:
         """Until nobody looks at it any more, or Ctrl-C."""

@@ -1,7 +1,8 @@
-"""Errors of commands: in red on standard error, without traceback."""
+"""From folders of commands to the command line, and how their errors are told: in red, without traceback."""
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import Any
 
 import typer
@@ -9,6 +10,7 @@ from typer.core import TyperGroup
 
 from palpate.launch.terminal.output import say, tell
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.registry import modules
 
 
 class Verbs(TyperGroup):
@@ -61,3 +63,28 @@ class _Foreign(PalpateError):
 
     def to_spec(self) -> dict[str, Any]:
         return {"error": self.name, "text": self.args[0]}
+
+
+def group(package: ModuleType, **options: object) -> typer.Typer:
+    """The commands of a folder that has a `HELP`, see `palpate.launch.commands`; `options` go to typer."""
+    app = typer.Typer(no_args_is_help=True, help=package.HELP, **options)  # type: ignore[arg-type]
+    app.callback(help=package.HELP)(lambda: None)  # a group of one command stays a group
+    order = list(getattr(package, "ORDER", ()))
+    found = commands(package)
+    for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
+        if hasattr(found[name], "HELP"):
+            app.add_typer(group(found[name]), name=name)
+        else:
+            app.command(cls=getattr(found[name], "Command", None))(getattr(found[name], name))
+    return app
+
+
+def commands(package: ModuleType) -> dict[str, ModuleType]:
+    """The commands of a folder by name: files, and folders with a `HELP`; other folders only keep files apart."""
+    found: dict[str, ModuleType] = {}
+    for name, module in modules(package).items():
+        if hasattr(module, "__path__") and not hasattr(module, "HELP"):
+            found |= commands(module)
+        else:
+            found[name] = module
+    return found

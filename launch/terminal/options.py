@@ -12,8 +12,7 @@ import typer
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
 
-INTERRUPTED = 130
-"""Exit code of a run that Ctrl-C ended."""
+INTERRUPTED = 130  # exit code of a run that Ctrl-C ended
 
 
 def _names(incomplete: str) -> list[str]:
@@ -58,8 +57,7 @@ File = Annotated[Path, typer.Argument(help="Recording (.mcap).", metavar="FILE")
 Port = Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: any free port.", min=0, max=65535)]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")]
 ColourOption = Annotated[
-    str,
-    typer.Option("--colour", help="displacement, pressure, slip or strain (largest of the surface's triangles)."),
+    str, typer.Option("--colour", help="displacement, pressure, slip or strain (largest of the surface's triangles).")
 ]
 Fused = Annotated[bool, typer.Option("--fused", help="Run all nodes in one process.")]
 

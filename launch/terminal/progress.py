@@ -13,10 +13,8 @@ from palpate.launch.terminal.output import console
 if TYPE_CHECKING:
     from rich.console import Console
 
-OFTEN = 10.0
-"""[s] between lines in a log."""
-STEP = 0.1
-"""[1] Share of a stage for which a line is written where there is no terminal."""
+OFTEN = 10.0  # [s] between lines in a log
+STEP = 0.1  # [1] share of a stage for which a line is written where there is no terminal
 
 
 class Done(Protocol):

@@ -61,7 +61,7 @@ def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
 def _judge(outcome: RunOutcome) -> None:
     """Whether the run kept its rate, what its counters mean, and what would help."""
     from palpate.launch.load.placement import AUTO
-    from palpate.launch.run.verdict import TROUBLES
+    from palpate.launch.run.result import TROUBLES
 
     verdict = outcome.verdict
     assert verdict is not None

@@ -64,9 +64,7 @@ def home(node: ReducedFE, folder: Path) -> Path:
     return folder / (f"{name.rpartition('-')[0]}.npz" if (folder / INDEX).exists() else name)
 
 
-def make(
-    node: ReducedFE, path: Path, stages: Stages | None = None, commit: str | None = None
-) -> dict[str, float]:  # fmt: skip
+def make(node: ReducedFE, path: Path, stages: Stages | None = None, commit: str | None = None) -> dict[str, float]:
     """Build the basis of a node, and store it whole or not at all. Its errors [1] where it was not made from.
 
     SettingError: a surface or a material that no basis can be made of, or a folder that cannot be written to; said
@@ -78,16 +76,13 @@ def make(
             "Take --set model=sampled"
         )
     check_writable(path.parent)
-    try:
-        basis, missed = built(node, stages or Silent())
-        inputs = node.inputs()
-        provenance = {
-            "key": key(inputs), "inputs": inputs, "version": version("palpate"), "commit": commit,
-            "command": node.command(), "error": {name: round(value, 5) for name, value in missed.items()},
-        }  # fmt: skip
-        basis.save(path, json.dumps(provenance))
-    finally:
-        path.with_name(f"{path.name}.part.npz").unlink(missing_ok=True)
+    basis, missed = built(node, stages or Silent())
+    inputs = node.inputs()
+    provenance = {
+        "key": key(inputs), "inputs": inputs, "version": version("palpate"), "commit": commit,
+        "command": node.command(), "error": {name: round(value, 5) for name, value in missed.items()},
+    }  # fmt: skip
+    basis.save(path, json.dumps(provenance))
     index = path.with_name(INDEX)
     if index.exists():
         entries = json.loads(index.read_text(encoding="utf-8")) | {path.name: about(path)}

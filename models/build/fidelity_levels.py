@@ -62,8 +62,8 @@ def training(basis: SampledBasis, finger: bool) -> list[LoadPath]:
         return organ_touches(body, TOUCHES, SEEDS[0])
     touches = finger_touches(body, 2 * TOUCHES // 3, SEEDS[0])
     touches += finger_touches(body, TOUCHES // 3, SEEDS[1], pulled=True)
-    other, flip = mirror(surface.vertices), np.array([-1.0, 1.0, 1.0])
-    touches[1::2] = [LoadPath(t.foot * flip, t.normal * flip, t.load[other] * flip, t.levels) for t in touches[1::2]]
+    other = mirror(surface.vertices)
+    touches[1::2] = [touch.mirrored(other) for touch in touches[1::2]]
     return touches
 
 

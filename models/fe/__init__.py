@@ -14,22 +14,9 @@ from palpate.models.fe.solve.solver import ConvergenceError, Settings, Solver
 from palpate.physics.materials.hyperelastic import Material, MaterialError, constructor, laws
 
 __all__ = [
-    "ConvergenceError",
-    "Material",
-    "MaterialError",
-    "MeshError",
-    "Pair",
-    "Rigid",
-    "Settings",
-    "Solver",
-    "TetMesh",
-    "box",
-    "capsule",
-    "meshed",
-    "plane",
-    "quadratic",
-    "sphere",
-]
+    "ConvergenceError", "Material", "MaterialError", "MeshError", "Pair", "Rigid", "Settings", "Solver", "TetMesh",
+    "box", "capsule", "meshed", "plane", "quadratic", "sphere",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Callable[..., Material]:

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
-from palpate.models.fe.element.compiled import LAW, compiled
+from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material, rest_moduli
 
 ROW, COLUMN = np.array([0, 0, 1, 2, 2]), np.array([0, 2, 1, 0, 2])

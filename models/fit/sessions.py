@@ -37,7 +37,7 @@ STIFFNESS = (5.0, 1e5)
 LABELS = ("subject", "session")
 NEEDED = (*LABELS, "depth", "force")
 SHOWN = 20
-_HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*")
+HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*")
 
 
 class SessionError(PalpateError, ValueError):
@@ -114,25 +114,19 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
 
     SessionError: no such file, no such columns, no units, or rows that cannot be used.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file in UTF-8"
-        raise SessionError(f"{path}: cannot be read: {reason}") from None
-    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    numbered = [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+    numbered = numbered_lines(path)
     if not numbered:
         raise SessionError(f"{path}: empty; expected the columns subject, session, depth [mm], force [N]")
     head, body = numbered[0], numbered[1:]
-    separator = next((s for s in "\t;" if s in head[1]), ",")
-    header = _cells(path, *head, separator)
+    separator = separator_of(head[1])
+    header = cells_of(path, *head, separator)
     columns, factors, ignored = _header(path, header)
     if not body:
         raise SessionError(f"{path}: no rows after the header in row {head[0]}")
     faults: list[str] = []
     rows = []
     for number, line in body:
-        cells = _cells(path, number, line, separator)
+        cells = cells_of(path, number, line, separator)
         if len(cells) > len(header):
             faults.append(_too_many(path, number, cells, len(header), separator))
             continue
@@ -154,7 +148,24 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
     return [_subject(path, name, own, factors) for name, own in of.items()], ignored
 
 
-def _cells(path: Path, number: int, line: str, separator: str) -> list[str]:
+def numbered_lines(path: Path) -> list[tuple[int, str]]:
+    """The lines of a CSV file with their numbers, without empty ones and comments. SessionError: it cannot be read."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "not a text file in UTF-8"
+        raise SessionError(f"{path}: cannot be read: {reason}") from None
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return [(n, line) for n, line in enumerate(lines, 1) if line.strip() and not line.lstrip().startswith("#")]
+
+
+def separator_of(header: str) -> str:
+    """What parts the cells of a file with this header."""
+    return next((s for s in "\t;" if s in header), ",")
+
+
+def cells_of(path: Path, number: int, line: str, separator: str) -> list[str]:
+    """The cells of a line. SessionError: it is none of a CSV file."""
     try:
         return next(csv.reader([line], delimiter=separator))
     except csv.Error as error:
@@ -201,7 +212,7 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[str, int], dict[str, flo
     factors: dict[str, float] = {}
     faults, ignored = [], []
     for place, cell in enumerate(cells):
-        match = _HEAD.fullmatch(cell)
+        match = HEAD.fullmatch(cell)
         name = match["name"].lower() if match else cell
         if name in columns:
             faults.append(f"{path}, header: column {name!r} twice")

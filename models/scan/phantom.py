@@ -59,10 +59,9 @@ def scan(
         points = np.stack(np.meshgrid(x, y, z, indexing="ij"), -1)
         points = (points - MIDDLE) @ turn + MIDDLE
         light = np.full(points.shape[:-1], BRIGHTNESS["air"])
-        for outer, inner in (("skin", "skin"), ("tissue", "tissue"), ("bone", "bone")):
-            light[anatomy.level(outer, points) < 0] = BRIGHTNESS[inner]
-        light = light.mean(axis=1).T.reshape(pixels, parts[1], pixels, parts[2]).mean(axis=(1, 3))
-        volume[k] = light
+        for name in ("skin", "tissue", "bone"):
+            light[anatomy.level(name, points) < 0] = BRIGHTNESS[name]
+        volume[k] = light.mean(axis=1).T.reshape(pixels, parts[1], pixels, parts[2]).mean(axis=(1, 3))
     volume *= 1 + shading * (0.5 - np.linspace(0, 1, pixels))
     random = np.random.default_rng(seed)
     both = random.normal(scale=noise, size=(2, *volume.shape))

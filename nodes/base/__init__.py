@@ -17,20 +17,6 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "Effect",
-    "InputError",
-    "Node",
-    "Observer",
-    "Port",
-    "Setting",
-    "SettingError",
-    "Stream",
-    "Switch",
-    "Wants",
-    "convert",
-    "effects",
-    "inputs",
-    "outputs",
-    "part",
-    "settings",
-]
+    "Effect", "InputError", "Node", "Observer", "Port", "Setting", "SettingError", "Stream", "Switch", "Wants",
+    "convert", "effects", "inputs", "outputs", "part", "settings",
+]  # fmt: skip

@@ -7,20 +7,17 @@ from collections.abc import Sequence
 FALL = 4e-3
 """[s] in which a force falls from full to zero once what it is computed from is missing. With the time for which a node
 holds an input (7 ms) and a device its command (9 ms) it makes the 20 ms after which a dead node has no effect."""
-FADE = 20e-3
-"""[s] in which an optional effect fades out when its sender is gone, and in when it is back."""
+FADE = 20e-3  # [s] in which an optional effect fades out when its sender is gone, and in when it is back
 
 
-GAP = 9e-3
-"""[s] without a step, and three times the step before, in which a node stood still: a slow one is not meant."""
+GAP = 9e-3  # [s] without a step, and three times the step before, in which a node stood still: a slow one is not meant
 
 
 class Pace:
     """The time between the steps of a node."""
 
     def __init__(self) -> None:
-        self.usual = 0.0
-        """[s] The last step's, or the one before's where that was shorter."""
+        self.usual = 0.0  # [s] the last step's, or the one before's where that was shorter
         self._last = 0.0
 
     def update(self, dt: float) -> bool:

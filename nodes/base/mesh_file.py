@@ -14,14 +14,12 @@ from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.orient import edge_counts, outward
 
-LEAST_AREA = 1e-9
-"""[1] Of all triangles, over the square of the longest side."""
+LEAST_AREA = 1e-9  # [1] of all triangles, over the square of the longest side
 FORMATS = (".stl", ".ply", ".obj")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of what a fingertip may touch: beyond them the unit is wrong."""
-MOST_CHECKED = 50_000
-"""Triangles whose intersections are looked for, which takes 2 s."""
+MOST_CHECKED = 50_000  # triangles whose intersections are looked for, which takes 2 s
 MEND = "`palpate run kidney --organ {} --repair`"
 
 

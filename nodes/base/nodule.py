@@ -32,10 +32,7 @@ class WithNodule(OnSurface):
         mesh = self.mesh()
         if self.nodule_radius == 0.0:
             return np.ones(len(mesh.vertices))
+        centre = nodule_centre(mesh.vertices, mesh.normals, self.nodule_position, self.nodule_depth)
         return stiffness_map(
-            mesh.vertices, mesh.normals, self._centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
+            mesh.vertices, mesh.normals, centre, self.nodule_radius, self.nodule_ratio, self.nodule_reach
         )
-
-    def _centre(self) -> np.ndarray:
-        mesh = self.mesh()
-        return nodule_centre(mesh.vertices, mesh.normals, self.nodule_position, self.nodule_depth)

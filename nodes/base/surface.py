@@ -32,13 +32,11 @@ from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
 from palpate.physics.geometry.tessellate import tessellate
 
 SURFACES = ("kidney", "sphere", "plane", "fingertip")
-OPEN = ("plane",)
-"""The built-in surfaces that have a border."""
+OPEN = ("plane",)  # the built-in surfaces that have a border
 PLACE: Vector3 = (0.0, 0.0, 0.084)
 LEVEL: Vector3 = (0.0, 0.0, 0.0)
 PLANE_SIZE = 0.1
-FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3
-"""[m] Skin of the layered fingertip, see `fe.fingertip`."""
+FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingertip, see `fe.fingertip`
 
 
 class Placed(Node):
@@ -67,11 +65,7 @@ class OnSurface(Placed):
 
 @lru_cache(maxsize=4)
 def surface_mesh(
-    surface: str,
-    vertices: int,
-    position: Vector3 = LEVEL,
-    rotation: Vector3 = LEVEL,
-    file_unit: str = "m",
+    surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m"
 ) -> Mesh:
     """The triangle mesh of a surface, turned and moved to its place in the world.
 

@@ -10,8 +10,7 @@ from palpate.drivers.exchange import Driver, Exchange
 from palpate.drivers.guard import DeviceSample, Guard
 from palpate.nodes.base.node import Node
 
-EMULATOR = "emulator"
-"""The port at which there is no hardware."""
+EMULATOR = "emulator"  # the port at which there is no hardware
 SLOW = 0.9  # [1] answers per step below which the user is told
 
 

@@ -24,14 +24,10 @@ from palpate.physics.contact.series import (
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
 from palpate.physics.entry_point import entry_point
 
-FAR = 2e-3
-"""[m] From touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before."""
-STILL = 1e-9
-"""[m] Indentation below which an unloaded body counts as at rest."""
-LATE = 1.5
-"""[1] Steps of the contact after which a law is an old one."""
-RETURN = 0.1
-"""[s] in which the contact comes back to the whole approach when its body is back."""
+FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
+STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
+LATE = 1.5  # [1] steps of the contact after which a law is an old one
+RETURN = 0.1  # [s] in which the contact comes back to the whole approach when its body is back
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
 Heard = Surface | SeenSurface
@@ -94,13 +90,9 @@ class Series(Node):
 
         InputError: a law out of its range.
         """
-        k, n, c, free, previous = law = (
-            body.stiffness,
-            body.exponent,
-            body.damping,
-            body.rest_indentation,
-            body.previous_indentation,
-        )
+        k, n, c, free = body.stiffness, body.exponent, body.damping, body.rest_indentation
+        previous = body.previous_indentation
+        law = k, n, c, free, previous
         step, relaxation = body.step, body.relaxation
         if not _in_range(body):
             try:

@@ -11,7 +11,8 @@ from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.contacts import several
 from palpate.nodes.base.nodule import WithNodule
-from palpate.physics.bodies.beam_bed import LARGEST_FORCE, BeamFoundation
+from palpate.physics.bodies.beam_bed import BeamFoundation
+from palpate.physics.bodies.beam_bed_step import LARGEST_FORCE
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial

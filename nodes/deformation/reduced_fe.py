@@ -12,18 +12,7 @@ from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.contacts import several
 from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
-from palpate.nodes.deformation.basis_store import (
-    BUILDERS,
-    NEAR,
-    SHIPPED,
-    cache,
-    differences,
-    digest,
-    find,
-    key,
-    off,
-    shipped,
-)
+from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
@@ -40,8 +29,7 @@ BUILT_FROM = (
     "nodule_ratio", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on, or whether it needs dents."""
-LEAST = 1e-9
-"""[m/N] Compliance below which the body counts as rigid."""
+LEAST = 1e-9  # [m/N] compliance below which the body counts as rigid
 
 
 class ReducedFE(OnSurface):
@@ -238,11 +226,11 @@ class ReducedFE(OnSurface):
 
     def inputs(self) -> dict[str, Any]:
         """All that the basis depends on."""
-        inputs: dict[str, Any] = {"builder": BUILDERS[self._kind()], "surface": _name(self.surface)}
+        inputs: dict[str, Any] = {"builder": basis_store.BUILDERS[self._kind()], "surface": _name(self.surface)}
         if self.model == "sampled":
             inputs["modes"] = self.modes
         if self.model != "sampled" or self.surface != "fingertip":
-            inputs |= {"mesh": digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
+            inputs |= {"mesh": basis_store.digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
             if self.nodule_radius > 0:
                 inputs |= {"nodule": [*self.nodule_centre, self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:
@@ -251,7 +239,7 @@ class ReducedFE(OnSurface):
 
     def key(self) -> str:
         """The hash that the basis is found by."""
-        return key(self.inputs())
+        return basis_store.key(self.inputs())
 
     def filename(self) -> str:
         """Of a basis that is built for these settings."""
@@ -271,15 +259,15 @@ class ReducedFE(OnSurface):
 
         SettingError: none is stored for these settings, or it cannot be read, or is of another place or shape.
         """
-        stored = self.stored(SHIPPED, cache())
+        stored = self.stored(basis_store.SHIPPED, basis_store.cache())
         if stored is None:
             raise SettingError(
                 "no reduced basis is stored for these settings of model, surface, poisson, bed, coarse, nodule, "
                 f"capsule{self._nearest()}. Build it once: {self.command()}"
             )
         path, basis = stored
-        away = off(basis.vertices, self.coarse_mesh())
-        if away > NEAR:
+        away = basis_store.off(basis.vertices, self.coarse_mesh())
+        if away > basis_store.NEAR:
             raise SettingError(
                 f"{path}: its vertices lie up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
                 f"expected the same surface at the same place. Rebuild it: {self.command()} --force"
@@ -289,10 +277,10 @@ class ReducedFE(OnSurface):
     def _nearest(self) -> str:
         """What the shipped basis of this surface and kind was made from that these settings are not."""
         wanted = self.inputs()
-        for name, about in shipped().items():
+        for name, about in basis_store.shipped().items():
             made = about["inputs"]
             if made["surface"] == wanted["surface"] and ("modes" in made) == ("modes" in wanted):
-                changes = differences(made, wanted)
+                changes = basis_store.differences(made, wanted)
                 more = f" and {len(changes) - 3} more" if len(changes) > 3 else ""
                 return f"; of the shipped {name}, {'; '.join(changes[:3])}{more}"
         return ""
@@ -304,7 +292,7 @@ class ReducedFE(OnSurface):
         SettingError: one that cannot be read.
         """
         for folder in folders:
-            path = find(folder, self.key())
+            path = basis_store.find(folder, self.key())
             if path is not None:
                 try:
                     if self.model == "sampled":

@@ -30,7 +30,7 @@ class Falcon(Hardware):
             from palpate.drivers.falcon.emulator import IMAGE, EmulatedFalcon
 
             device = EmulatedFalcon(self.script(), self.faults, waits=True)
-            self.go = device.go
+            self.go = device.hand.go
             return falcon.FalconDriver(device.connect, lambda: IMAGE)
         image = (lambda: firmware.image(self.firmware)) if self.firmware else None
         return falcon.FalconDriver(lambda: UsbFtdi(VENDOR, PRODUCT, NAME, self.port), image)

@@ -7,8 +7,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import DeviceState, Force, Torque, Vector3
-from palpate.nodes.base import Node, SettingError
+from palpate.messages import DeviceState, Force, Torque
+from palpate.nodes.base import SettingError
+from palpate.nodes.device.hand import HeldGrip
 from palpate.physics.device.falcon import FALCON, HOME, reachable
 from palpate.physics.device.falcon_statics import torque_kernel
 from palpate.physics.device.grip import CLOCK, LINEAR, POSITION, grip_kernel
@@ -17,24 +18,15 @@ from palpate.physics.entry_point import entry_point
 ZERO = (0.0, 0.0, 0.0)
 
 
-class Follower(Node):
+class Follower(HeldGrip):
     """Settings of the hand, arm and grip of `device.Simulated` (docs/equations/controller.md), without its path.
 
     The node reports both angles, in whole encoder counts, and the exact position. It takes what the graph sends,
     torques or a force. Beyond the reach of the legs the grip stops.
-
-    begin   where the grip is at the start, world frame; origin: where the device's own frame lies in the world
-    mass    of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm
     """
 
     sink = True
 
-    begin: Annotated[Vector3, "m"] = HOME
-    origin: Annotated[Vector3, "m"] = ZERO
-    mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
-    damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
-    hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
-    hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
     resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
 
     def start(self) -> None:
@@ -45,14 +37,11 @@ class Follower(Node):
                 f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
                 f"reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
             )
-        self.constants = np.array(
-            [self.mass, self.damping, self.hand_stiffness, self.hand_damping, self.resolution, FALCON.limit]
-        )
         self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
         self.state[POSITION] = here
         self.goal = here
         self._end, self._points = np.zeros(1), np.array([here, here])
-        self._fixed = (self.geometry, self.constants, self.state, self.memory, self._end, self._points)
+        self._fixed = (self.geometry, self.constants(self.resolution), self.state, self.memory, self._end, self._points)
         self._shapes = np.array([LINEAR])
         self._move = entry_point(grip_kernel, *self._fixed, self._shapes, 0.0, 0.0, 0.0, 0.0)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.messages import Vector3
 from palpate.nodes.base import Node
-from palpate.physics.device.falcon import HOME
+from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.grip import LINEAR, MINIMUM_JERK
 
 
@@ -48,24 +48,37 @@ class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self.hold if self.hold is not None else self.time or 0.0
 
 
-class SimulatedOperator(Node):
-    """Settings of a hand that follows a scripted path, with a compliant arm:
+class HeldGrip(Node):
+    """Settings of a grip and the hand that holds it with a compliant arm:
 
-    begin     first point of the path, world frame; `path` goes on from there (see Segment) and ends at rest
-    speed_factor  of the speed that the path says: 2 follows it in half of the time
+    begin     where the grip is at the start, world frame
     origin    where the device's own frame lies in the world
     mass      of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm,
               both 0 when nobody holds the grip
     """
 
     begin: Annotated[Vector3, "m"] = HOME
-    path: Annotated[tuple[Segment, ...], "1"] = ()
-    speed_factor: Annotated[float, "1", msgspec.Meta(gt=0, le=1000)] = 1.0
     origin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.2
     damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
     hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
+
+    def constants(self, resolution: float) -> np.ndarray:
+        """What `grip_kernel` takes of these settings; resolution [rad] of the encoders."""
+        own = self.mass, self.damping, self.hand_stiffness, self.hand_damping
+        return np.array([*own, resolution, FALCON.limit])
+
+
+class SimulatedOperator(HeldGrip):
+    """Settings of a hand that follows a scripted path:
+
+    path      goes on from `begin` (see Segment) and ends at rest
+    speed_factor  of the speed that the path says: 2 follows it in half of the time
+    """
+
+    path: Annotated[tuple[Segment, ...], "1"] = ()
+    speed_factor: Annotated[float, "1", msgspec.Meta(gt=0, le=1000)] = 1.0
 
     def points(self) -> np.ndarray:
         """Where the segments begin and end [m] (n + 1,3), in the device's own frame."""

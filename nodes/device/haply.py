@@ -31,7 +31,7 @@ class Inverse3(Hardware):
     def driver(self) -> Driver:
         if self.port == EMULATOR:
             self.service = inverse3.EmulatedService(self.script(), self.faults, waits=True)
-            self.go = self.service.go
+            self.go = self.service.hand.go
             return inverse3.Inverse3(lambda: WebSocket(self.service.address, inverse3.NAME))
         address = self.port or inverse3.ADDRESS
         return inverse3.Inverse3(lambda: WebSocket(address, inverse3.NAME), self.device_id)
@@ -69,7 +69,7 @@ class Haply2Diy(Hardware):
         made = self.script()
         points = tuple(self._inwards(point) for point in made.points)
         device = diy.Emulated2Diy(replace(made, points=points), self.version, waits=True)
-        self.go = device.go
+        self.go = device.hand.go
         line = EmulatedLine(device, diy.BAUD, diy.NAME, self.faults)
         return diy.Haply2Diy(line.connect, self.version)
 

@@ -25,7 +25,7 @@ class RawHid(Hardware):
             from palpate.drivers.hid.emulator import EmulatedRawHid
 
             device = EmulatedRawHid(self.script(), self.faults, waits=True)
-            self.go = device.go
+            self.go = device.hand.go
             return raw.RawHidDriver(device.connect)
         return raw.RawHidDriver(lambda: UsbHid(raw.fits, raw.NAME, self.port))
 

@@ -57,15 +57,12 @@ class Simulated(SimulatedOperator):
 
     def start(self) -> None:
         self.geometry = FALCON.geometry
-        self.constants = np.array(
-            [self.mass, self.damping, self.hand_stiffness, self.hand_damping, self.resolution, FALCON.limit]
-        )
         self._way = (self.ends(), points := self.points(), self.shapes())
         self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
         self.state[POSITION] = points[0]
         self.random = np.random.Generator(np.random.PCG64(self.seed))
         self._torques, self._pace = Faded(FALL), Pace()
-        self._fixed = (self.geometry, self.constants, self.state, self.memory, *self._way)
+        self._fixed = (self.geometry, self.constants(self.resolution), self.state, self.memory, *self._way)
         self._grip = entry_point(grip_kernel, *self._fixed, 0.0, 0.0, 0.0, 0.0)
         first = self._move((0.0, 0.0, 0.0), 0.0)
         self.reports = deque([first] * (self.delay + 1), maxlen=self.delay + 1)

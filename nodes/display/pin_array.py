@@ -22,8 +22,7 @@ from palpate.physics.display.shape_display import (
     pad_displacement,
 )
 
-NEIGHBOURS = 9
-"""Surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh."""
+NEIGHBOURS = 9  # surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh
 
 
 class PinArray(OnSurface):
@@ -121,17 +120,11 @@ class PinArray(OnSurface):
         )
 
     def _from_force(self, force: float) -> tuple[float, bool]:
+        pad, compliance = self.finger, (1.0 - self.poisson**2) / self.modulus
         approach, radius = heights_from_force(
-            self.distance,
-            force,
-            self.finger.b,
-            self.finger.m,
-            1.0 / self.finger.radius,
-            (1.0 - self.poisson**2) / self.modulus,
-            self.curvature,
-            self.shape,
+            self.distance, force, pad.b, pad.m, 1.0 / pad.radius, compliance, self.curvature, self.shape
         )
-        return approach, radius <= VALID_RATIO * self.finger.radius
+        return approach, radius <= VALID_RATIO * pad.radius
 
     def _from_surface(self, contact: Contact, surface: Surface, approach: float) -> None:
         self._check(surface)

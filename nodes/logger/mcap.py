@@ -30,8 +30,7 @@ class _Time(msgspec.Struct, gc=False):
 
 
 _TIME = msgspec.msgpack.Decoder(_Time)
-CHECK = 0.2
-"""[s] between the messages that are kept of a stream that can be computed again."""
+CHECK = 0.2  # [s] between the messages that are kept of a stream that can be computed again
 
 
 class _Recorded:

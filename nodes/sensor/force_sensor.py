@@ -38,11 +38,7 @@ class ForceSensor(Node):
             raise SettingError(f"setting 'times' [s]: found {self.times}, expected finite increasing times")
         if not (np.isfinite(forces).all() and np.all(forces >= 0)):
             raise SettingError(f"setting 'forces' [N]: found {self.forces}, expected finite forces >= 0")
-        length = math.hypot(*self.normal)
-        if not (math.isfinite(length) and length > 0):
-            raise SettingError(f"setting 'normal' [1]: found {self.normal}, expected a direction")
-        x, y, z = self.normal
-        self.normal = (x / length, y / length, z / length)
+        self.normal = direction(self.normal)
 
     def start(self) -> None:
         self.clock: float | None = None
@@ -60,3 +56,12 @@ class ForceSensor(Node):
             compression_rate=0.0,
             indentation_rate=0.0,
         )
+
+
+def direction(normal: Vector3) -> Vector3:
+    """The unit vector of a setting `normal`. SettingError: it has no direction."""
+    length = math.hypot(*normal)
+    if not (math.isfinite(length) and length > 0.0):
+        raise SettingError(f"setting 'normal' [1]: found {normal}, expected a direction")
+    x, y, z = normal
+    return x / length, y / length, z / length

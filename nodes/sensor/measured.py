@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Any, ClassVar
 
 import msgspec
@@ -12,6 +11,7 @@ from palpate.drivers.exchange import Driver
 from palpate.messages import Contact, Pose, Vector3
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.wired import EMULATOR, Wired
+from palpate.nodes.sensor.force_sensor import direction
 
 Wrench = tuple[float, ...]
 
@@ -42,11 +42,7 @@ class _Measured(Wired):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        length = math.hypot(*self.normal)
-        if not (math.isfinite(length) and length > 0.0):
-            raise SettingError(f"setting 'normal' [1]: found {self.normal}, expected a direction")
-        x, y, z = self.normal
-        self.normal = (x / length, y / length, z / length)
+        self.normal = direction(self.normal)
         if len(self.times) != len(self.forces) or not self.times or not np.all(np.diff(self.times) > 0):
             raise SettingError(
                 f"settings 'times' and 'forces': found {self.times} and {self.forces}, expected increasing times and as"

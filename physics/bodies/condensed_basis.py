@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.physics.archive import ArchiveError, read_arrays, replacing
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,12 @@ class Basis:
         pack; and a text that says what it was made from."""
         step = float(np.abs(self.compliance).max()) / 32767
         lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part.npz")
-        np.savez_compressed(
-            part, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
-            lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T),
-            dents=self.dents.astype(np.float32), about=np.array(about),
-        )  # fmt: skip
-        part.replace(path)
+        with replacing(path) as part:
+            np.savez_compressed(
+                part, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
+                lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T),
+                dents=self.dents.astype(np.float32), about=np.array(about),
+            )  # fmt: skip
 
     @classmethod
     def load(cls, path: Path) -> Basis:

@@ -45,17 +45,14 @@ from palpate.physics.bodies.condensed_step import (
 )
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.indentation_table import hat_moments
-from palpate.physics.bodies.patch import barycentric, reaches
+from palpate.physics.bodies.patch import CoarseBody
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
-from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 
-class CondensedBody:
+class CondensedBody(CoarseBody):
     """The state of a condensed organ under the contact.
 
     basis     compliance of the coarse surface
@@ -83,12 +80,8 @@ class CondensedBody:
         apart: np.ndarray | None = None,
     ) -> None:
         coarse = Mesh(basis.vertices, basis.triangles)
-        foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
-        self.corners, self.weights = barycentric(coarse, triangle, foot)
-        self.basis, self.mesh = basis, mesh
-        self._spreader = Spreader(mesh, radius, "biweight")
-        self.young, self.retardation = young, retardation
-        self._reach, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
+        super().__init__(coarse, mesh, radius, reach)
+        self.basis, self.young, self.retardation = basis, young, retardation
         count = len(basis.vertices)
         dents = basis.dents if basis.dents.size else np.zeros((count, 0))
         moments = hat_moments(coarse)
@@ -99,8 +92,6 @@ class CondensedBody:
             mesh.vertices, true,
         )  # fmt: skip
         self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), dents)
-        self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
-        self._moved = np.zeros((len(mesh.vertices), 3))
         self._field, self._feet = np.zeros((count, 3), dtype=np.float32), np.zeros((1, 3))
         self._rest(np.zeros((FIELDS, count, 3)), np.zeros((3, count), dtype=np.int64), np.zeros(NUMBERS))
         self._kernels()
@@ -112,8 +103,7 @@ class CondensedBody:
         self.held = self._fields[0]
         """[N] (V,3) loads that the displacement follows, h."""
         self._count = self._touched = 0
-        self._foot = self._normal = (0.0, 0.0, 0.0)
-        self._patch, self._pull = NO_NODES, NO_VECTORS
+        self._normal: tuple = (0.0, 0.0, 0.0)
         self._slope, self._turning = np.zeros(3), np.zeros((3, 3))
 
     def another(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> CondensedBody:
@@ -149,7 +139,8 @@ class CondensedBody:
         force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that goes with
         it: so force and indentation there are the body's own, and contact that is solved against it settles.
         """
-        patch, pull, share = self._pressed(nodes, forces, foot, normal)
+        patch, pull, share = self._patch(nodes, forces, foot, normal)
+        self._normal = normal
         self._count, self._touched = self._step(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._curve, self._numbers,
             self._count,
@@ -157,19 +148,10 @@ class CondensedBody:
         compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
-    def _pressed(
-        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        """The patch, forces that mark it, and whether these are a load."""
-        self._foot, self._normal, self._patch, self._pull = foot, normal, nodes, forces
-        if len(nodes):
-            return nodes, forces, 1.0
-        count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
-        return self._spreader.nodes[:count], self._spreader.forces[:count], 0.0
-
     def take(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> None:
         """The first part of a step: what the linear body does under this load alone."""
-        patch, pull, share = self._pressed(nodes, forces, foot, normal)
+        patch, pull, share = self._patch(nodes, forces, foot, normal)
+        self._normal = normal
         self._count, self._touched = take_load(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._numbers, self._count
         )

@@ -31,14 +31,12 @@ import numpy as np
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_field import add_dent, add_field
 from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
-from palpate.physics.bodies.patch import carried
+from palpate.physics.bodies.patch import Pressed, carried
 from palpate.physics.bodies.true_patch import dent_depth
 from palpate.physics.kernel import kernel
 
 STEP, FARTHEST = 1.0 / 32.0, 6.0
 """[1] Of the table of Y over d/R."""
-Pressed = tuple[np.ndarray, np.ndarray, tuple, tuple]
-"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and normal [1] (3)."""
 
 
 def joint_profile() -> np.ndarray:

@@ -8,8 +8,8 @@ import numpy as np
 
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.indentation_table import SPACING, patch_radius, rise, risen
-from palpate.physics.bodies.patch import normal_force, share_of
-from palpate.physics.bodies.true_patch import TruePatch, draw_together, load_radius, patch_compliance
+from palpate.physics.bodies.patch import load_radius, normal_force, share_of
+from palpate.physics.bodies.true_patch import TruePatch, draw_together, patch_compliance
 from palpate.physics.kernel import kernel
 
 FORGOTTEN = 1e-9

@@ -27,8 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.sampled_body import SampledBasis
+
+FIELDS = ("modes", "bends", "knots", "kappa")
 
 
 def cut(basis: SampledBasis, count: int, bend: tuple[float, float, float]) -> SampledBasis:
@@ -65,8 +67,7 @@ class FidelityBases:
     @cached_property
     def _logs(self) -> np.ndarray:
         """ln kappa, which is asked for in every step."""
-        logs: np.ndarray = np.log(self.kappa)
-        return logs
+        return np.log(self.kappa)
 
     def cut(self, basis: SampledBasis) -> list[SampledBasis]:
         """The basis of each level, and the whole one."""
@@ -92,11 +93,9 @@ class FidelityBases:
 
     def save(self, path: Path, about: dict[str, Any]) -> None:
         """Write them, and what they were made from."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(
-            path, modes=self.modes, bends=self.bends, knots=self.knots, kappa=self.kappa,
-            about=np.array(json.dumps(about)),
-        )  # fmt: skip
+        own = {name: getattr(self, name) for name in FIELDS}
+        with replacing(path) as part:
+            np.savez_compressed(part, **own, about=np.array(json.dumps(about)))
 
     @classmethod
     def load(cls, path: Path) -> tuple[FidelityBases, dict[str, Any]]:
@@ -107,7 +106,7 @@ class FidelityBases:
         try:
             archive = read_arrays(path)
             about = json.loads(str(archive["about"]))
-            levels = cls(*(archive[name] for name in ("modes", "bends", "knots", "kappa")))
+            levels = cls(*(archive[name] for name in FIELDS))
             k, n = len(levels.modes), len(levels.knots)
             if levels.bends.shape != (k, 3) or levels.kappa.shape != (k, n) or not isinstance(about, dict):
                 raise ValueError(f"bends {levels.bends.shape}, kappa {levels.kappa.shape} of {k} levels and {n} knots")

@@ -25,7 +25,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.physics.bodies.fidelity_bases import FidelityBases
-from palpate.physics.bodies.sampled.contacts import Pressed, coupling_of, laws_of
+from palpate.physics.bodies.patch import Pressed
+from palpate.physics.bodies.sampled.contacts import coupling_of, laws_of
 from palpate.physics.bodies.sampled.solve import TOLERANCE
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.contact.terminal import LEAST_DEPTH, LEAST_FORCE, fit_terminal

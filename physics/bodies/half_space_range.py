@@ -59,9 +59,8 @@ def inverse_thickness(mesh: Mesh) -> np.ndarray:
 
 def curvature(mesh: Mesh) -> np.ndarray:
     """[1/m] (V,) greatest normal curvature at each vertex, of the shape operator dn/dx fitted to the edges round it."""
-    edges = np.unique(np.sort(mesh.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
-    edges = np.concatenate([edges, edges[:, ::-1]])
-    own, other = edges.T
+    edges, _ = mesh.edges
+    own, other = np.concatenate([edges, edges[:, ::-1]]).T
     n = mesh.normals
     x = mesh.vertices[other] - mesh.vertices[own]
     turn = n[other] - n[own]

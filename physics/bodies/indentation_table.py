@@ -39,7 +39,7 @@ SOFTEST = 0.05
 def hat_moments(mesh: Mesh) -> np.ndarray:
     """Mean square distance [m²] (V,) from each vertex of a force spread over its triangles, highest at the vertex."""
     corner = mesh.vertices[mesh.triangles]
-    area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
+    area = 0.5 * np.linalg.norm(mesh.face_vectors, axis=1)
     moment, weight = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))
     for k in range(3):
         first, second = (corner[:, (k + i) % 3] - corner[:, k] for i in (1, 2))

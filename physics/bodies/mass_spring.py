@@ -14,7 +14,6 @@ Only nodes under load or not yet recovered are touched; they are kept in a compa
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -28,19 +27,6 @@ AT_REST = 1e-9
 """[m] Displacement below which an unloaded node counts as recovered."""
 MOST_STRAIN = 0.8
 """Largest difference of displacement between neighbours, over the length of their edge."""
-
-
-class Edges(NamedTuple):
-    """Neighbours on a mesh of V vertices, each edge from both ends (E).
-
-    spans       [m] (E)    its length
-    first       [1] (V+1)  place in `neighbours` of the first neighbour of each node
-    neighbours  [1] (E)    nodes that share an edge with it
-    """
-
-    spans: np.ndarray
-    first: np.ndarray
-    neighbours: np.ndarray
 
 
 @kernel(error_model="numpy")
@@ -214,7 +200,7 @@ def limit_differences(state, column, count, edges, where, active):
 
     A few sweeps that move both ends equally spread the excess; what is left is scaled away, which always suffices.
     """
-    spans, first, neighbours = edges
+    first, neighbours, spans = edges
     for sweep in range(9):
         worst = 1.0
         for slot in range(count):
@@ -262,9 +248,8 @@ class Net:
         mean = float(mesh.areas.mean())
         per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
         self.nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
-        first, others, spans = neighbours(mesh)
-        self.edges = Edges(spans, first, others)
-        self.shortest = float(spans.min(initial=math.inf))
+        self.edges = neighbours(mesh)
+        self.shortest = float(self.edges.spans.min(initial=math.inf))
         self.slots = np.stack([np.full(size, -1, np.int32), np.zeros(size, np.int32)])
         self.state = np.zeros((size, 10))
         self.displacement = np.zeros((size, 3))

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from palpate.physics.contact.spread import Spreader
+from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.kernel import kernel
+
+Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
+"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
 
 
 def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -18,6 +24,33 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
     w2 = np.einsum("ij,ij->i", np.cross(b - a, foot - a), normal) / square
     weights = np.clip(np.stack([1.0 - w1 - w2, w1, w2], axis=1), 0.0, 1.0)
     return corners, weights / weights.sum(axis=1, keepdims=True)
+
+
+class CoarseBody:
+    """What bodies share whose displacement is known on a coarse surface only.
+
+    coarse  that surface;  mesh  the one that loads and displacements are given on, in the same frame
+    radius  [m] of the patch that the terminal law is taken over while nothing is loaded
+    reach   [m] from the foot point within which all displacements are told, fewer farther off
+    """
+
+    def __init__(self, coarse: Mesh, mesh: Mesh, radius: float, reach: float) -> None:
+        foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
+        self.corners, self.weights = barycentric(coarse, triangle, foot)
+        self.mesh = mesh
+        self._spreader = Spreader(mesh, radius, "biweight")
+        self._reach, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
+        self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
+        self._moved = np.zeros((len(mesh.vertices), 3))
+
+    def _patch(
+        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Nodes and forces of a load, of a share of 1; without load those of 1 N round the foot, of a share of 0."""
+        if len(nodes):
+            return nodes, forces, 1.0
+        count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
+        return self._spreader.nodes[:count].copy(), self._spreader.forces[:count].copy(), 0.0
 
 
 @kernel
@@ -35,6 +68,29 @@ def share_of(k, pull, normal, total):
     if not total > 0.0:
         return 1.0 / len(pull)
     return -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
+
+
+@kernel
+def load_radius(vertices, patch, pull, normal, total, least):
+    """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
+    its centre, no less than the hat of one vertex has; and by how much it is narrower than the mesh can tell, which is
+    1.4 times that: 0 where it is not, up to 13."""
+    x0 = x1 = x2 = floor = 0.0
+    for k in range(len(patch)):
+        p, share = patch[k], abs(share_of(k, pull, normal, total))
+        x0 += share * vertices[p, 0]
+        x1 += share * vertices[p, 1]
+        x2 += share * vertices[p, 2]
+        floor += share * least[p]
+    square = weight = 0.0
+    for k in range(len(patch)):
+        p, share = patch[k], abs(share_of(k, pull, normal, total))
+        d0, d1, d2 = vertices[p, 0] - x0, vertices[p, 1] - x1, vertices[p, 2] - x2
+        square += share * (d0 * d0 + d1 * d1 + d2 * d2)
+        weight += share
+    square /= max(weight, 1e-300)
+    narrower = np.sqrt(2.0 * floor / max(square, 1e-2 * floor)) - 1.0
+    return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
 
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

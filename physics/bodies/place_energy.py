@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.physics.bodies.indentation_table import SPACING, rise, risen, stiffening
-from palpate.physics.bodies.patch import normal_force
-from palpate.physics.bodies.true_patch import draw_together, gathered, load_radius, patch_compliance
+from palpate.physics.bodies.patch import load_radius, normal_force
+from palpate.physics.bodies.true_patch import draw_together, gathered, patch_compliance
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel

@@ -23,23 +23,13 @@ from typing import Any
 
 import numpy as np
 
-from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.bodies.patch import barycentric, carried, reaches
-from palpate.physics.bodies.sampled.contacts import (
-    Pressed,
-    SampledContacts,
-    coupling_of,
-    laws_of,
-    step_all,
-    together,
-)
+from palpate.physics.archive import ArchiveError, read_arrays, replacing
+from palpate.physics.bodies.patch import CoarseBody, Pressed, carried
+from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch
 from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
-from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
 MOST_VERTICES = 2000
@@ -76,20 +66,13 @@ class SampledBasis:
         for name, value in halves.items():
             scale = max(float(np.abs(value).max(initial=0.0)), 1e-300) / 3e4
             arrays |= {name: (value / scale).astype(np.float16), f"{name}_scale": np.float64(scale)}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part.npz")
         arrays |= {name: value for name, value in self.points._asdict().items() if name != "modes"}
         arrays["laws"] = np.array([name_at(place) for place in self.points.laws])
-        np.savez_compressed(
-            part,
-            vertices=self.vertices,
-            triangles=self.triangles,
-            kept=kept,
-            bend=np.array(self.bend),
-            about=np.array(about),
-            **arrays,
-        )
-        part.replace(path)
+        with replacing(path) as part:
+            np.savez_compressed(
+                part, vertices=self.vertices, triangles=self.triangles, kept=kept, bend=np.array(self.bend),
+                about=np.array(about), **arrays,
+            )  # fmt: skip
 
     @classmethod
     def load(cls, path: Path) -> SampledBasis:
@@ -124,7 +107,7 @@ class SampledBasis:
             raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
 
 
-class SampledBody:
+class SampledBody(CoarseBody):
     """The state of a sampled body under the contact.
 
     basis     its modes and points
@@ -139,12 +122,8 @@ class SampledBody:
         self, basis: SampledBasis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float
     ) -> None:
         coarse = Mesh(basis.vertices, basis.triangles)
-        foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
-        self.corners, self.weights = barycentric(coarse, triangle, foot)
-        self.basis, self.mesh = basis, mesh
-        self._spreader = Spreader(mesh, radius, "biweight")
-        self.young, self.retardation, self.reach = young, retardation, reach
-        self._reaches, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
+        super().__init__(coarse, mesh, radius, reach)
+        self.basis, self.young, self.retardation, self.reach = basis, young, retardation, reach
         edges = coarse.vertices[coarse.triangles]
         self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
         count, r = len(basis.vertices), basis.modes.shape[1]
@@ -161,8 +140,6 @@ class SampledBody:
         self._numbers = np.zeros(9)
         self._numbers[LENGTH] = 1.0
         self._scratch = scratch(basis.points)
-        self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
-        self._moved = np.zeros((len(mesh.vertices), 3))
         self.contacts: SampledContacts | None = None
         """Where there are several."""
         self._step = entry_point(
@@ -205,15 +182,6 @@ class SampledBody:
             self._scratch, self._numbers, own,
         )  # fmt: skip
         return laws_of(own.compliance, own.depths)
-
-    def _patch(
-        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Nodes and forces of a load, of a share of 1; without load those of 1 N round the foot, of a share of 0."""
-        if len(nodes):
-            return nodes, forces, 1.0
-        count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
-        return self._spreader.nodes[:count].copy(), self._spreader.forces[:count].copy(), 0.0
 
     @property
     def coupling(self) -> np.ndarray:
@@ -273,6 +241,6 @@ class SampledBody:
         places = np.array(feet)
         field(self._model, places, far, self._fields, self._active, self.q, float(self._numbers[GAMMA]))
         count = carried(
-            self.corners, self.weights, self._fields[3], self._reaches, places, self._told, self._nodes, self._moved
+            self.corners, self.weights, self._fields[3], self._reach, places, self._told, self._nodes, self._moved
         )
         return self._nodes[:count], self._moved[:count]

@@ -21,7 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.mass_spring import Edges, Net, admit, drop_rested, limit_differences, take_load
+from palpate.physics.bodies.mass_spring import Net, admit, drop_rested, limit_differences, take_load
+from palpate.physics.bodies.stretch import Neighbours
 from palpate.physics.contact.terminal import indentation, terminal_force
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
@@ -47,15 +48,7 @@ class Tables(NamedTuple):
     vertices: np.ndarray
     normals: np.ndarray
     nodal: np.ndarray
-    edges: Edges
-
-
-class Listed(NamedTuple):
-    """The compact list, as in `mass_spring.nodal_step`."""
-
-    where: np.ndarray
-    active: np.ndarray
-    state: np.ndarray
+    edges: Neighbours
 
 
 class NetWorkspace(NamedTuple):
@@ -76,7 +69,7 @@ class NetWorkspace(NamedTuple):
 @kernel(error_model="numpy")
 def grow(rings, tables, listed, count):
     """Add rings of neighbours round the loaded nodes; returns the count."""
-    _, first, neighbours = tables.edges
+    first, neighbours, _ = tables.edges
     where, active, state = listed
     start, end = 0, count
     for ring in range(rings):
@@ -97,7 +90,7 @@ def _linearise(law, dt, tables, listed, room, count):
     damping, k_t, d_t = law.damping, law.tangential_stiffness, law.tangential_damping
     coupling, edge_damping = law.coupling, law.coupling_damping
     vertices, normals, hardness = tables.vertices, tables.normals, tables.nodal[0]
-    spans, first, neighbours = tables.edges
+    first, neighbours, spans = tables.edges
     where, active, state = listed
     edges, work, share = room.edges, room.work, room.share
     largest = 0.0
@@ -165,7 +158,7 @@ def _linearise(law, dt, tables, listed, room, count):
 def _apply(tables, listed, room, count):
     """Columns 9-11 of `work` become the matrix times columns 6-8; returns the product of the two."""
     normals, edges, work = tables.normals, room.edges, room.work
-    _, first, neighbours = tables.edges
+    first, neighbours, _ = tables.edges
     where, active, _ = listed
     total = 0.0
     for slot in range(count):
@@ -225,7 +218,8 @@ def _solve(tables, listed, room, count):
 def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, count):
     """One step of the net; returns how many nodes are in its list.
 
-    rings  of neighbours that are added round loaded and moving nodes
+    rings   of neighbours that are added round loaded and moving nodes
+    listed  the compact list: slot of each node, node of each slot, state; as in `mass_spring.nodal_step`
 
     State of a slot: x [m] (3), unused, x before the step (3), load [N] (3). Other arguments as in
     `mass_spring.nodal_step`.
@@ -311,15 +305,9 @@ class NetBody:
         normal_law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping)
         law = NodeLaw(*map(float, (*normal_law, coupling, coupling_damping)))
         size, count = len(mesh.vertices), len(net.edges.spans)
-        self._fixed = (
-            *(
-                law,
-                rings,
-                Tables(net.vertices, net.normals, net.nodal, net.edges),
-                Listed(net.slots[0], net.slots[1], net.state),
-            ),
-            *(NetWorkspace(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1)), net.displacement),
-        )
+        tables = Tables(net.vertices, net.normals, net.nodal, net.edges)
+        room = NetWorkspace(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1))
+        self._fixed = law, rings, tables, (*net.slots, net.state), room, net.displacement
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""

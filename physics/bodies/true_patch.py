@@ -44,6 +44,7 @@ import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
+from palpate.physics.bodies.hat_distances import mean_inverse_distance
 from palpate.physics.bodies.indentation_table import patch_radius
 from palpate.physics.bodies.patch import share_of
 from palpate.physics.geometry.mesh import Mesh
@@ -56,8 +57,6 @@ HELD = 0.1764960
 """S_0, the share of c_R that holding each point under the patch takes, over (1 - 2nu)²/(1 - nu)²."""
 KNOTS = 256
 """Intervals of the table of W."""
-NEAR = 2.5
-"""[1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form."""
 LEAST_SHARE = 0.05
 """[1] Of g.C g that is left whatever the correction says."""
 WITHIN, BEYOND = 0.5, 2.0
@@ -66,16 +65,6 @@ MOST_NARROWED = 3.0
 """[1] Greatest b: beyond, the patch is so much narrower than the hats that too little of it is left to tell."""
 LEAST_MOMENT = 0.29
 """[1] Mean square distance of a hat's force from its vertex, over the vertex's area: even triangles."""
-RULE = np.array([
-    [1 / 3, 1 / 3, 1 / 3, 0.225],
-    [0.059715871789770, 0.470142064105115, 0.470142064105115, 0.132394152788506],
-    [0.470142064105115, 0.059715871789770, 0.470142064105115, 0.132394152788506],
-    [0.470142064105115, 0.470142064105115, 0.059715871789770, 0.132394152788506],
-    [0.797426985353087, 0.101286507323456, 0.101286507323456, 0.125939180544827],
-    [0.101286507323456, 0.797426985353087, 0.101286507323456, 0.125939180544827],
-    [0.101286507323456, 0.101286507323456, 0.797426985353087, 0.125939180544827],
-])  # fmt: skip
-"""Radon's rule of degree 5 on a triangle: barycentric coordinates and weight."""
 
 
 class TruePatch(NamedTuple):
@@ -106,24 +95,23 @@ def true_patch(
 ) -> TruePatch:
     """Of a body that is condensed to `coarse` and touched on `fine`."""
     held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
-    table = _table(coarse.vertices, coarse.triangles)
+    table = _table(coarse)
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
     least = LEAST_MOMENT * fine.areas
     near = np.zeros(0) if apart is None else apart
-    ground = _ground(coarse.vertices, coarse.triangles)
+    ground = _ground(coarse)
     return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near, ground)
 
 
 @kept
-def _table(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def _table(coarse: Mesh) -> np.ndarray:
     """`mean_inverse_distance` of a mesh: most of the time that a body's start takes."""
-    return mean_inverse_distance(Mesh(vertices, triangles)).astype(np.float32)
+    return mean_inverse_distance(coarse).astype(np.float32)
 
 
 @kept
-def _ground(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def _ground(coarse: Mesh) -> np.ndarray:
     """One over the thickness, and the curvature [1/m] (V,2) of a mesh."""
-    coarse = Mesh(vertices, triangles)
     return np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
 
 
@@ -149,160 +137,6 @@ def dent_depth(rho: np.ndarray) -> np.ndarray:
     out = np.maximum(rho, 1.0)
     inside = 3.2 * scipy.special.hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
     return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, out**-2) / out)
-
-
-def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
-    """T [1/m] (V,V): mean of 1/|x - y| over the hats of two vertices, each of integral 1.
-
-    Triangles near each other: the potential of a linear density over a triangle in closed form (D. R. Wilton et al.,
-    IEEE Trans. Antennas Propag. 32 (1984) 276-281), integrated over the other by `RULE`. Farther apart three points
-    each.
-    """
-    corner = np.ascontiguousarray(mesh.vertices[mesh.triangles])
-    across = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    area = 0.5 * np.linalg.norm(across, axis=1)
-    good = area > 1e-12 * area.max()
-    edge = float(np.sqrt(area[good].mean() * 4.0 / np.sqrt(3.0)))
-    triangles = np.ascontiguousarray(mesh.triangles[good].astype(np.int64))
-    total = np.zeros((len(mesh.vertices), len(mesh.vertices)))
-    _integrate(corner[good], area[good], triangles, (NEAR * edge) ** 2, RULE, total)
-    mass = np.zeros(len(mesh.vertices))
-    np.add.at(mass, triangles.ravel(), np.repeat(area[good] / 3.0, 3))
-    mass[mass == 0.0] = np.inf
-    return 0.5 * (total + total.T) / (mass[:, None] * mass[None])
-
-
-@kernel
-def _integrate(corner, area, triangles, near, rule, total):
-    """Add to `total` (V,V) the integral of 1/|x - y| over each pair of triangles and hats of their corners."""
-    inside, close = np.array([[2.0, 0.5, 0.5], [0.5, 2.0, 0.5], [0.5, 0.5, 2.0]]) / 3.0, np.zeros(3)
-    count = len(corner)
-    points = np.zeros((count, 3, 3))
-    for t in range(count):
-        for q in range(3):
-            for i in range(3):
-                for k in range(3):
-                    points[t, q, i] += inside[q, k] * corner[t, k, i]
-    block, point = np.zeros((3, 3)), np.zeros(3)
-    for s in range(count):
-        for t in range(count):
-            square = 0.0
-            for i in range(3):
-                apart = (corner[s, 0, i] + corner[s, 1, i] + corner[s, 2, i]) / 3.0
-                apart -= (corner[t, 0, i] + corner[t, 1, i] + corner[t, 2, i]) / 3.0
-                square += apart * apart
-            block[:] = 0.0
-            if square > near:
-                if t < s:
-                    continue  # the pair is symmetric: see below
-                share = area[s] * area[t] / 9.0
-                for p in range(3):
-                    for q in range(3):
-                        x = points[s, p, 0] - points[t, q, 0]
-                        y = points[s, p, 1] - points[t, q, 1]
-                        z = points[s, p, 2] - points[t, q, 2]
-                        value = share / np.sqrt(x * x + y * y + z * z)
-                        for a in range(3):
-                            for b in range(3):
-                                block[a, b] += inside[p, a] * inside[q, b] * value
-                for a in range(3):
-                    for b in range(3):
-                        total[triangles[s, a], triangles[t, b]] += block[a, b]
-                        total[triangles[t, b], triangles[s, a]] += block[a, b]
-            else:
-                for q in range(len(rule)):
-                    for i in range(3):
-                        point[i] = (
-                            rule[q, 0] * corner[s, 0, i] + rule[q, 1] * corner[s, 1, i] + rule[q, 2] * corner[s, 2, i]
-                        )
-                    _potential(point, corner[t], close)
-                    for a in range(3):
-                        for b in range(3):
-                            block[a, b] += rule[q, 3] * area[s] * rule[q, a] * close[b]
-                for a in range(3):
-                    for b in range(3):
-                        total[triangles[s, a], triangles[t, b]] += block[a, b]
-
-
-@kernel
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@kernel
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def _times(a, scale):
-    return a[0] * scale, a[1] * scale, a[2] * scale
-
-
-@kernel
-def _potential(point, corner, out):
-    """Fill `out` (3): integral over a triangle (3,3) of each corner's barycentric coordinate over the distance from a
-    point (3)."""
-    normal = _cross(_minus(corner[1], corner[0]), _minus(corner[2], corner[0]))
-    double = np.sqrt(_dot(normal, normal))
-    normal = _times(normal, 1.0 / double)
-    height = _dot(_minus(point, corner[0]), normal)
-    foot = _minus(point, _times(normal, height))
-    whole, first0, first1, first2 = 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        begin = corner[k]
-        along = _minus(corner[(k + 1) % 3], begin)
-        length = np.sqrt(_dot(along, along))
-        along = _times(along, 1.0 / length)
-        outward = _cross(along, normal)
-        low = _dot(_minus(begin, foot), along)
-        high = low + length
-        side = _dot(_minus(begin, foot), outward)
-        square = side * side + height * height
-        far, near = np.sqrt(high * high + square), np.sqrt(low * low + square)
-        log = 0.0
-        if square > 1e-18 * length * length:
-            log = np.log((far + high) / (near + low)) if low + high >= 0.0 else np.log((near - low) / (far - high))
-        if height != 0.0:
-            angle = np.arctan2(side * high, square + abs(height) * far)
-            angle -= np.arctan2(side * low, square + abs(height) * near)
-            whole -= abs(height) * angle
-        whole += side * log
-        amount = 0.5 * (square * log + high * far - low * near)
-        first0 += amount * outward[0]
-        first1 += amount * outward[1]
-        first2 += amount * outward[2]
-    for k in range(3):
-        climb = _times(_cross(normal, _minus(corner[(k + 2) % 3], corner[(k + 1) % 3])), 1.0 / double)
-        out[k] = (1.0 + _dot(_minus(foot, corner[k]), climb)) * whole + _dot((first0, first1, first2), climb)
-
-
-@kernel
-def load_radius(vertices, patch, pull, normal, total, least):
-    """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
-    its centre, no less than the hat of one vertex has; and by how much it is narrower than the mesh can tell, which is
-    1.4 times that: 0 where it is not, up to 13."""
-    x0 = x1 = x2 = floor = 0.0
-    for k in range(len(patch)):
-        p, share = patch[k], abs(share_of(k, pull, normal, total))
-        x0 += share * vertices[p, 0]
-        x1 += share * vertices[p, 1]
-        x2 += share * vertices[p, 2]
-        floor += share * least[p]
-    square = weight = 0.0
-    for k in range(len(patch)):
-        p, share = patch[k], abs(share_of(k, pull, normal, total))
-        d0, d1, d2 = vertices[p, 0] - x0, vertices[p, 1] - x1, vertices[p, 2] - x2
-        square += share * (d0 * d0 + d1 * d1 + d2 * d2)
-        weight += share
-    square /= max(weight, 1e-300)
-    narrower = np.sqrt(2.0 * floor / max(square, 1e-2 * floor)) - 1.0
-    return 2.0 * np.sqrt(max(square, floor)), max(narrower, 0.0)
 
 
 @kernel

@@ -10,11 +10,9 @@ MODELS are the five regression curves of the probabilistic force model, LAWS the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-
-Columns = Callable[..., list[np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -24,8 +22,8 @@ class ForceModel:
     name        as it stands in files and tables
     formula     for people, d being the depth
     linear      name -> unit of the linear parameters
-    nonlinear   name -> unit of the others
     basis       (x, *q) -> a column per linear parameter; broadcasts over grids of q
+    nonlinear   name -> unit of the others, q
     slopes      (x, *q) -> for each nonlinear parameter the derivative of these columns
     start       x -> for each nonlinear parameter the values that the search starts from; its ends are the limits
     columns     how many columns of x the model reads
@@ -34,10 +32,10 @@ class ForceModel:
     name: str
     formula: str
     linear: dict[str, str]
-    nonlinear: dict[str, str]
-    basis: Columns
-    slopes: Callable[..., list[list[np.ndarray]]]
-    start: Callable[[np.ndarray], list[np.ndarray]]
+    basis: Callable[..., list[np.ndarray]]
+    nonlinear: dict[str, str] = field(default_factory=dict)
+    slopes: Callable[..., list[list[np.ndarray]]] = lambda x: []
+    start: Callable[[np.ndarray], list[np.ndarray]] = lambda x: []
     columns: int = 1
 
     @property
@@ -85,100 +83,60 @@ def _pad(x: np.ndarray, m) -> np.ndarray:
     return np.expm1(m * x[:, 0]) / m
 
 
-MODELS = {
-    "linear": ForceModel(
-        "linear",
-        "m d + n",
-        {"m": "N/m", "n": "N"},
-        {},
-        lambda x: [x[:, 0], np.ones(len(x))],
-        lambda x: [],
-        lambda x: [],
-    ),
-    "quadratic": ForceModel(
-        "quadratic",
-        "k1 d² + k2 d + k3",
-        {"k1": "N/m^2", "k2": "N/m", "k3": "N"},
-        {},
+def _by_name(*models: ForceModel) -> dict[str, ForceModel]:
+    return {model.name: model for model in models}
+
+
+MODELS = _by_name(
+    ForceModel("linear", "m d + n", {"m": "N/m", "n": "N"}, lambda x: [x[:, 0], np.ones(len(x))]),
+    ForceModel(
+        "quadratic", "k1 d² + k2 d + k3", {"k1": "N/m^2", "k2": "N/m", "k3": "N"},
         lambda x: [x[:, 0] ** 2, x[:, 0], np.ones(len(x))],
-        lambda x: [],
-        lambda x: [],
     ),
     # The data cover a third of a period, so the limits of omega matter: a constant and a long wave trade off.
-    "fourier": ForceModel(
-        "fourier",
-        "a0 + a1 cos(omega d) + b1 sin(omega d)",
-        {"a0": "N", "a1": "N", "b1": "N"},
-        {"omega": "1/m"},
+    ForceModel(
+        "fourier", "a0 + a1 cos(omega d) + b1 sin(omega d)", {"a0": "N", "a1": "N", "b1": "N"},
         lambda x, w: [np.ones_like(w * x[:, 0]), np.cos(w * x[:, 0]), np.sin(w * x[:, 0])],
+        {"omega": "1/m"},
         lambda x, w: [[np.zeros(len(x)), -x[:, 0] * np.sin(w * x[:, 0]), x[:, 0] * np.cos(w * x[:, 0])]],
         lambda x: [np.linspace(50.0, 1200.0, 231)],
     ),
-    "gaussian": ForceModel(
-        "gaussian",
-        "p exp(-((d - q)/w)²)",
-        {"p": "N"},
-        {"q": "m", "w": "m"},
-        lambda x, q, w: [_gauss(x, q, w)],
+    ForceModel(
+        "gaussian", "p exp(-((d - q)/w)²)", {"p": "N"}, lambda x, q, w: [_gauss(x, q, w)], {"q": "m", "w": "m"},
         lambda x, q, w: [
             [_gauss(x, q, w) * 2.0 * (x[:, 0] - q) / w**2],
             [_gauss(x, q, w) * 2.0 * (x[:, 0] - q) ** 2 / w**3],
         ],
-        lambda x: [
-            x[:, 0].min() + _span(x) * np.linspace(-10.0, 10.0, 81),
-            _span(x) * np.geomspace(0.1, 10.0, 25),
-        ],
+        lambda x: [x[:, 0].min() + _span(x) * np.linspace(-10.0, 10.0, 81), _span(x) * np.geomspace(0.1, 10.0, 25)],
     ),
-    "exponential": ForceModel(
-        "exponential",
-        "a exp(b d)",
-        {"a": "N"},
-        {"b": "1/m"},
-        lambda x, b: [np.exp(b * x[:, 0])],
+    ForceModel(
+        "exponential", "a exp(b d)", {"a": "N"}, lambda x, b: [np.exp(b * x[:, 0])], {"b": "1/m"},
         lambda x, b: [[x[:, 0] * np.exp(b * x[:, 0])]],
         lambda x: [np.linspace(-20.0, 20.0, 321) / _span(x)],
     ),
-}
+)  # fmt: skip
 """The regression curves by name."""
 
-LAWS = {
-    "hertz": ForceModel(
-        "hertz",
-        "K d^1.5",
-        {"K": "N/m^1.5"},
-        {},
-        lambda x: [_power(x, 1.5)],
-        lambda x: [],
-        lambda x: [],
-    ),
-    "power": ForceModel(
-        "power",
-        "K d^n",
-        {"K": "N/m^n"},
-        {"n": "1"},
-        lambda x, n: [_power(x, n)],
+LAWS = _by_name(
+    ForceModel("hertz", "K d^1.5", {"K": "N/m^1.5"}, lambda x: [_power(x, 1.5)]),
+    ForceModel(
+        "power", "K d^n", {"K": "N/m^n"}, lambda x, n: [_power(x, n)], {"n": "1"},
         lambda x, n: [[_power_slope(x, n)]],
         lambda x: [np.linspace(1.0, 3.0, 41)],
     ),
-    "exponential": ForceModel(
-        "exponential",
-        "(b/m) (exp(m d) - 1)",
-        {"b": "N/m"},
-        {"m": "1/m"},
-        lambda x, m: [_pad(x, m)],
+    ForceModel(
+        "exponential", "(b/m) (exp(m d) - 1)", {"b": "N/m"}, lambda x, m: [_pad(x, m)], {"m": "1/m"},
         lambda x, m: [[(x[:, 0] * np.exp(m * x[:, 0]) - _pad(x, m)) / m]],
         lambda x: [np.geomspace(1e-3, 50.0, 121) / _span(x)],
     ),
     # lambda = c K keeps the law linear in two parameters; c follows as their ratio.
-    "hunt-crossley": ForceModel(
-        "hunt-crossley",
-        "K d^n (1 + c d'),  c = lambda/K",
-        {"K": "N/m^n", "lambda": "N s/m^(n+1)"},
-        {"n": "1"},
+    ForceModel(
+        "hunt-crossley", "K d^n (1 + c d'),  c = lambda/K", {"K": "N/m^n", "lambda": "N s/m^(n+1)"},
         lambda x, n: [_power(x, n), _power(x, n) * x[:, 1]],
+        {"n": "1"},
         lambda x, n: [[_power_slope(x, n), _power_slope(x, n) * x[:, 1]]],
         lambda x: [np.linspace(1.0, 3.0, 41)],
         columns=2,
     ),
-}
+)  # fmt: skip
 """The contact laws by name."""

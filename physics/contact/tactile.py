@@ -6,6 +6,8 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 
+FLOOR = 1e-3
+
 
 def equivalent_strain(strain: np.ndarray, poisson: float | np.ndarray = 0.5) -> np.ndarray:
     """Equivalent (von Mises) strain [1] (...).
@@ -81,17 +83,17 @@ def growth(low: np.ndarray, high: np.ndarray, force_low: float, force_high: floa
 
 
 def tactile_flow(
-    points: np.ndarray, low: np.ndarray, high: np.ndarray, force_low: float, force_high: float, floor: float = 1e-3
+    points: np.ndarray, low: np.ndarray, high: np.ndarray, force_low: float, force_high: float
 ) -> np.ndarray:
     """Motion of the isostrain surfaces with force, along the strain's gradient, in each tetrahedron [m/N] (E,3).
 
         phi = -(de/dP) grad e/max(|grad e|², g²)
 
-    Only this component follows from the strain; any motion within a surface may be added to it.
+    Only this component follows from the strain; any motion within a surface may be added to it. g is `FLOOR` times the
+    greatest gradient: where the strain is flat the flow is not determined.
 
     points     [m] (E,4,3) corners of the tetrahedra
     low, high  [1] (E,4)   strain at the corners at the two forces
-    floor      [1] ()      g as a share of the greatest gradient: where the strain is flat the flow is not determined
 
     A. Bicchi et al., Brain Res. Bull. 75 (2008) 737-741.
     """
@@ -101,7 +103,7 @@ def tactile_flow(
     slope = np.linalg.solve(edges, (middle[:, 1:] - middle[:, :1])[..., None])[..., 0]
     square = np.sum(slope * slope, axis=1)
     change = np.mean(growth(low, high, force_low, force_high), axis=1)
-    least = max(floor**2 * float(square.max(initial=0.0)), 1e-300)
+    least = max(FLOOR**2 * float(square.max(initial=0.0)), 1e-300)
     return -(change / np.maximum(square, least))[:, None] * slope
 
 

@@ -210,14 +210,3 @@ def law_at(length: float, start: float, law: Terminal, step: float, relaxation: 
     own = length / (length + relaxation)
     free = start + share * (law.rest_indentation - law.previous_indentation) + own * (law.previous_indentation - start)
     return law.stiffness / share**law.exponent, free
-
-
-def fit(free: float, s: float, slope: float, force: float, previous: float) -> Terminal:
-    """The terminal law of a generic body, see `fit_terminal`.
-
-    ValueError: force below `LEAST_FORCE`.
-    """
-    if not force >= LEAST_FORCE:
-        raise ValueError(f"force {force} N: expected at least {LEAST_FORCE} N; take the body's step at that force")
-    stiffness, exponent = fit_terminal(free, s, slope, force)
-    return Terminal(stiffness, exponent, 0.0, free, previous)

@@ -138,10 +138,7 @@ def advance(e, h, mass, drag, force, x, v, p, q, constants):
     if constants[STIFFNESS] == 0.0 and constants[DAMPING] == 0.0:
         p, q, rate = 0.0, 0.0, 0.0  # nobody holds the grip
     y, u, a = x - p, (v - rate) * h, (force - drag * rate) / mass * h * h
-    return (
-        q + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a,
-        rate + (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / h,
-    )
+    return (q + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a, rate + (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / h)
 
 
 @kernel

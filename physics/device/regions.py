@@ -49,14 +49,9 @@ def region(device: WallDevice, stiffness: float, period: float) -> str:
 
 def plane(device: WallDevice, stiffness: float, period: float, beta: np.ndarray, sigma: np.ndarray) -> list[list[str]]:
     """The region at each sigma (rows) and beta (columns), of a device with this mass and resolution."""
-    return [
-        [
-            region(
-                device._replace(drag=float(b) * stiffness * period, coulomb=float(s) * stiffness * device.resolution),
-                stiffness,
-                period,
-            )
-            for b in beta
-        ]
-        for s in sigma
-    ]
+
+    def at(b: float, s: float) -> str:
+        drag, coulomb = b * stiffness * period, s * stiffness * device.resolution
+        return region(device._replace(drag=drag, coulomb=coulomb), stiffness, period)
+
+    return [[at(b, s) for b in beta.tolist()] for s in sigma.tolist()]

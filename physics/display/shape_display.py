@@ -43,10 +43,7 @@ class Fingerpad(NamedTuple):
     radius: float
 
 
-FINGERPADS = {
-    "canonical": Fingerpad(6.0e6, 500.0, 8.0e-3),
-    "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3),
-}
+FINGERPADS = {"canonical": Fingerpad(6.0e6, 500.0, 8.0e-3), "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3)}
 """Parameter sets by name. `canonical`: round figures for tests and comparison, an assumption. `calibrated`: fitted to
 a finger of 9.84 mm radius on a steel plate (1.24 mm at 0.11 N, 2.08 mm at 0.50 N). The set of Pawluk & Howe (1996),
 who proposed the law, is not publicly available."""
@@ -204,11 +201,6 @@ def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> No
         place = tuple(int(i) for i in np.argwhere(~good)[0])
         where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
         raise ValueError(f"{name}: found {float(value[place])}{where}, expected {expected}")
-
-
-def pad_modulus(x, pad: Fingerpad = FINGERPADS["canonical"]):
-    """Modulus of the fingerpad [Pa], E_f*(x) = (2b/m)(e^(m x) - 1); x [m] (...) its largest deformation, >= 0."""
-    return 2.0 * pad.b / pad.m * np.expm1(pad.m * np.asarray(x, float))
 
 
 def pressure(r, contact: PadContact):

@@ -39,6 +39,12 @@ class FingertipSurfaces:
     tissue: np.ndarray
     bone: np.ndarray
 
+    @property
+    def corners(self) -> np.ndarray:
+        """Of the grid [m] (8,3)."""
+        size = (np.array(self.skin.shape) - 1) * self.spacing
+        return self.origin + np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3) * size
+
     def level(self, name: str, points) -> np.ndarray:
         """Signed distance [m] (...) to the surface "skin", "tissue" or "bone" at points [m] (..., 3)."""
         place = np.moveaxis((np.asarray(points, float) - self.origin) / self.spacing, -1, 0)
@@ -109,9 +115,7 @@ def cast(tip: FingertipSurfaces, x, y, angle: float = 0.0) -> Rays:
     is zero. The lowest crossing counts as the lower border, the highest as the upper.
     """
     axes = plate_axes(angle)
-    size = (np.array(tip.skin.shape) - 1) * tip.spacing
-    corners = tip.origin + np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3) * size
-    heights = corners @ axes[2]
+    heights = tip.corners @ axes[2]
     z = np.arange(heights.min(), heights.max(), tip.spacing.min() / 2)
     x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
     plane = x[..., None] * axes[0] + y[..., None] * axes[1]
@@ -194,9 +198,7 @@ def fill(
 def lowest(tip: FingertipSurfaces, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane
     that holds all that lies less than `depth` above it; metres."""
-    size = (np.array(tip.skin.shape) - 1) * tip.spacing
-    corners = tip.origin + np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3) * size
-    plane = corners @ plate_axes(angle)[:2].T
+    plane = tip.corners @ plate_axes(angle)[:2].T
     low, high = plane.min(axis=0), plane.max(axis=0)
     step = float(tip.spacing.max())
     box = np.zeros((0, 2))

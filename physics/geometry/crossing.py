@@ -10,31 +10,41 @@ from palpate.physics.kernel import kernel
 def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.ndarray] | None:
     """Two triangles of which one has an edge that passes through the other, and where [m] (3,); None: there are none.
 
-    Triangles that only touch, or share a corner, do not cross.
+    Triangles that only touch, lie in one plane or share a corner do not cross.
     """
-    points = np.ascontiguousarray(points, dtype=np.float64)
+    points = np.array(points, dtype=np.float64)
+    middle = points.mean(axis=0)
+    points -= middle  # far from the origin a scanner's numbers would be rounded to more than the filter allows for
     triangles = np.ascontiguousarray(triangles, dtype=np.int64)
     corner = points[triangles]
     order = np.argsort(corner[:, :, 0].min(axis=1))
     low, high = corner[order].min(axis=1), corner[order].max(axis=1)
     at = np.zeros(3)
     first, other = _crossing(points, triangles[order], low, high, float((high - low)[:, 0].max()), at)
-    return None if first < 0 else (int(order[first]), int(order[other]), at)
+    return None if first < 0 else (int(order[first]), int(order[other]), at + middle)
 
 
 @kernel
 def _side(a, b, c, p):
-    """Six times the volume of the tetrahedron a, b, c, p."""
+    """Six times the volume of the tetrahedron a, b, c, p, or 0 where rounding may have made its sign: the filter of
+    J. R. Shewchuk, Adaptive precision floating-point arithmetic, Discrete Comput. Geom. 18 (1997) 305, here with room
+    for vertices that were themselves rounded.
+    """
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     w0, w1, w2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
-    return (u1 * v2 - u2 * v1) * w0 + (u2 * v0 - u0 * v2) * w1 + (u0 * v1 - u1 * v0) * w2
+    volume = (u1 * v2 - u2 * v1) * w0 + (u2 * v0 - u0 * v2) * w1 + (u0 * v1 - u1 * v0) * w2
+    terms = (
+        (abs(u1 * v2) + abs(u2 * v1)) * abs(w0)
+        + (abs(u2 * v0) + abs(u0 * v2)) * abs(w1)
+        + (abs(u0 * v1) + abs(u1 * v0)) * abs(w2)
+    )
+    return volume if abs(volume) > 1e-12 * terms else 0.0
 
 
 @kernel
 def _crossing(points, triangles, low, high, widest, at):
     """Triangles are in the order of their least x, low and high (T,3) their bounds; the first pair, or -1, -1."""
-    tiny = 1e-12
     for i in range(len(triangles)):
         first = np.searchsorted(low[:, 0], low[i, 0] - widest)
         for j in range(first, len(triangles)):
@@ -58,8 +68,7 @@ def _crossing(points, triangles, low, high, widest, at):
                 if not above * below < 0.0:
                     continue
                 x, y, z = _side(p, q, a, b), _side(p, q, b, c), _side(p, q, c, a)
-                size = tiny * (abs(x) + abs(y) + abs(z))
-                if (x > size and y > size and z > size) or (x < -size and y < -size and z < -size):
+                if (x > 0.0 and y > 0.0 and z > 0.0) or (x < 0.0 and y < 0.0 and z < 0.0):
                     share = above / (above - below)
                     for l in range(3):
                         at[l] = p[l] + share * (q[l] - p[l])

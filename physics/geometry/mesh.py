@@ -27,6 +27,13 @@ class Mesh:
         return np.cross(b - a, c - a)
 
     @cached_property
+    def edges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ends of each edge (E,2), the lower first, and how many triangles have it (E,)."""
+        ends = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        edges, count = np.unique(ends, axis=0, return_counts=True)
+        return edges, count
+
+    @cached_property
     def areas(self) -> np.ndarray:
         """Nodal area [m²] (V,): a third of the triangles round each vertex; they sum to the area of the surface."""
         third = np.linalg.norm(self.face_vectors, axis=1) / 6.0

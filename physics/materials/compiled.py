@@ -34,8 +34,7 @@ def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResul
 
 def address(law: Callable[..., Any]) -> int:
     """Where a law's code begins in this process, for `law_at`."""
-    pointer: int = compiled(law, LAW).__wrapper_address__()
-    return pointer
+    return compiled(law, LAW).__wrapper_address__()
 
 
 def _law_at(typingctx, address):  # type: ignore[no-untyped-def]

@@ -53,8 +53,7 @@ class Prony:
     def at(self, time: np.ndarray) -> np.ndarray:
         """g [1] at times [s] >= 0 after a step (...)."""
         shown = np.asarray(time, float)[..., None] / self.times
-        left: np.ndarray = 1.0 + (self.shares * np.expm1(-shown)).sum(axis=-1)
-        return left
+        return 1.0 + (self.shares * np.expm1(-shown)).sum(axis=-1)
 
     def step(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """What is left after dt [s] >= 0 of the history of each term, exp(-x), and of a change that came evenly within
@@ -66,5 +65,4 @@ class Prony:
         """The response (n,) to an elastic one (n,) at increasing times [s] (n,): from rest before the first, straight
         from one to the next."""
         time, elastic = np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float)
-        out: np.ndarray = _relaxed(self.shares, self.times, time, elastic)
-        return out
+        return _relaxed(self.shares, self.times, time, elastic)

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from palpate.messages import Contact, Force, Message, MessageError, Pose, Surface, fields, unpack
+from palpate.messages import Contact, Force, Message, Pose, Surface, fields
 from palpate.messages.base import HEADER
 from palpate.records.export import scene
 from palpate.records.export.palette import FINGER, NORMAL
@@ -21,8 +21,7 @@ from palpate.records.export.shape import FULL, LENGTH, Pace, Tell, colours, disp
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-_CHUNK = 4 << 20
-"""[B] Several surfaces, which are much alike, are compressed together."""
+_CHUNK = 4 << 20  # [B] several surfaces, which are much alike, are compressed together
 _Told = tuple[str, dict[str, Any], dict[str, Any]]
 
 
@@ -54,7 +53,7 @@ def write_foxglove(
             chosen, shown = not (seen[name] - 1) % (every or 1), drawn.shows(name, time)
             if not (chosen or shown):
                 continue
-            message = _read(recording, name, tick, payload, kinds[name])
+            message = recording.decoded(name, tick, payload, kinds[name])
             if chosen:
                 out.add(f"/{name}", tick, time, as_plain(message, rows=False))
             for topic, kind_of, body in drawn.messages(name, message, shown):
@@ -142,7 +141,7 @@ class _Scene:
         moves, pace = np.zeros(len(rest), dtype=bool), Pace(self.every)
         for other, tick, time, payload in self.recording.raw():
             if other == name and pace.shows(time):
-                message = _read(self.recording, name, tick, payload, self.kinds[name])
+                message = self.recording.decoded(name, tick, payload, self.kinds[name])
                 assert isinstance(message, Surface)
                 moved = displaced(self.recording, name, message, rest)
                 moves |= (np.abs(moved) > 0.5 * 10.0**-scene.DIGITS).any(axis=1)
@@ -153,13 +152,6 @@ class _Scene:
 def _part(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     vertices, places = np.unique(triangles, return_inverse=True)
     return vertices, places.reshape(-1, 3)
-
-
-def _read(recording: Recording, name: str, tick: int, payload: bytes, kind: type[Message]) -> Message:
-    try:
-        return unpack(payload, kind)
-    except MessageError as error:
-        raise RecordingError(f"{recording.path}: stream {name!r}, tick {tick}: {error}") from None
 
 
 def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:

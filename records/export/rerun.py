@@ -13,6 +13,8 @@ from palpate.records.export.shape import LENGTH, Pace, Tell, colours, displaced,
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
+Shape = tuple[np.ndarray, np.ndarray]  # vertices and triangles of a body at rest
+
 
 def write_rerun(
     recording: Recording, path: Path, streams: tuple[str, ...], every: int | None = None, tell: Tell = lambda _: None
@@ -31,7 +33,7 @@ def write_rerun(
     path.parent.mkdir(parents=True, exist_ok=True)
     out.save(str(path))
     for name, shape in shapes(recording, streams, tell).items():
-        _surface(rerun, out, recording, name, every, *shape)
+        _surface(rerun, out, recording, name, every, shape)
     foot = next((n for n in streams if recording.streams[n].type is Contact), None)
     for name in streams:
         _numbers(rerun, out, recording, name, every)
@@ -60,15 +62,8 @@ def _numbers(rerun: Any, out: Any, recording: Recording, name: str, every: int |
             out.send_columns(entity, clock, rerun.Scalars.columns(scalars=rows[:, part]))
 
 
-def _surface(
-    rerun: Any,
-    out: Any,
-    recording: Recording,
-    name: str,
-    every: int | None,
-    vertices: np.ndarray,
-    triangles: np.ndarray,
-) -> None:
+def _surface(rerun: Any, out: Any, recording: Recording, name: str, every: int | None, shape: Shape) -> None:
+    vertices, triangles = shape
     pace = Pace(every)
     for message in recording.messages(name):
         if not isinstance(message, Surface) or not pace.shows(message.time):

@@ -10,12 +10,10 @@ from typing import Any
 
 import numpy as np
 
-WORLD = "world"
-"""Frame of all places in messages."""
+WORLD = "world"  # frame of all places in messages
 SHAFT, HEAD = 1e-3, 2.5e-3
 """[m] Diameters of an arrow; its head is twice as long as wide, but no more than half of the arrow."""
-DIGITS = 6
-"""Of lengths in metres: a micrometre."""
+DIGITS = 6  # of lengths in metres: a micrometre
 
 
 def _object(title: str, **properties: Any) -> dict[str, Any]:

@@ -16,12 +16,9 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
 Tell = Callable[[str], object]
-RATE = 30.0
-"""[Hz] of what a scene shows at most, unless it is said otherwise: each surface carries all of its vertices."""
-LENGTH = 0.012
-"""[m/N] of an arrow."""
-FULL = 0.01
-"""[m] Displacement of the last colour."""
+RATE = 30.0  # [Hz] of what a scene shows at most, unless it is said otherwise: each surface carries all of its vertices
+LENGTH = 0.012  # [m/N] of an arrow
+FULL = 0.01  # [m] displacement of the last colour
 _SCALE = np.array([list(bytes.fromhex(colour[1:])) for colour in DEFORMATION], dtype=float)
 
 

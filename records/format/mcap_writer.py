@@ -20,31 +20,16 @@ from typing import IO, Any, Literal
 import lz4.frame
 import numpy as np
 import zstandard
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-    SummaryOffset,
-)
 
 MAGIC = b"\x89MCAP0\r\n"
-LIBRARY = "palpate, sealed"
-"""Says in the header of a file that its metadata are sealed."""
+LIBRARY = "palpate, sealed"  # says in the header of a file that its metadata are sealed
 SEAL = "crc32"
 CHUNK_SIZE = 1 << 20  # [B]
-IN_FLIGHT = 2
-"""Chunks that wait for the disk at most; then the caller waits, so that memory stays bounded."""
-LEVEL = 1
-"""Of zstd. Random bits of doubles are most of a recording: level 3 takes 1.6 times as long for 0.4 % less."""
+IN_FLIGHT = 2  # chunks that wait for the disk at most; then the caller waits, so that memory stays bounded
+LEVEL = 1  # of zstd: most of a recording is random bits of doubles; level 3 takes 1.6 times as long for 0.4 % less
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length; channel, sequence number, two times
 _HEAD = np.dtype(
@@ -83,22 +68,22 @@ class McapWriter:
         self._waiting: deque[Future[None]] = deque()
         self._at = self._checksum = 0
         self._failed: OSError | None = None
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
-        self._chunks: list[ChunkIndex] = []
-        self._metadata: list[MetadataIndex] = []
+        self._schemas: list[records.Schema] = []
+        self._channels: list[records.Channel] = []
+        self._chunks: list[records.ChunkIndex] = []
+        self._metadata: list[records.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
         self._parts: list[bytes] = [b""]
         self._size = 0
-        self._write(MAGIC, _bytes(Header(profile, LIBRARY)))
+        self._write(MAGIC, _bytes(records.Header(profile, LIBRARY)))
 
     def add_schema(self, name: str, data: bytes) -> int:
         """Declare a JSON schema; returns its number."""
-        return self._declare(self._schemas, Schema(len(self._schemas) + 1, data, "jsonschema", name))
+        return self._declare(self._schemas, records.Schema(len(self._schemas) + 1, data, "jsonschema", name))
 
     def add_channel(self, topic: str, encoding: str, schema: int, about: dict[str, str]) -> int:
         """Declare a channel before its first message; returns its number."""
-        return self._declare(self._channels, Channel(len(self._channels) + 1, topic, encoding, about, schema))
+        return self._declare(self._channels, records.Channel(len(self._channels) + 1, topic, encoding, about, schema))
 
     def _declare(self, known: list[Any], record: Any) -> int:
         if self._size:
@@ -133,21 +118,21 @@ class McapWriter:
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
         """Write metadata, sealed with their checksum, behind the messages so far."""
         self.flush()
-        record = _bytes(Metadata(name, {**data, SEAL: seal(name, data)}))
-        self._metadata.append(MetadataIndex(self._at, len(record), name))
+        record = _bytes(records.Metadata(name, {**data, SEAL: seal(name, data)}))
+        self._metadata.append(records.MetadataIndex(self._at, len(record), name))
         self._write(record)
 
     def finish(self) -> None:
         """Write the summary; the file is complete then."""
         self.flush()
-        self._write(_bytes(DataEnd(self._checksum)))
+        self._write(_bytes(records.DataEnd(self._checksum)))
         start, summary, offsets = self._at, b"", b""
-        for kind, records in self._summary():
-            group = b"".join(map(_bytes, records))
-            if group:
-                offsets += _bytes(SummaryOffset(kind, start + len(summary), len(group)))
-            summary += group
-        footer = _bytes(Footer(start, start + len(summary), 0))[:-4]
+        for kind, group in self._summary():
+            packed = b"".join(map(_bytes, group))
+            if packed:
+                offsets += _bytes(records.SummaryOffset(kind, start + len(summary), len(packed)))
+            summary += packed
+        footer = _bytes(records.Footer(start, start + len(summary), 0))[:-4]
         checksum = zlib.crc32(footer, zlib.crc32(summary + offsets))
         self._write(summary, offsets, footer, checksum.to_bytes(4, "little"), MAGIC)
         self.close()
@@ -156,10 +141,10 @@ class McapWriter:
         """End the thread; what is not written stays unwritten."""
         self._thread.shutdown(cancel_futures=True)
 
-    def _summary(self) -> Iterable[tuple[Opcode, Iterable[McapRecord]]]:
+    def _summary(self) -> Iterable[tuple[Opcode, Iterable[records.McapRecord]]]:
         begins = [chunk.message_start_time for chunk in self._chunks]
         ends = [chunk.message_end_time for chunk in self._chunks]
-        statistics = Statistics(
+        statistics = records.Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
             channel_message_counts=self._counts,
@@ -193,7 +178,7 @@ class McapWriter:
             index += _INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX.size - _RECORD + entries.nbytes, channel, entries.nbytes)
             index += entries.tobytes()
             self._counts[channel] += len(entries)
-        self._chunks.append(ChunkIndex(
+        self._chunks.append(records.ChunkIndex(
             chunk_length=len(chunk) + len(packed), chunk_start_offset=self._at, compression=self._name,
             compressed_size=len(packed), message_end_time=end, message_index_length=len(index),
             message_index_offsets=offsets, message_start_time=begin, uncompressed_size=len(data),
@@ -224,7 +209,7 @@ def _entries(heads: np.ndarray, begin: int) -> Iterable[tuple[int, np.ndarray]]:
         yield int(channel), entries[heads["channel"] == channel]
 
 
-def _bytes(record: McapRecord) -> bytes:
+def _bytes(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     return builder.end()

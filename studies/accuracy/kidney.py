@@ -176,7 +176,7 @@ class _PartBed(ElasticFoundation):
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
         """Make the springs for a mesh."""
         area = self._share * face_rule.areas(points, self.faces)
-        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, self._value, self._value)
+        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
         self.couple(pattern)
 
 

@@ -13,7 +13,6 @@ function: normal
 
 from __future__ import annotations
 
-import gc
 import os
 import shutil
 import time
@@ -113,7 +112,6 @@ class SimulatedObserver:
         if key not in self._known:
             duration = self.settings.duration
             outcome = execute(launch.but(place=FUSED, clock="simulated", duration=duration))
-            gc.unfreeze()  # the loop has set aside what was there before it
             if outcome.result.interrupted:
                 raise KeyboardInterrupt
             if not outcome.ok:

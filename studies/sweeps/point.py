@@ -7,7 +7,6 @@ a point takes too long or takes its process down.
 from __future__ import annotations
 
 import fcntl
-import gc
 import hashlib
 import os
 import platform
@@ -124,7 +123,6 @@ def compute(task: Task, point: Point, begun: Callable[[], None] = lambda: None) 
             begun()
             since = time.monotonic()
             outcome = execute(launch, graph)
-            gc.unfreeze()  # the loop has set aside what was there before it
             died = {death.node: str(death) for death in outcome.result.deaths}
             loggers = {name for name in died if issubclass(graph.nodes[name].cls, Mcap)}
             if died and not loggers:
@@ -179,7 +177,6 @@ def _warm(launch: LaunchFile, graph: Graph, seen: set[str] = set()) -> None:  # 
         if not (folder / name).exists():
             first = launch.load()
             execute(replace(launch, record=None, duration=1.0 / first.rate), first)
-            gc.unfreeze()
             (folder / name).touch()
 
 

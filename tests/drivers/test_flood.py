@@ -63,7 +63,7 @@ def service(far):
 
 def sensor(far):
     driver = netft.NetFT("nowhere")
-    driver.link, driver.scale, driver.number, driver.asked = far, netft.Scale(1.0, 1.0), -1, 0.0
+    driver.port, driver.scale, driver.number, driver.asked = far, netft.Scale(1.0, 1.0), -1, 0.0
     return driver
 
 
@@ -75,7 +75,7 @@ def mouse(far, kind=spacemouse.SpaceMouse):
 
 def board(far):
     driver = raw.RawHidDriver(lambda: far)
-    driver.device, driver.sequence, driver.wrong, driver.last = far, 0, 0, -1
+    driver.port, driver.sequence, driver.wrong, driver.last = far, 0, 0, -1
     driver.info = raw.Info(0, 3, (1.0,) * 6, (1.0,) * 6)
     return driver
 
@@ -119,21 +119,21 @@ def test_a_2diy_that_sends_without_end_is_opened_or_refused():
 )
 def test_of_several_states_the_newest_counts(make, waiting, newest):
     driver = make(Far())
-    (driver.link if make is not board else driver.device).waiting += waiting
+    driver.port.waiting += waiting
     assert newest(driver.cycle((0.0,) * driver.size))
 
 
 def test_a_state_that_came_before_is_no_new_one():
     driver = board(Far([at(1)]))
     assert driver.cycle((0.0,) * 3) is not None
-    driver.device.waiting.append(at(1))
+    driver.port.waiting.append(at(1))
     assert driver.cycle((0.0,) * 3) is None
 
 
 def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_while():
     driver = service(Far(flood=state))
     assert [driver.cycle((0.0,) * 3) for _ in range(3)] == [None] * 3
-    far, answers = driver.link, []
+    far, answers = driver.port, []
     far.flood = None
     for i in range(inverse3.CALM + 2):
         far.waiting.append(state(float(i)))
@@ -145,7 +145,7 @@ def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_whi
 
 def test_in_a_flood_the_force_goes_and_commands_go_on():
     driver = service(Far())
-    guard, far, now, sent = Guard(driver.limits, ramp=0.0), driver.link, 0, []
+    guard, far, now, sent = Guard(driver.limits, ramp=0.0), driver.port, 0, []
     for k in range(1, 60):
         now = k * MS
         command = guard.apply((1.0, 0.0, 0.0), now, now)

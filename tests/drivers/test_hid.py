@@ -222,10 +222,10 @@ def test_the_reference_firmware_lets_go_when_the_host_is_silent(firmware):
         while time.monotonic() < end:
             driver.cycle((0.0, 0.0, 2.0))
         time.sleep(0.6)  # 30 times the watchdog's time, and several of the spring's
-        while driver.device.read(64, 0.05):  # answers that came late
+        while driver.port.read(64, 0.05):  # answers that came late
             pass
         driver._send(raw.HOME, (0,) * 6)
-        state = raw.unpack(driver.device.read(64, 5.0))
+        state = raw.unpack(driver.port.read(64, 5.0))
         assert state.flags & raw.TRIPPED
         assert state.counts[2] * 20e-6 == approx(0.11, abs=1e-4)
     finally:

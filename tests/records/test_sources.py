@@ -17,7 +17,7 @@ from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.run.execute import execute
 from palpate.messages import Force
 from palpate.records.compare import compare
-from palpate.records.copy import begin_copy
+from palpate.records.fill import begin_copy
 from palpate.records.format.head import head_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording

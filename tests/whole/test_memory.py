@@ -47,7 +47,6 @@ def kept(body: str) -> tuple[float, int]:
         gc.collect()
         blocks.append(sys.getallocatedblocks())
     finally:
-        gc.unfreeze()
         worker.stop()
     return (blocks[1] - blocks[0]) / TICKS, ran[1] - ran[0]
 

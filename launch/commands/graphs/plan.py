@@ -40,8 +40,7 @@ def plan(
     place: PlaceOption = None,
     fused: Fused = False,
     draw: Annotated[
-        str | None,
-        typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]"),
+        str | None, typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]")
     ] = None,
     ablate: Annotated[
         Path | None,

@@ -105,12 +105,12 @@ def run(
                 launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
                 patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
                 thin=thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
-                watch=page.on_update if page else lambda _: None, fit_cores=True,
+                watch=page.live.on_update if page else lambda _: None, fit_cores=True,
             )  # fmt: skip
         if forkserver is not None:
             forkserver.close()
         if page is not None:
-            page.over()
+            page.live.over()
         ended(outcome, name, folder if pictures else None, organ_notes, as_json, quiet)
         if page is not None and not (outcome.result.interrupted or as_json):
             page.stay()

@@ -75,13 +75,6 @@ class Row:
         return {"rate": self.rate, **{name: getattr(self.last, name) for name in names}}
 
 
-def _state(state: str) -> Any:
-    """What is out of order; nothing where all is well."""
-    from rich.text import Text
-
-    return Text("" if state == "ready" else state, style="red")
-
-
 def _table(run: str, rows: dict[str, Row]) -> Any:
     from rich.console import Group
     from rich.text import Text
@@ -97,6 +90,6 @@ def _table(run: str, rows: dict[str, Row]) -> Any:
         durations = [Text(f"{value * 1e6:.1f}") for value in (it.median, it.p99, it.longest, it.age)]
         counts = troubles(it.late, it.lost, it.held)
         figures = [Text(str(it.tick)), Text(f"{row.rate:.0f}"), *durations, *counts, Text(str(it.asleep))]
-        cells.append([Text(name), *figures, _state(it.state)])
+        cells.append([Text(name), *figures, Text("" if it.state == "ready" else it.state, style="red")])
     spare = ("asleep", "longest\n[us]", "p50\n[us]", "held", "answer\n[us]", "tick")
     return Group(Text(f"run {run}", style="italic"), Fitted(titles, cells, spare))

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, say, table, tell
 from palpate.physics.errors import MISUSE, TROUBLE
+
+if TYPE_CHECKING:
+    from palpate.drivers.discover import Found
 
 
 def devices(
@@ -59,12 +62,11 @@ def _install(as_json: bool) -> None:
 
 def _list(probe: bool, as_json: bool) -> None:
     from palpate.drivers.discover import devices as plugged
-    from palpate.launch.machine.usb import firmware_of, next_step
 
     usb_devices = list(plugged())
-    firmware = {f.port: firmware_of(f) if probe else "" for f in usb_devices}
+    firmware = {f.port: _firmware_of(f) if probe else "" for f in usb_devices}
     if as_json:
-        listing = [{**asdict(f), "firmware": firmware[f.port], "next": next_step(f)} for f in usb_devices]
+        listing = [{**asdict(f), "firmware": firmware[f.port], "next": f.next_step} for f in usb_devices]
         tell({"ok": True, "devices": listing})
         return
     if not usb_devices:
@@ -73,10 +75,29 @@ def _list(probe: bool, as_json: bool) -> None:
         say("Nothing to do: `port: emulator` runs without one.", "dim", wrap=True)
         return
     rows = (
-        (f"{f.name} {f.ids}", f.use, f.port or "-", f.bound or "-", firmware[f.port] or "-", next_step(f) or "ready")
+        (f"{f.name} {f.ids}", f.use, f.port or "-", f.bound or "-", firmware[f.port] or "-", f.next_step or "ready")
         for f in usb_devices
     )
     console().print(table(("device", "node", "port", "kernel driver", "firmware", "next step"), rows))
+
+
+def _firmware_of(usb_device: Found) -> str:
+    """Whether a Falcon has its firmware, or why that is not known; nothing is loaded, and no force commanded."""
+    from palpate.drivers import falcon
+    from palpate.drivers.errors import DeviceError
+    from palpate.drivers.falcon import driver
+    from palpate.drivers.transport import ftdi
+
+    if usb_device.use != "device.Falcon" or usb_device.next_step:
+        return ""
+    device = driver.FalconDriver(lambda: ftdi.UsbFtdi(falcon.VENDOR, falcon.PRODUCT, falcon.NAME, usb_device.port))
+    try:
+        device.open()
+    except DeviceError as error:
+        return "none runs: give the setting `firmware`" if "no firmware" in str(error) else str(error)
+    finally:
+        device.close()
+    return "runs"
 
 
 def _emulate(name: str, seconds: float, as_json: bool) -> None:

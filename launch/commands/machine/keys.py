@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.launch.terminal.options import Json
-from palpate.launch.terminal.output import console, tell
+from palpate.launch.terminal.output import say, tell
 
 
 def keys(
@@ -20,8 +20,6 @@ def keys(
     Whoever has the file of a key can take part in the runs that it secures. Copy it to the same place on every machine
     of a rig, and let nobody else read it.
     """
-    from rich.text import Text
-
     from palpate.launch.run.wire import keys as known
 
     made = known.make(name) if make else None
@@ -29,10 +27,9 @@ def keys(
     if as_json:
         tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}})
         return
-    out = console(soft_wrap=True)
     if made is not None:
-        out.print(Text(f"made {made}; copy it to the same place on the other machines", style="green"))
+        say(f"made {made}; copy it to the same place on the other machines", "green")
     for key_name, path in paths.items():
-        out.print(Text(f"{key_name}  {path}"))
+        say(f"{key_name}  {path}")
     if not paths:
-        out.print(Text(f"no keys in {known.folder()}; `palpate keys --make` makes one", style="dim"))
+        say(f"no keys in {known.folder()}; `palpate keys --make` makes one", "dim")

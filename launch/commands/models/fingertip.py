@@ -12,8 +12,7 @@ from palpate.launch.terminal.output import console, table, tell
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import missing
 
-Side = Literal["auto", "up", "down", "left", "right"]
-"""Where the nail is in the images."""
+Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in the images
 
 
 def fingertip(

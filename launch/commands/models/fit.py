@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from palpate.launch.terminal.options import Json
+from palpate.launch.terminal.output import console, say, tell
 from palpate.physics.extras import missing
 
 if TYPE_CHECKING:
@@ -48,40 +48,27 @@ def fit(
     from palpate.models.fit.fit import fit_sessions, write_example
     from palpate.models.fit.sessions import SessionError
 
-    drawn: list[str] = []
-
     if example is not None:
         write_example(example)
-        text = f"Wrote synthetic sessions of two subjects to {example}."
-        typer.echo(json.dumps({"ok": True, "file": str(example)}) if as_json else text)
+        if as_json:
+            tell({"ok": True, "file": str(example)})
+        else:
+            typer.echo(f"Wrote synthetic sessions of two subjects to {example}.")
         return
     if sessions is None:
         raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
     fitted = fit_sessions(
-        sessions,
-        law=law,
-        subjects=subject or [],
-        out=out,
-        mean=mean,
-        deviation=deviation,
-        folds=folds,
-        depth_limit=depth_limit,
-        protocol=protocol,
-        any_stiffness=any_stiffness,
-    )
-    if pictures is not None:
-        drawn = _draw(fitted, pictures)
+        sessions, law=law, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
+        depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,
+    )  # fmt: skip
+    drawn = [] if pictures is None else _draw(fitted, pictures)
     if as_json:
-        summary = {"ok": True, "subjects": fitted.data, "notes": fitted.notes}
-        typer.echo(json.dumps(summary | {"file": str(fitted.file), "pictures": drawn}, indent=2))
+        tell({"ok": True, "subjects": fitted.data, "notes": fitted.notes, "file": str(fitted.file), "pictures": drawn})
         return
-    from rich.console import Console
-
-    console = Console()
     for table in fitted.tables:
-        console.print(table)
+        console().print(table)
     for note in [*fitted.notes, f"Wrote {', '.join([str(fitted.file), *drawn])}"]:
-        console.print(note, markup=False, highlight=False)
+        say(note, wrap=True)
 
 
 def _draw(fitted: Told, folder: Path) -> list[str]:

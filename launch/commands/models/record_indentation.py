@@ -11,8 +11,7 @@ from palpate.launch.terminal.options import Json, Sets
 from palpate.launch.terminal.output import console, tell
 from palpate.physics.errors import TROUBLE
 
-FOLDS = 9
-"""Sessions that `palpate fit` compares force models with, unless it is given fewer folds."""
+FOLDS = 9  # sessions that `palpate fit` compares force models with, unless it is given fewer folds
 
 
 def record_indentation(

@@ -13,10 +13,8 @@ from palpate.launch.terminal.options import INTERRUPTED, Json
 from palpate.launch.terminal.output import console, tell
 from palpate.physics.errors import TROUBLE
 
-MOST_COARSE = 2000
-"""What the setting `coarse` takes at most."""
-WORST = 0.25
-"""[1] Error at the worst touch from which on a basis is of no use; those that ship have less."""
+MOST_COARSE = 2000  # what the setting `coarse` takes at most
+WORST = 0.25  # [1] error at the worst touch from which on a basis is of no use; those that ship have less
 
 
 def reduce(

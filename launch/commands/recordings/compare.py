@@ -19,8 +19,7 @@ def compare(
     file: File,
     sets: Annotated[list[str] | None, typer.Option("--set", help="Variant with one new value: tissue.use=...")] = None,
     variants: Annotated[
-        list[str] | None,
-        typer.Option("--variant", help="Variant with several new values, in quotes."),
+        list[str] | None, typer.Option("--variant", help="Variant with several new values, in quotes.")
     ] = None,
     reference: Annotated[
         str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')

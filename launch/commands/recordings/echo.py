@@ -31,7 +31,8 @@ def echo(
     """
     from palpate.launch.run.wire.discover import messages_of
 
-    messages = _recorded(first, second) if _is_file(first, second) else messages_of(first, run)
+    is_file = second is not None or Path(first).suffix == ".mcap" or Path(first).is_file()
+    messages = _recorded(first, second) if is_file else messages_of(first, run)
     out = console(soft_wrap=True)
     try:
         for message in itertools.islice(messages, 0, None if count is None else count * every, every):
@@ -41,10 +42,6 @@ def echo(
                 out.print(line(message))
     except KeyboardInterrupt:
         raise typer.Exit from None
-
-
-def _is_file(first: str, second: str | None) -> bool:
-    return second is not None or Path(first).suffix == ".mcap" or Path(first).is_file()
 
 
 def _recorded(file: str, stream: str | None) -> Iterator[Message]:

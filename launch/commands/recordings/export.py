@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.launch.terminal.options import Json, Sets, Trust
-from palpate.launch.terminal.output import console, tell
+from palpate.launch.terminal.output import say, tell
 
 
 def export(
@@ -38,7 +38,7 @@ def export(
         if as_json:
             tell({"ok": True, "files": [str(unit)]})
         else:
-            console().print(f"{unit}: {unit.stat().st_size / 1e6:.2f} MB")
+            say(f"{unit}: {unit.stat().st_size / 1e6:.2f} MB", wrap=True)
         return
     if sets:
         raise typer.BadParameter("--set is for --to fmu: a recording is as it is; `palpate replay` computes it anew")
@@ -52,12 +52,10 @@ def export(
         files = [str(path) for path in written]
         tell({"ok": True, "files": files, "notes": notes, "complete": recording.complete, "ending": recording.ending})
         return
-    from rich.text import Text
-
     size = sum(path.stat().st_size for path in written)
     where = written[0] if len(written) == 1 else written[0].parent
-    console().print(Text(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB"))
+    say(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB", wrap=True)
     for note in notes:
-        console(soft_wrap=True).print(Text(note, style="yellow"))
+        say(note, "yellow")
     if not recording.complete:
-        console(soft_wrap=True).print(Text(recording.ending, style="yellow"))
+        say(recording.ending, "yellow")

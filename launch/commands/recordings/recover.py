@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from palpate.launch.terminal.options import File, Json, Trust
-from palpate.launch.terminal.output import console, tell
+from palpate.launch.terminal.output import say, tell
 from palpate.physics.errors import TROUBLE
 
 
@@ -39,10 +39,8 @@ def recover(
     if as_json:
         tell({"ok": not wrong, "file": str(target), "counts": counts, "difference": wrong or None})
     else:
-        from rich.text import Text
-
-        console().print(Text(f"{target}: {sum(counts.values())} messages of {len(counts)} streams"))
+        say(f"{target}: {sum(counts.values())} messages of {len(counts)} streams", wrap=True)
         if wrong:
-            console(stderr=True, soft_wrap=True).print(Text(wrong, style="red"))
+            say(wrong, "red", err=True)
     if wrong:
         raise typer.Exit(TROUBLE)

@@ -8,11 +8,10 @@ from typing import Annotated
 import typer
 
 from palpate.launch.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
-from palpate.launch.terminal.output import console, tell
+from palpate.launch.terminal.output import say, tell
 from palpate.launch.terminal.progress import steps
 
-PER_TICK = 1e-3
-"""[s] that a body and its reference take for a tick of the touch."""
+PER_TICK = 1e-3  # [s] that a body and its reference take for a tick of the touch
 
 
 def fit_body(
@@ -47,11 +46,10 @@ def fit_body(
     if as_json:
         tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after})
         return
-    print_ = console().print
     for key, value in fitted.overrides.items():
-        print_(f"{key} = {value}", markup=False)
-    print_("Differences from the reference, RMS of its peak:")
+        say(f"{key} = {value}", wrap=True)
+    say("Differences from the reference, RMS of its peak:", wrap=True)
     for word, off in (("before", fitted.before), ("after", fitted.after)):
-        print_(f"{word:7} {study.words(off)}", markup=False)
-    print_(fitted.reference, markup=False)
-    print_(f"written {file}: palpate run {file}", markup=False)
+        say(f"{word:7} {study.words(off)}", wrap=True)
+    say(fitted.reference, wrap=True)
+    say(f"written {file}: palpate run {file}", wrap=True)

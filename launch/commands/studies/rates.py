@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from palpate.studies.rates import Rate, Slowed
     from palpate.studies.search import Trial
 
-PER_TICK = 3e-3
-"""[s] that an effect takes for a tick of the touch: it is computed again at all rates side by side."""
+PER_TICK = 3e-3  # [s] that an effect takes for a tick of the touch: it is computed again at all rates side by side
 
 
 def rates(
@@ -98,11 +97,8 @@ def _print(found: Slowed, file: Path) -> None:
         say(idle, "dim", wrap=True)
     for word, one in (("predicted", found.promised), ("measured", found.came)):
         assert one is not None
-        say(
-            f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us; "
-            f"{1e6 * one.reference:.0f} us with all effects at every tick",
-            wrap=True,
-        )
+        full = f"{1e6 * one.reference:.0f} us with all effects at every tick"
+        say(f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us; {full}", wrap=True)
     for speed, one in found.at.items() if len(found.at) > 1 else ():
         say(f"          at {speed:g} times its speed {percents(one)}", wrap=True)
     say("Errors are differences from the same graph with all effects at every tick.", "dim", wrap=True)

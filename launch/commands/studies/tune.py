@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from palpate.studies.search import Trial
     from palpate.studies.tune import Goal, Tuned
 
-PER_TICK = 1e-3
-"""[s] that a body takes for a tick of the touch, the reference beside it and the start included."""
+PER_TICK = 1e-3  # [s] that a body takes for a tick of the touch, the reference beside it and the start included
 
 
 def tune(
@@ -95,9 +94,6 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
         times = f"{1e6 * one.p50:.0f} us p50, {1e6 * one.p99:.0f} us p99"
         say(f"{word:9} {goal.quantity} error {100 * one.error:.3g} % of peak (RMS), tick {times}", wrap=True)
     if not tuned.kept:
-        say(
-            "The run missed the goal: the machine was busier, or the touch changes with this model.",
-            "yellow",
-            wrap=True,
-        )
+        why = "The run missed the goal: the machine was busier, or the touch changes with this model."
+        say(why, "yellow", wrap=True)
     say(f"written   {file}: palpate run {file}", wrap=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typing
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, TypeVar
 
 import msgspec
@@ -29,7 +30,7 @@ def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", *
     within  what the mapping is, "group 'loop'", where the place does not say it
     about   node or port that the faults are about
     """
-    known = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    known = _fields(kind)
     missing = {key: None for key, field in known.items() if field.required and key not in line.data}
     given, refused = {}, False
     for key, value in (line.data | missing).items():
@@ -54,6 +55,11 @@ def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", *
             faults.add(f"{name}{f' [{unit}]' if unit else ''}: found {value!r}{expected}", cure, place, **about)
         refused |= field.required and field.name not in given
     return None if refused else kind(**given)
+
+
+@cache
+def _fields(kind: type[msgspec.Struct]) -> dict[str, msgspec.structs.FieldInfo]:
+    return {field.encode_name: field for field in msgspec.structs.fields(kind)}
 
 
 def _marks(hint: Any) -> Iterator[msgspec.Meta]:

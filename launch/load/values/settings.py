@@ -9,6 +9,7 @@ import types
 import typing
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any
 
 import msgspec
@@ -22,8 +23,7 @@ from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
-FIXED = ("effects", "wanted")
-"""What a scene says of the graph as a whole."""
+FIXED = ("effects", "wanted")  # what a scene says of the graph as a whole
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def resolve(
 def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str], faults: Faults) -> Any:
     """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
     try:
-        value = in_si(setting, value)
+        value = in_si(setting.type, value, setting.unit)
         _finite(value)
         return _plain(check(setting, value))
     except UnitError as error:
@@ -229,12 +229,8 @@ def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
     return names, seen
 
 
-def in_si(setting: Setting, value: Any) -> Any:
-    """The value with quantities such as "6 mm" turned into numbers of the setting's unit. UnitError: not possible."""
-    return _in_si(setting.type, value, setting.unit)
-
-
-def _in_si(hint: Any, value: Any, unit: str) -> Any:
+def in_si(hint: Any, value: Any, unit: str) -> Any:
+    """A value of this type with quantities such as "6 mm" turned into numbers of the unit. UnitError: not possible."""
     options = _options(hint)
     numeric = float in options or int in options
     if isinstance(value, str):
@@ -246,24 +242,26 @@ def _in_si(hint: Any, value: Any, unit: str) -> Any:
     for option in options:
         origin, inner = typing.get_origin(option), typing.get_args(option)
         if isinstance(value, list) and origin in (tuple, list) and inner:
-            kinds = (
-                inner
-                if origin is tuple and Ellipsis not in inner and len(inner) == len(value)
-                else inner[:1] * len(value)
-            )
-            return [_in_si(kind, item, unit) for kind, item in zip(kinds, value, strict=True)]
+            each = origin is tuple and Ellipsis not in inner and len(inner) == len(value)
+            kinds = inner if each else inner[:1] * len(value)
+            return [in_si(kind, item, unit) for kind, item in zip(kinds, value, strict=True)]
         if isinstance(value, dict) and isinstance(option, type) and issubclass(option, msgspec.Struct):
             return {key: _field_in_si(option, key, item) for key, item in value.items()}
         if isinstance(value, dict) and origin is dict and inner:
-            return {key: _in_si(inner[1], item, unit) for key, item in value.items()}
+            return {key: in_si(inner[1], item, unit) for key, item in value.items()}
     return value
 
 
 def _field_in_si(struct: type[msgspec.Struct], key: str, value: Any) -> Any:
     """A field of a setting that is a struct; it has a unit of its own, or takes plain values only."""
-    hint = typing.get_type_hints(struct, include_extras=True).get(key)
+    hint = _hints(struct).get(key)
     unit = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, str)), None)
-    return value if unit is None else _in_si(hint, value, unit)
+    return value if unit is None else in_si(hint, value, unit)
+
+
+@cache
+def _hints(struct: type[msgspec.Struct]) -> dict[str, Any]:
+    return typing.get_type_hints(struct, include_extras=True)
 
 
 def _whole(value: float, options: list[Any]) -> float | int:

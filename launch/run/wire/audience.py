@@ -28,12 +28,9 @@ class Audience:
                 raise NodeError(given.name, "use", f"{given.cls} is not an observer")
             self.slots.append(ObserverSlot(given, node))
         self.begun: list[ObserverSlot] = []
-        self.foreign = 0
-        """Frames that were dropped because they are no messages of this run's."""
-        self.ended: set[str] = set()
-        """Groups that have said that they send no more."""
-        self.lost: set[str] = set()
-        """Groups that have ended and could not say so."""
+        self.foreign = 0  # frames that were dropped because they are no messages of this run's
+        self.ended: set[str] = set()  # groups that have said that they send no more
+        self.lost: set[str] = set()  # groups that have ended and could not say so
 
     def start(self, slot: ObserverSlot, outputs: dict[str, Output]) -> None:
         """Start one of them; `outputs` are those of this worker, by stream. NodeError: it raised."""

@@ -28,8 +28,7 @@ from palpate.launch.run.wire.outlet import Outlet, Sender
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.physics.errors import RunError
 
-HEALTH = "!health"
-"""Stream of each outlet for observers on which its worker tells how the nodes are doing."""
+HEALTH = "!health"  # stream of each outlet for observers on which its worker tells how the nodes are doing
 END = "!end"
 """Stream of each outlet for observers on which its worker says last that it sends no more; the payload is its group."""
 LONGEST_ORDER = 1 << 26  # [bytes]
@@ -85,12 +84,10 @@ class Bus:
             connect(socket, address, key if guarded else None)
         for topic in (f"~{group}", "~*"):
             self._control.subscribe(topic.encode() + b"\0")
-        self._ordered = True
-        """Whether orders may have come."""
+        self._ordered = True  # whether orders may have come
         self._watch.add(int(self._control.get(zmq.FD)), self._note_order)
         self._outlet = Outlet(group, self._external, real, self._watch)
-        self._far: zmq.Socket | None = None
-        """Where nodes on other machines read."""
+        self._far: zmq.Socket | None = None  # where nodes on other machines read
         self._far_readers: Counter[bytes] = Counter()
         # What the outlets hold is delivered, however long it takes: the launcher ends those who never read it.
         self._observers = self._publisher()
@@ -102,8 +99,7 @@ class Bus:
         self._apart: set[Inlet] = set()
         self._ready: list[Inlet | TcpInlet] = []
         self.listeners: dict[bytes, int] = {}
-        self._sources: dict[str, str] = {}
-        """Endpoint of each group that is observed here."""
+        self._sources: dict[str, str] = {}  # endpoint of each group that is observed here
         self._overhears: set[str] = set()
         self._kept: list[bytes] = []
         self._topics: tuple[bytes, ...] = ()
@@ -255,7 +251,10 @@ class Bus:
             self._watch.add(number, lambda: None)
         while (
             any(count > 0 for count in missing.values())
-            or any(self._readers(stream) < len(groups) for stream, groups in self._external.items())
+            or any(
+                self._outlet.linked(stream) + self._far_readers[stream.encode() + b"\0"] < len(groups)
+                for stream, groups in self._external.items()
+            )
             or (any(inlet.awaits_writer for inlet in self._inlets.values()) and not (self.real and now() > until))
         ):
             for note in self._subscriptions(self._observers):
@@ -268,9 +267,6 @@ class Bus:
             poll()
         for number in wakes:
             self._watch.remove(number)
-
-    def _readers(self, stream: str) -> int:
-        return self._outlet.linked(stream) + self._far_readers[stream.encode() + b"\0"]
 
     def _subscriptions(self, socket: zmq.Socket) -> Iterable[bytes]:
         """Who has come or gone at a publisher."""

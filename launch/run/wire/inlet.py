@@ -19,18 +19,8 @@ from collections.abc import Callable
 import zmq
 
 from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.launch.run.wire import zmtp
 from palpate.launch.run.wire.watch import SocketPoller
-from palpate.launch.run.wire.zmtp import (
-    COMMAND,
-    GREETING,
-    MORE,
-    PUBLISHERS,
-    Connection,
-    ZmtpError,
-    command,
-    frame,
-    pong,
-)
 
 CHUNK = 1 << 16  # [bytes] that are read in one call
 LONGEST_MESSAGE = 1 << 28  # [bytes]
@@ -52,19 +42,15 @@ class Inlet:
         self, stream: str, group: str, watch: SocketPoller, ready: Callable[[Inlet], None], apart: set[Inlet]
     ) -> None:
         self.stream = stream
-        self.linked = False
-        """Whether the writer is there and has been sent the subscription."""
-        self.foreign = 0
-        """Frames, and writers, that were refused."""
+        self.linked = False  # whether the writer is there and has been sent the subscription
+        self.foreign = 0  # frames, and writers, that were refused
         self._topic = stream.encode() + b"\0"
         self._group, self._watch, self._ready, self._apart = group, watch, ready, apart
         self._path = ""
         self._socket: socket.socket | None = None
         self._tried = -RETRY
-        self._many = False
-        """Whether what comes next belongs to a message of several frames."""
-        self._between = False
-        """Whether what comes next is the beginning of a frame."""
+        self._many = False  # whether what comes next belongs to a message of several frames
+        self._between = False  # whether what comes next is the beginning of a frame
 
     def connect(self, path: str) -> None:
         """Read from the outlet that listens there, whenever it does."""
@@ -78,13 +64,13 @@ class Inlet:
             return
         self._tried = now()
         end = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        connection = Connection(b"SUB", PUBLISHERS, LONGEST_FRAME, self._group)
+        connection = zmtp.Connection(b"SUB", zmtp.PUBLISHERS, LONGEST_FRAME, self._group)
         try:
             end.setblocking(False)
             end.connect(self._path)
             if not trusted(end):
                 raise PermissionError
-            end.send(GREETING + connection.ready)
+            end.send(zmtp.GREETING + connection.ready)
         except OSError:  # nobody listens, not any more, or somebody else
             end.close()
             return
@@ -129,7 +115,7 @@ class Inlet:
             return [data[2 + len(self._topic) :]]  # one short message, as mostly
         try:
             return self._payloads(data)
-        except ZmtpError:
+        except zmtp.ZmtpError:
             self.foreign += 1
             self._drop()
             return []
@@ -154,19 +140,19 @@ class Inlet:
             return
         old = self._connection.minor == 0
         with contextlib.suppress(OSError):
-            self._socket.send(frame(b"\1" + self._topic) if old else command(b"SUBSCRIBE", self._topic))
+            self._socket.send(zmtp.frame(b"\1" + self._topic) if old else zmtp.command(b"SUBSCRIBE", self._topic))
         self.linked = True
 
     def _other(self, kind: int, body: bytes) -> None:
         """A command, another stream, or a message of several frames, which is none of palpate's."""
         assert self._socket is not None
-        answer = pong(kind, body)
+        answer = zmtp.pong(kind, body)
         if answer is not None:
             with contextlib.suppress(OSError):
                 self._socket.send(answer, socket.MSG_DONTWAIT)
-        elif kind != COMMAND:
+        elif kind != zmtp.COMMAND:
             self.foreign += not self._many
-            self._many = kind == MORE
+            self._many = kind == zmtp.MORE
 
     @property
     def awaits_writer(self) -> bool:

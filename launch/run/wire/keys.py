@@ -20,13 +20,7 @@ from zmq.auth.thread import ThreadAuthenticator
 
 from palpate.physics.errors import RunError
 
-NAME = "rig"
-"""Name of the key that is taken where none is named."""
-
-
-class _File(msgspec.Struct):
-    public: str
-    secret: str
+NAME = "rig"  # name of the key that is taken where none is named
 
 
 @dataclass(frozen=True)
@@ -100,7 +94,7 @@ def make(name: str = NAME) -> Path:
     except FileExistsError:
         raise RunError(f"key {name!r}: {path} is there already; remove it first, or take another name") from None
     with os.fdopen(number, "wb") as file:
-        file.write(msgspec.json.encode(_File(key.public, key.secret)) + b"\n")
+        file.write(msgspec.json.encode(key) + b"\n")
     return path
 
 
@@ -110,8 +104,8 @@ def load(name: str = NAME) -> Key:
     try:
         if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
             raise RunError(f"key {name!r}: others can read {path}; chmod 600 {path}, and make a new one if they have")
-        key_file = msgspec.json.decode(path.read_bytes(), type=_File)
-        zmq.curve_public(key_file.secret.encode())
+        key = msgspec.json.decode(path.read_bytes(), type=Key)
+        zmq.curve_public(key.secret.encode())
     except FileNotFoundError:
         raise RunError(
             f"there is no key {name!r} ({path}). `palpate keys --make` makes one; copy that file to the same place on "
@@ -120,7 +114,7 @@ def load(name: str = NAME) -> Key:
         ) from None
     except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:
         raise RunError(f"key {name!r}: {path} is damaged ({error})") from None
-    return Key(key_file.public, key_file.secret)
+    return key
 
 
 def known() -> Iterator[tuple[str, Path]]:

@@ -30,8 +30,7 @@ MOST_TOPICS = 1000  # that one reader subscribes to
 GREETING_TIME = 1_000_000_000  # [ns] in which a reader has to say what it is
 MOST_NOTES = 10
 _NOW = socket.MSG_DONTWAIT
-_SHORT = tuple(bytes((0, size)) for size in range(256))
-"""How a frame of a message begins, by its size."""
+_SHORT = tuple(bytes((0, size)) for size in range(256))  # how a frame of a message begins, by its size
 
 
 class ReaderConnection:
@@ -40,8 +39,7 @@ class ReaderConnection:
     def __init__(self, end: socket.socket, group: str) -> None:
         self.end, self.pid, self.begun = end, credentials(end)[0], now()
         self.connection = Connection(b"PUB", SUBSCRIBERS, LONGEST_COMMAND, group)
-        self.group = ""
-        """The group of a worker; empty for others."""
+        self.group = ""  # the group of a worker; empty for others
         self.topics: Counter[bytes] = Counter()
         self.rest: bytes | memoryview = b""
         self.dropped = 0
@@ -83,8 +81,7 @@ class Sender:
 
     def __init__(self, outlet: Outlet, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> None:
         self.topic = stream.encode() + b"\0"
-        self._most = 255 - len(self.topic)
-        """[bytes] of a payload in a short frame."""
+        self._most = 255 - len(self.topic)  # [bytes] of a payload in a short frame
         self.readers: tuple[ReaderConnection, ...] = ()
         self._outlet, self._holds = outlet, holds
         # The plain send of the binding, without the layer that looks for multipart and tracking options.
@@ -128,8 +125,7 @@ class Outlet:
     """
 
     def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: SocketPoller) -> None:
-        self.foreign = 0
-        """Readers that were refused."""
+        self.foreign = 0  # readers that were refused
         self._group, self._external, self._real, self._watch = group, external, real, watch
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []

@@ -31,8 +31,7 @@ class ControlChannel:
     """
 
     def __init__(self, run: str, jobs: Mapping[str, Job], address: str | None, key: Key | None) -> None:
-        self.foreign = 0
-        """Frames that were dropped because they are no reports of this run's workers."""
+        self.foreign = 0  # frames that were dropped because they are no reports of this run's workers
         self._folder = RunFolder(run)
         secured = [group for group, job in jobs.items() if job.host]
         if key is not None and secured:

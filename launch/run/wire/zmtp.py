@@ -11,17 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-MORE, LONG, COMMAND = 1, 2, 4
-"""Flags of a frame."""
+MORE, LONG, COMMAND = 1, 2, 4  # flags of a frame
 MECHANISM = b"NULL".ljust(20, b"\0")
 GREETING = b"\xff" + bytes(8) + b"\x7f" + b"\3\1" + MECHANISM + bytes(32)
 """Signature, version, mechanism, no server, filler."""
 PUBLISHERS, SUBSCRIBERS = (b"PUB", b"XPUB"), (b"SUB", b"XSUB")
-GROUP = b"x-group"
-"""Property by which the workers of a run name their group to one another."""
+GROUP = b"x-group"  # property by which the workers of a run name their group to one another
 
-Frame = tuple[int, bytes]
-"""Flags, without LONG, and body."""
+Frame = tuple[int, bytes]  # flags, without LONG, and body
 
 
 class ZmtpError(ValueError):
@@ -51,12 +48,8 @@ def split_command(body: bytes) -> tuple[bytes, bytes]:
 
 def ready(properties: Mapping[bytes, bytes]) -> bytes:
     """The READY command with these properties."""
-    return command(
-        b"READY",
-        b"".join(
-            bytes((len(name),)) + name + len(value).to_bytes(4, "big") + value for name, value in properties.items()
-        ),
-    )
+    named = (bytes((len(name),)) + name + len(value).to_bytes(4, "big") + value for name, value in properties.items())
+    return command(b"READY", b"".join(named))
 
 
 def properties(data: bytes) -> dict[bytes, bytes]:
@@ -97,8 +90,7 @@ class Decoder:
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
-        self.rest = bytearray()
-        """The beginning of a frame."""
+        self.rest = bytearray()  # the beginning of a frame
         self._needs = 0
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -145,10 +137,8 @@ class Connection:
     def __init__(self, kind: bytes, peers: tuple[bytes, ...], longest: int, group: str) -> None:
         self.ready = ready({b"Socket-Type": kind, b"X-Group": group.encode()})
         """What this end sends after its greeting; one that was connected to, when the other end is ready."""
-        self.peer: dict[bytes, bytes] | None = None
-        """Properties of the other end, once it is ready."""
-        self.minor = 0
-        """Its ZMTP version is 3.minor or later."""
+        self.peer: dict[bytes, bytes] | None = None  # properties of the other end, once it is ready
+        self.minor = 0  # its ZMTP version is 3.minor or later
         self._peers = peers
         self.decoder = Decoder(longest)
         self._greeting = b""

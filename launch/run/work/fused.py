@@ -1,13 +1,19 @@
-"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed."""
+"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed.
+
+A node does not end a run that is one process: `os._exit` is that node's fault, as `sys.exit` is.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
+import os
 import signal
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -21,7 +27,6 @@ from palpate.engine.slot import NodeError
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.reports import Alive, Note, Report, Starting
 from palpate.launch.run.result import Death, Result
-from palpate.launch.run.work.exits import exits_told
 from palpate.launch.run.work.loops import run
 from palpate.launch.run.work.watchdog import START_PATIENCE, watched
 from palpate.launch.run.work.worker import Worker
@@ -134,3 +139,21 @@ def _trace(cause: BaseException) -> str:
     if own is None or (told and own.tb_frame.f_code.co_filename.startswith(NODES)):
         return ""
     return "".join(traceback.format_exception(type(cause), cause, own))
+
+
+@contextlib.contextmanager
+def exits_told() -> Iterator[None]:
+    """While the block runs, `os._exit` raises SystemExit in it, which the run tells as an error of the node whose call
+    it is. What was forked from here, and other threads, exit as they want."""
+    leave, process, thread = os._exit, os.getpid(), threading.get_ident()
+
+    def tell(status: int) -> None:
+        if os.getpid() != process or threading.get_ident() != thread:
+            leave(status)
+        raise SystemExit(f"os._exit({status})")
+
+    os._exit = tell  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        os._exit = leave

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 
-from palpate.launch.run.work.observe import observe
+from palpate.engine.clock import now
 from palpate.launch.run.work.real import run_real
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import EndedError, Worker
@@ -19,10 +19,12 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     NodeError: a node failed.
     """
     worker.begin(origin)
-    gc.collect()
-    gc.freeze()
+    freezes = gc.get_freeze_count() == 0  # else who called has set aside what was there before
     if worker.job.clock == "real":
+        gc.collect()
         gc.disable()
+    if freezes:
+        gc.freeze()
     try:
         if worker.slots and worker.job.clock == "real":
             _run_to_stop(worker, origin)
@@ -34,6 +36,8 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         pass
     finally:
         gc.enable()
+        if freezes:
+            gc.unfreeze()
         worker.finish()
 
 
@@ -44,3 +48,28 @@ def _run_to_stop(worker: Worker, origin: int) -> None:
     except EndedError:
         if not worker.stopping:
             raise
+
+
+QUIET = 500_000_000  # [ns] without a frame after which nothing more of senders that were killed is under way
+
+
+def observe(worker: Worker, senders: set[str]) -> None:
+    """Hand messages to the observers until all streams have come to their end: each has brought its last message, or
+    all senders have said that they send no more. Those that were killed could not say so: after them the end is where
+    no more frames come. On the real clock it is there, too, for observers next to nodes.
+
+    senders  the groups whose nodes the observers listen to
+    """
+    audience, heard = worker.audience, now()
+    while not audience.has_all(worker.last):
+        if worker.overhear(wait=True):
+            heard = now()
+        elif worker.slots and worker.job.clock == "real" and now() - heard > QUIET:
+            return  # others may wait for the end of the nodes here, and so say nothing more
+        elif worker.stopping or audience.ended >= senders:
+            left = senders - audience.ended
+            if left <= audience.lost and (not left or now() - heard > QUIET):
+                return
+        worker.drain()
+        worker.check_orders()
+        worker.housekeep()

@@ -14,23 +14,9 @@ import zmq
 
 from palpate.engine.clock import real_time
 from palpate.engine.slot import NodeError
+from palpate.launch.run import reports
 from palpate.launch.run.descendants import die_with_parent
-from palpate.launch.run.reports import (
-    ORDERS,
-    Addressed,
-    Close,
-    Connect,
-    Go,
-    Hello,
-    Linked,
-    NodeFault,
-    Order,
-    Quit,
-    Ready,
-    Start,
-    Stop,
-    Take,
-)
+from palpate.launch.run.result import Death
 from palpate.launch.run.wire.bus import Bus, split
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import death
@@ -39,7 +25,7 @@ from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.physics.errors import RunError
 
 
-def serve(start: Start, alone: bool = False) -> int:
+def serve(start: reports.Start, alone: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
 
     alone  end when nothing is heard of the launcher, for a worker that is not its child
@@ -59,7 +45,7 @@ def serve(start: Start, alone: bool = False) -> int:
         worker.start()
         refused = real_time(job.core, job.priority if real else None)
         endpoints = bus.bind(job.host)
-        bus.report(Ready(endpoints, refused, bool(job.host and start.key)))
+        bus.report(reports.Ready(endpoints, refused, bool(job.host and start.key)))
         with contextlib.suppress(EndedError):
             begun = _link(bus)
             run(worker, *begun)
@@ -67,14 +53,14 @@ def serve(start: Start, alone: bool = False) -> int:
         clean_exit = begun is not None
         return 0
     except (NodeError, RunError) as error:
-        bus.report(NodeFault("", "process", str(error)) if isinstance(error, RunError) else _fault(error))
+        told = death(error) if isinstance(error, NodeError) else Death("", "process", str(error))
+        bus.report(reports.NodeFault(told.node, told.where, told.text, told.trace))
         _stop_rest(worker)
         return 1
     except Exception as error:
-        trace = (
-            "" if isinstance(error, OSError) else traceback.format_exc()
-        )  # what the system refuses is told in a line
-        bus.report(NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
+        # What the system refuses is told in a line.
+        trace = "" if isinstance(error, OSError) else traceback.format_exc()
+        bus.report(reports.NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
     finally:
         bus.end(clean_exit)
@@ -86,27 +72,22 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
     hear. Ended: it was told to stop before."""
     senders: set[str] = set()
 
-    def poll(wait: int = 0) -> Order | None:
+    def poll(wait: int = 0) -> reports.Order | None:
         order = bus.order(wait)
-        if isinstance(order, Stop | Quit | Close):
+        if isinstance(order, reports.Stop | reports.Quit | reports.Close):
             raise EndedError
         return order
 
     while True:
         match poll(1000):
-            case Connect(sources, observed):
+            case reports.Connect(sources, observed):
                 for source in sources:
                     bus.connect(source.address, source.streams, source.observed, source.secured, source.group)
                 senders = {source.group for source in sources if source.observed}
                 bus.wait_linked(observed, poll)
-                bus.report(Linked())
-            case Go(origin):
+                bus.report(reports.Linked())
+            case reports.Go(origin):
                 return origin, senders
-
-
-def _fault(error: NodeError) -> NodeFault:
-    cause = death(error)
-    return NodeFault(cause.node, cause.where, cause.text, cause.trace)
 
 
 def _stop_rest(worker: Worker | None) -> None:
@@ -128,7 +109,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     TimeoutError: no launcher answered there.
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
-    control, reports = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
+    orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
     take = None
     with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUSH) as said:
         for socket in (heard, said):
@@ -136,10 +117,10 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             if key is not None:
                 key.secure(socket, server=False)
         heard.subscribe(f"~join-{group}".encode() + b"\0")
-        heard.connect(control)
-        said.connect(reports)
+        heard.connect(orders_at)
+        said.connect(reports_at)
         for _ in range(max(1, round(patience / 0.25))):
-            said.send(msgspec.msgpack.encode(Addressed(group, Hello())))
+            said.send(msgspec.msgpack.encode(reports.Addressed(group, reports.Hello())))
             if heard.poll(250):
                 take = _take(heard.recv())
                 if take is not None:
@@ -148,12 +129,12 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             what = "" if key is None else " and has the same key"
             raise TimeoutError(f"no launcher at {address} that waits for group {group!r}{what}")
     assert take is not None
-    return serve(Start(take.job, take.run, control, reports, key, key is not None), alone=True)
+    return serve(reports.Start(take.job, take.run, orders_at, reports_at, key, key is not None), alone=True)
 
 
-def _take(data: bytes) -> Take | None:
+def _take(data: bytes) -> reports.Take | None:
     try:
-        order = ORDERS.decode(split(data)[1])
+        order = reports.ORDERS.decode(split(data)[1])
     except (msgspec.MsgspecError, ValueError):
         return None
-    return order if isinstance(order, Take) else None
+    return order if isinstance(order, reports.Take) else None

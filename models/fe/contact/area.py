@@ -30,7 +30,7 @@ def _subdivided(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 _PLACES, _TRIANGLES = _subdivided(_CUTS)
 _PLACED, _ = face_rule.shape(_PLACES)
-_FROM_POINTS = _PLACED @ np.linalg.inv(face_rule.shape(face_rule.POINTS)[0])
+_FROM_POINTS = _PLACED @ np.linalg.inv(face_rule.VALUES)
 """Values at the places from those at the six integration points, by the quadratic through these."""
 
 

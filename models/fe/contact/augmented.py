@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from palpate.models.fe.contact.area import contact_area
+from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import point_text
 
@@ -17,17 +18,7 @@ SMOOTH = 10.0
 """By how much more without friction: fewer rounds, and no sliding points that would want more iterations."""
 
 
-class Traces(NamedTuple):
-    """What an evaluation writes at each point, see `Augmented`."""
-
-    traction: np.ndarray
-    shear: np.ndarray
-    gap: np.ndarray
-    normal: np.ndarray
-    slip: np.ndarray
-
-
-class Augmented:
+class Augmented(ContactPair):
     """State of a contact at the integration points of the faces that may touch.
 
     traction    [Pa] (F,6)    normal traction of the last evaluation, > 0 where they touch
@@ -49,12 +40,12 @@ class Augmented:
             )
         self.faces = checked_faces(faces)
         self.friction, self.bound, self.penalty = float(friction), float(bound), float(penalty)
-        self.value, _ = face_rule.shape(face_rule.POINTS)
+        self.value = face_rule.VALUES
 
     @property
-    def traces(self) -> Traces:
+    def traces(self) -> tuple[np.ndarray, ...]:
         """What an evaluation writes."""
-        return Traces(self.traction, self.shear, self.gap, self.normal, self.slip)
+        return self.traction, self.shear, self.gap, self.normal, self.slip
 
     def clear(self, points: np.ndarray) -> None:
         """A fresh state on a mesh with these points [m] (N,3)."""
@@ -74,7 +65,6 @@ class Augmented:
         return self.faces
 
     def touches(self) -> bool:
-        """Whether a point carried pressure at the last evaluation."""
         return bool((self.traction > 0.0).any())
 
     @property
@@ -97,16 +87,13 @@ class Augmented:
         self._saved = self.multiplier.copy(), self.sliding.copy()
 
     def back(self) -> None:
-        """Forget a load step that failed."""
         self.multiplier, self.sliding = (x.copy() for x in self._saved)
 
     def deep(self) -> bool:
-        """Whether the penetration is above its bound."""
         touching = self.traction > 0.0
         return bool(touching.any()) and float(-self.gap[touching].min()) > self.bound
 
     def settle(self) -> None:
-        """Take the tractions as multipliers."""
         self.multiplier = self.traction.copy()
         self.sliding = self.shear.copy()
 
@@ -117,11 +104,9 @@ class Augmented:
         return rate[..., None] * self.shear
 
     def state(self) -> dict[str, Any]:
-        """What `restore` needs."""
         return {"multiplier": self.multiplier, "sliding": self.sliding}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a saved state."""
         self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
 
     def contact_area(self, displacement: np.ndarray) -> float:

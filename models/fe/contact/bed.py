@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.models.fe.contact.protocol import Linkage
+from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
 
 
-class ElasticFoundation(Linkage):
+class ElasticFoundation(ContactPair):
     """Springs between faces and their undeformed position, for `fe.Solver` among its contacts.
 
     faces      (F,6) boundary faces that lie on the bed
@@ -20,16 +20,13 @@ class ElasticFoundation(Linkage):
         if not stiffness > 0:
             raise ValueError(f"bed: found {stiffness} Pa/m, expected a positive number")
         self.faces, self.stiffness = faces, stiffness
-        self._value, _ = face_rule.shape(face_rule.POINTS)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Make the springs for a mesh."""
         area = face_rule.areas(points, self.faces)
-        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, self._value, self._value)
+        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = pattern.where(self.faces)
 
     def nodes(self) -> np.ndarray:
@@ -37,7 +34,6 @@ class ElasticFoundation(Linkage):
         return self.faces
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add the springs to the residual (N,3) and, if asked, to the tangent's blocks."""
         np.add.at(force, self.faces, np.einsum("fab,fbi->fai", self._block, displacement[self.faces]))
         if tangent:
             np.add.at(data, self._where, self._block[..., None, None] * np.eye(3))

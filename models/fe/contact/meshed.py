@@ -11,8 +11,7 @@ import numpy as np
 from scipy.ndimage import spline_filter
 
 from palpate.models.fe.contact.rigid import Shape
-from palpate.models.fe.element.mesh import MeshError
-from palpate.models.fe.element.surface import check_surface
+from palpate.models.fe.element.mesh import MeshError, check_surface
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
@@ -96,7 +95,7 @@ def meshed(surface: Mesh, spacing: float = 0.0) -> tuple[Shape, np.ndarray]:
     large for.
     """
     points, triangles = surface.vertices, surface.triangles
-    check_surface(points, triangles)
+    check_surface(surface)
     if float(np.einsum("ij,ij->", surface.face_vectors, points[triangles[:, 0]])) <= 0.0:
         raise MeshError("surface: it is inside out; its triangles must be counter-clockwise seen from outside")
     low, size = points.min(axis=0), np.ptp(points, axis=0)

@@ -7,14 +7,11 @@ or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, S
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
-from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
 
@@ -83,22 +80,11 @@ def _project(point, points, face, value, slope, normal):
     return np.sqrt(np.dot(r, r)), np.dot(r, n)
 
 
-class _Faces(NamedTuple):
-    """Where two surfaces may meet: their faces (F,6), (G,6), which of them (C,1 + n), the nodes that these couple (C,k)
-    and their blocks of the tangent (C,k,k); shape functions (6,6) and areas [m²] (F,6) of the slave's points."""
-
-    slave: np.ndarray
-    master: np.ndarray
-    candidates: np.ndarray
-    cliques: np.ndarray
-    where: np.ndarray
-    value: np.ndarray
-    area: np.ndarray
-
-
 @numba.njit(cache=True)
 def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
-    """`law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
+    """`faces`: the slave's (F,6) and the master's (G,6), which of them may meet (C,1 + n), the nodes that these couple
+    (C,k) and their blocks of the tangent (C,k,k), shape functions (6,6) and areas [m²] (F,6) of the slave's points;
+    `law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
     slave, master, candidates, cliques, where, value, area = faces
     penalty, friction = law
     multiplier, sliding = given
@@ -210,7 +196,6 @@ class Pair(Augmented):
         self._cliques = np.zeros((0, 12), dtype=np.int64)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
         self.clear(points)
         area = face_rule.areas(points, self.master)
         edge, wide = (np.sqrt(2.0 * x.sum() / len(x)) for x in (self.area, area))
@@ -223,7 +208,6 @@ class Pair(Augmented):
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = pattern.where(self._cliques)
 
     def couples(self) -> np.ndarray:
@@ -256,20 +240,12 @@ class Pair(Augmented):
         self._candidates, self._cliques = candidates, cliques
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         self.traction[:], self.shear[:], self.gap[:], self.slip[:] = 0.0, 0.0, np.inf, False
-        faces = _Faces(self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
+        faces = (self.faces, self.master, self._candidates, self._cliques, self._where, self.value, self.area)
         _touch(
             self.points + displacement, self._start, faces, (self.penalty, self.friction), self._reach,
             (self.multiplier, self.sliding), self.traces, (self._hit, self._feet), self.force, tangent, force, data,
         )  # fmt: skip
-
-    def switching(self) -> Switching | None:
-        """None: the faces that meet change with the step."""
-        return None
-
-    def foresee(self, traction: np.ndarray) -> None:
-        """Never called, as the active set does not change within a step."""
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the

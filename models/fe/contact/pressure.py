@@ -19,10 +19,7 @@ from scipy.sparse.linalg import splu
 
 from palpate.models.fe.contact.augmented import Augmented
 from palpate.models.fe.element import faces as face_rule
-
-_X, _Y = face_rule.POINTS.T
-HATS = np.stack([1.0 - _X - _Y, _X, _Y], axis=1)
-"""The three linear functions at the integration points (6,3)."""
+from palpate.models.fe.element.faces import HATS
 
 
 def pressure(touch: Augmented, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

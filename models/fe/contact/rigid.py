@@ -17,13 +17,14 @@ from typing import Any
 
 import numba
 import numpy as np
+from numba import types
 from scipy.sparse import csr_array
 
 from palpate.models.fe.contact.augmented import SMOOTH, STIFF, Augmented, stiffness_per_area
 from palpate.models.fe.contact.switching import Switching
-from palpate.models.fe.element.compiled import SHAPE, compiled
 from palpate.models.fe.element.mesh import point_text
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.materials.compiled import MATRIX, VECTOR, compiled
 
 LEAP = 0.1
 """Edges of the faces that a rigid body may be deeper in them on its way than at either end of a load step."""
@@ -33,6 +34,7 @@ LOOKS = 200
 Shape = Callable[..., float]
 """gap = shape(x, p, normal, curvature): signed distance [m] of the point x (3,) from the body, positive outside, with
 its gradient into `normal` (3,) and its second derivative [1/m] into `curvature` (3,3); numba.njit."""
+SHAPE = types.float64(VECTOR, VECTOR, VECTOR, MATRIX)
 
 
 @numba.njit(cache=True)
@@ -208,7 +210,6 @@ class Rigid(Augmented):
         self._turn = np.eye(3)
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Make the state for a mesh whose nodes have this stiffness [N/m] (N,)."""
         self.clear(points)
         self.couple(pattern)
         if not self.penalty > 0.0:
@@ -220,12 +221,7 @@ class Rigid(Augmented):
         self._bend = np.full(self.area.shape, np.nan)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = pattern.where(self.faces)
-
-    def couples(self) -> np.ndarray:
-        """Nodes that this contact couples beyond the elements (C,k)."""
-        return np.zeros((0, 6), dtype=np.int64)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
         """Whether the rigid body pressed from behind at the end, or passed through the faces on its way: deeper in
@@ -250,11 +246,9 @@ class Rigid(Augmented):
 
     def _touching_points(self, displacement: np.ndarray) -> np.ndarray:
         """Where the points of the faces are [m] (F,6,3)."""
-        positions: np.ndarray = np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
-        return positions
+        return np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
-        """Start of a load step from a converged state."""
         self.remember()
         self._bend = np.full(self.area.shape, np.nan) if self.friction > 0.0 else self.multiplier.copy()
         origin, turn = self.placed(load)
@@ -278,7 +272,6 @@ class Rigid(Augmented):
         return origin, turn
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add the contact to the residual (N,3) and, if asked, to the tangent's blocks."""
         total = np.zeros((2, 3))
         place = self.placed(load)
         self._turn = place[1]

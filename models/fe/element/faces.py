@@ -27,11 +27,16 @@ def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value, gradient
 
 
+VALUES, _GRADIENTS = shape(POINTS)
+"""Shape functions at the integration points (6,6)."""
+HATS = np.column_stack([1.0 - POINTS[:, 0] - POINTS[:, 1], POINTS])
+"""The three linear functions at the integration points (6,3)."""
+
+
 def normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Outward normals at the integration points (F,6,3), as long as the face is large there: twice its area [m²] where
     it is flat."""
-    _, gradient = shape(POINTS)
-    tangents = np.einsum("fai,qak->fqik", points[faces], gradient)
+    tangents = np.einsum("fai,qak->fqik", points[faces], _GRADIENTS)
     return np.cross(tangents[..., 0], tangents[..., 1])
 
 

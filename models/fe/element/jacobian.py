@@ -42,8 +42,7 @@ _EIGHT = np.array([
 def _determinants(points: np.ndarray, elements: np.ndarray, at: np.ndarray) -> np.ndarray:
     """det dX/dxi [m³] (E,n)."""
     _, natural = shape(at)
-    determinants: np.ndarray = np.linalg.det(np.einsum("eai,nak->enik", points[elements], natural))
-    return determinants
+    return np.linalg.det(np.einsum("eai,nak->enik", points[elements], natural))
 
 
 def inverted(points: np.ndarray, elements: np.ndarray, folded: float = 0.0) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Meshes of quadratic tetrahedra: nodes, elements, boundary faces, checks."""
+"""Meshes of quadratic tetrahedra: nodes, elements, boundary faces, checks; and the surfaces that they fill."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 
 from palpate.models.fe.element.jacobian import inverted
 from palpate.physics.errors import MeshError
+from palpate.physics.geometry.crossing import crossing
+from palpate.physics.geometry.mesh import Mesh
 
 EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
 FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0, 3, 2, 7, 9, 6]])
@@ -74,8 +76,7 @@ class TetMesh:
     @cached_property
     def corner_volumes(self) -> np.ndarray:
         """Volume of the straight tetrahedron on the corners of each element [m³] (E,)."""
-        a, b, c, d = (self.points[self.elements[:, i]] for i in range(4))
-        return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+        return six_volumes(self.points, self.elements) / 6.0
 
     @cached_property
     def faces(self) -> np.ndarray:
@@ -118,6 +119,17 @@ def point_text(at: np.ndarray) -> str:
     return f"({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m"
 
 
+def six_volumes(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
+    """Six times the volume of tetrahedra (E,4...) on points [m] (N,3), below zero where one is inside out [m³] (E,)."""
+    a, b, c, d = (points[tets[:, i]] for i in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
+
+
+def turned_out(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
+    """Tetrahedra (E,4), two corners swapped of each that is inside out."""
+    return np.where(six_volumes(points, tets)[:, None] < 0, tets[:, [0, 2, 1, 3]], tets)
+
+
 def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None = None) -> TetMesh:
     """Quadratic mesh from linear tetrahedra (E,4): a node is put in the middle of each edge."""
     elements, edges = edge_nodes(len(points), corners)
@@ -149,10 +161,7 @@ def bricks(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     top = np.broadcast_to(apex[:, None, None], (len(cells), 3, 1))
     tets = np.concatenate([np.concatenate([top, far[:, :, k]], axis=2) for k in ([0, 1, 2], [0, 2, 3])], axis=1)
     tets = tets.reshape(-1, 4)
-    a, b, c, d = (points[tets[:, i]] for i in range(4))
-    inside_out = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    tets[inside_out] = tets[inside_out][:, [0, 2, 1, 3]]
-    return tets
+    return turned_out(points, tets)
 
 
 def grid(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -171,15 +180,20 @@ def box(size: tuple[float, float, float], cells: tuple[int, int, int]) -> TetMes
     return quadratic(points, bricks(points, hexahedra))
 
 
-def check_closed(points: np.ndarray, triangles: np.ndarray) -> None:
-    """MeshError: triangles (T,3) of points [m] (N,3) with an edge that does not have two of them; says where."""
-    edges, count = np.unique(
-        np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
-    )
+def check_surface(surface: Mesh) -> None:
+    """MeshError: a surface that is not closed, or whose triangles cross one another; says where."""
+    edges, count = surface.edges
     open_ = edges[count != 2]
     if len(open_):
-        at = 1e3 * points[open_[0]].mean(axis=0)
+        at = 1e3 * surface.vertices[open_[0]].mean(axis=0)
         raise MeshError(
             f"surface: {len(open_)} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) "
             "mm: not closed. Close its holes or join its double vertices"
+        )
+    intersection = crossing(surface.vertices, surface.triangles)
+    if intersection is not None:
+        first, other, place = intersection
+        raise MeshError(
+            f"surface: triangles {first} and {other} cross at {point_text(place)}: it intersects itself, so that its "
+            "interior is not defined. Join the parts into one surface (a union), or mesh it again"
         )

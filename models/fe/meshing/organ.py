@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import linprog
 
-from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
-from palpate.models.fe.meshing.star import seen_from
+from palpate.models.fe.element.mesh import MeshError, TetMesh, check_surface, quadratic, turned_out
 from palpate.models.fe.meshing.tetwild import solid
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
@@ -17,6 +17,8 @@ SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
 """Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
 SLAB = 0.04
 """[m] Thickness of the slab under a level surface."""
+LEAST = 1e-3
+"""Volume of the tetrahedron from a point to a triangle, over their mean, from which the triangle counts as seen."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +39,7 @@ class Capsule:
 
 
 def fill(
-    surface: Mesh,
-    shells: tuple[float, ...] = SHELLS,
-    nodule: Nodule = Nodule(),
-    capsule: Capsule = Capsule(),
+    surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule(), capsule: Capsule = Capsule()
 ) -> TetMesh:
     """Quadratic tetrahedra inside a closed surface whose every triangle is seen from one point inside, or in the slab
     of thickness `SLAB` under a level one (all z equal, normals towards +z).
@@ -72,6 +71,43 @@ def level(surface: Mesh) -> bool:
     return bool(height < 1e-9 * np.ptp(surface.vertices) and (surface.face_vectors[:, 2] > 0).all())
 
 
+def seen_from(surface: Mesh) -> np.ndarray | None:
+    """A point [m] (3) from which every triangle of a closed surface is seen: the origin of its frame where that does,
+    else the one that is farthest from the planes of all triangles (a linear programme); None: there is none.
+
+    MeshError: a surface that is open, or whose normals point inwards.
+    """
+    vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
+    check_surface(surface)
+    volume = np.einsum("ij,ij->", surface.face_vectors, vertices[triangles[:, 0]]) / 6.0
+    if not volume > 0.0:
+        raise MeshError(
+            f"surface: its triangles enclose {1e6 * volume:.4g} ml, expected a positive volume: normals point inwards. "
+            "Turn its triangles round"
+        )
+    origin = np.zeros(3)
+    if _seen(surface, origin):
+        return origin
+    large = np.linalg.norm(surface.face_vectors, axis=1) > 0.0
+    unit = surface.face_vectors[large] / np.linalg.norm(surface.face_vectors[large], axis=1, keepdims=True)
+    middle, size = vertices.mean(axis=0), float(np.ptp(vertices))
+    reach = np.einsum("ij,ij->i", unit, vertices[triangles[large, 0]] - middle) / size
+    optimum = linprog(
+        (0.0, 0.0, 0.0, -1.0), A_ub=np.column_stack([unit, np.ones(len(unit))]), b_ub=reach,
+        bounds=[(-1.0, 1.0)] * 3 + [(None, 1.0)],
+    )  # fmt: skip
+    if optimum.status != 0:
+        return None
+    hub: np.ndarray = middle + size * optimum.x[:3]
+    return hub if _seen(surface, hub) else None
+
+
+def _seen(surface: Mesh, point: np.ndarray) -> bool:
+    corner = surface.vertices[surface.triangles[:, 0]] - point
+    seen = np.einsum("ij,ij->i", surface.face_vectors, corner)
+    return bool((seen > LEAST * np.abs(seen).mean()).all())
+
+
 def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
     """MeshError where the inner side of the capsule, in a frame about the hub, folds, or is not seen from there."""
     corner = inner[surface.triangles]
@@ -97,10 +133,7 @@ def _layered(
     tets = [_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(layers) - 1)]
     if hub is not None:
         tets.append(np.column_stack([np.full(len(triangles), len(points) - 1), triangles + (len(layers) - 1) * n]))
-    corners = np.concatenate(tets)
-    a, b, c, d = (points[corners[:, i]] for i in range(4))
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    corners[turned] = corners[turned][:, [0, 2, 1, 3]]
+    corners = turned_out(points, np.concatenate(tets))
     region = inside(nodule, points[corners]).astype(np.int64)
     if capsule.thickness > 0.0:
         region[: len(tets[0])] = 2

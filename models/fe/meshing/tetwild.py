@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
+from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic, turned_out
 from palpate.physics.extras import missing
 from palpate.physics.geometry.mesh import Mesh
 
@@ -36,9 +36,7 @@ def solid(surface: Mesh) -> tuple[TetMesh, Mesh]:
     if len(tets) == 0:
         raise MeshError("surface: found no tetrahedra inside it; does it intersect itself?")
     points, tets = middle + size * np.asarray(vertices, dtype=np.float64), np.asarray(tets, dtype=np.int64)
-    a, b, c, d = (points[tets[:, i]] for i in range(4))
-    turned = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
-    tets[turned] = tets[turned][:, [0, 2, 1, 3]]
+    tets = turned_out(points, tets)
     faces = quadratic(points, tets).faces[:, :3]
     outer = np.unique(faces)
     order = np.concatenate([outer, np.setdiff1d(np.unique(tets), outer)])

@@ -30,10 +30,7 @@ INSIDE = np.array([0.5, 0.3, 0.2])
 
 
 def press(
-    organ: Reducible,
-    patches: np.ndarray,
-    depths: np.ndarray,
-    report: Callable[[float], None] | None = None,
+    organ: Reducible, patches: np.ndarray, depths: np.ndarray, report: Callable[[float], None] = lambda share: None
 ) -> list[PressCurve]:
     """Force curves of the organ of modulus 1 Pa at places (P,) whose surface sticks to the finger.
 
@@ -47,8 +44,7 @@ def press(
     def count(levels: int) -> None:
         nonlocal done
         done += levels
-        if report is not None:
-            report(done / depths.size)
+        report(done / depths.size)
 
     return model.run(
         [
@@ -78,10 +74,7 @@ def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) ->
 
     ValueError: no part of the surface within the radius faces the normal.
     """
-    corner = surface.vertices[surface.triangles]
-    face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    x, y = face_rule.POINTS.T
-    hat = np.stack([1.0 - x - y, x, y], axis=1)
+    corner, face, hat = surface.vertices[surface.triangles], surface.face_vectors, face_rule.HATS
     away = np.linalg.norm(np.einsum("qc,fci->fqi", hat, corner) - foot, axis=2) / radius
     weight = np.where(away < 1.0, (1.0 - away * away) ** 2, 0.0) * face_rule.WEIGHTS
     weight *= (np.linalg.norm(face, axis=1) * (face @ normal > 0.0))[:, None]
@@ -109,42 +102,47 @@ def dent_table(
     organ: Reducible,
     places: int = PLACES,
     radius: float = RADIUS,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
     levels: int = LEVELS,
 ) -> np.ndarray:
     """Dents (V,L) [1] at every vertex of the organ's surface and every indentation s/R = SPACING, 2 SPACING ..., see
     `physics.bodies.indentation_table`: found for patches at scattered places, a spline through these between."""
     surface = organ.surface
-    feet, normals = pressed_places(surface, places, radius)
-    patches = np.stack([patch(surface, foot, n, radius) for foot, n in zip(feet, normals, strict=True)])
-    shares = -np.einsum("pvi,pi->pv", patches, normals)
-    moments, every = hat_moments(surface), np.arange(len(surface.vertices))
-    across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
     deep = SPACING * np.arange(1, levels + 1)
-    curves = press(organ, patches, across[:, None] * deep, report)
-    linear = np.array(
-        [c.force / (c.stiffness * r) for c, r in zip(curves, across, strict=True)]
-    )  # x of `physics.bodies.indentation_table`
+    curves, shares, across = _pressed(organ, *pressed_places(surface, places, radius), radius, deep, report)
+    # x of `physics.bodies.indentation_table`
+    linear = np.array([c.force / (c.stiffness * r) for c, r in zip(curves, across, strict=True)])
     return spread_out(surface.vertices, shares, continued(linear) / deep - 1.0)
 
 
-def unseen(organ: Reducible, table: np.ndarray, count: int = UNSEEN, radius: float = RADIUS) -> np.ndarray:
-    """Error [1] (count,L) of the force that a table (V,L) gives at places that they were not made from, at every
+def unseen(organ: Reducible, table: np.ndarray) -> np.ndarray:
+    """Error [1] (P,L) of the force that a table (V,L) gives at places that they were not made from, at every
     indentation; NaN where the full model finds no equilibrium."""
     surface, levels = organ.surface, table.shape[1]
-    feet, normals = pressed_places(surface, len(surface.triangles), 0.25 * radius)
-    own = np.random.default_rng(UNSEEN_SEED).choice(len(feet), min(count, len(feet)), replace=False)
-    patches = np.stack([patch(surface, feet[k], normals[k], radius) for k in own])
-    shares = -np.einsum("pvi,pi->pv", patches, normals[own])
-    moments, every = hat_moments(surface), np.arange(len(surface.vertices))
-    across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
-    deep = SPACING * np.arange(1, levels + 1)
+    feet, normals = pressed_places(surface, len(surface.triangles), 0.25 * RADIUS)
+    own = np.random.default_rng(UNSEEN_SEED).choice(len(feet), min(UNSEEN, len(feet)), replace=False)
+    deep, every = SPACING * np.arange(1, levels + 1), np.arange(len(surface.vertices))
+    curves, shares, across = _pressed(organ, feet[own], normals[own], RADIUS, deep)
     errors = np.full((len(own), levels), np.nan)
-    for k, curve in enumerate(press(organ, patches, across[:, None] * deep)):
+    for k, curve in enumerate(curves):
         knots, slopes = np.zeros((2, levels + 1))
         rise(table, every, len(every), shares[k][:, None], knots, slopes)
         errors[k] = knots[1:] * curve.stiffness * across[k] / curve.force - 1.0
     return errors
+
+
+def _pressed(
+    organ: Reducible, feet: np.ndarray, normals: np.ndarray, radius: float, deep: np.ndarray,
+    report: Callable[[float], None] = lambda share: None,
+) -> tuple[list[PressCurve], np.ndarray, np.ndarray]:  # fmt: skip
+    """Curves of patches at these places (P,3), pressed to indentations s/R (L,); shares (P,V) of the vertices in each
+    load, and its radius [m] (P,)."""
+    surface = organ.surface
+    patches = np.stack([patch(surface, foot, n, radius) for foot, n in zip(feet, normals, strict=True)])
+    shares = -np.einsum("pvi,pi->pv", patches, normals)
+    moments, every = hat_moments(surface), np.arange(len(surface.vertices))
+    across = np.array([patch_radius(surface.vertices, moments, every, len(every), m[:, None]) for m in shares])
+    return press(organ, patches, across[:, None] * deep, report), shares, across
 
 
 def pressed_places(surface: Mesh, places: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -154,9 +152,7 @@ def pressed_places(surface: Mesh, places: int, radius: float) -> tuple[np.ndarra
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     feet = surface.vertices[surface.triangles].transpose(0, 2, 1) @ INSIDE
     seen = normals[:, 2] > -0.5
-    edges, count = np.unique(
-        np.sort(surface.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_counts=True
-    )
+    edges, count = surface.edges
     if (count == 1).any():
         rim = surface.vertices[np.unique(edges[count == 1])]
         inner = seen & (np.linalg.norm(feet[:, None] - rim[None], axis=2).min(axis=1) > 2.0 * radius)
@@ -193,5 +189,4 @@ def spread_out(points: np.ndarray, shares: np.ndarray, values: np.ndarray) -> np
     system[many:, :many] = system[:many, many:].T
     given = np.concatenate([values, np.zeros((4, values.shape[1]))])
     coefficients = np.linalg.lstsq(system, given, rcond=1e-12)[0]  # points in a plane leave one slope open
-    out: np.ndarray = kernel @ coefficients[:many] / size + line @ coefficients[many:]
-    return out
+    return kernel @ coefficients[:many] / size + line @ coefficients[many:]

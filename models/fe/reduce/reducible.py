@@ -15,7 +15,6 @@ from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, S
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.solve.body import ElasticBody, hats
 from palpate.models.fe.solve.solver import DEFAULT, Settings, Solver
-from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
 
@@ -55,11 +54,7 @@ class Reducible:
             hasher.update(np.ascontiguousarray(part).tobytes())
         return hasher.digest()
 
-    def rest(self) -> Tangent:
-        """The tangent at rest, factored."""
-        return self.elastic.rest(self.fixed)
-
-    def compliance(self, report: Callable[[float], None] | None = None) -> np.ndarray:
+    def compliance(self, report: Callable[[float], None] = lambda share: None) -> np.ndarray:
         """Displacement under each vertex of the surface (mean under its hat) for a unit force on each [m/N] (3V,3V)."""
         return self.elastic.compliance(self.fixed, self.hats, report)
 

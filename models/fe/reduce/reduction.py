@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -73,7 +72,7 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
 
 
 def finger_pressed(
-    body: Reducible, report: Callable[[float], None] | None = None, folder: Path | None = None
+    body: Reducible, report: Callable[[float], None] = lambda share: None, folder: Path | None = None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of the fingertip's touches and of their mirror images; and of those that are held out."""
     touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
@@ -90,7 +89,7 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
 
 
 def organ_pressed(
-    body: Reducible, report: Callable[[float], None] | None = None
+    body: Reducible, report: Callable[[float], None] = lambda share: None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of an organ's touches; and of those that are held out."""
     presses = press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
@@ -100,63 +99,31 @@ def organ_pressed(
     )
 
 
-@dataclass(frozen=True)
-class InModes:
-    """A body in its modes, all points counted.
-
-    surface_modes  [m]   (3V,r) of the vertices of the surface
-    residual_compliance  [m/N] (3V,3V), compliance at rest outside the span of the modes
-    whole          every integration point
-    states         q (S,r) of the full solutions: what the points are sampled at
-    """
-
-    surface_modes: np.ndarray
-    residual_compliance: np.ndarray
-    whole: Points
-    states: np.ndarray
-
-
-def in_modes(body: Reducible, pressed: list[PressSolution], count: int) -> InModes:
-    """A body in `count` modes of its full solutions."""
-    phi, states = modes(body, pressed, count)
-    surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, phi.shape[2])
-    residual_compliance = body.compliance() - surface_modes @ surface_modes.T
-    limit = BEYOND * float(np.einsum("sa,sa->s", states, states).max())
-    return InModes(surface_modes, residual_compliance, points_of(body, phi, limit), states)
-
-
-def sampled(
-    body: Reducible,
-    held: list[PressSolution],
-    full: InModes,
-    tolerance: float = SAMPLING,
-    report: Callable[[float], None] | None = None,
-) -> SampledBasis:
-    """The basis of a body whose points are sampled to a tolerance; `report` hears the share done.
-
-    held  touches that the modes were not made from: the error there tells how it stiffens. Of their own touches
-          they miss next to nothing, which tells nothing
-    """
-    which, weights = sample(full.whole, full.states, tolerance, report=report)
-    points = at_rest(chosen(full.whole, which, weights))
-    points = points._replace(modes=points.modes.astype(np.float32))
-    w, pull, weight = answers(points, full.surface_modes, full.residual_compliance, body, held)
-    bend = (*bent(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))
-    surface, residual_compliance = body.surface, full.residual_compliance.astype(np.float32)
-    return SampledBasis(surface.vertices, surface.triangles, residual_compliance, full.surface_modes, points, bend)
-
-
 def build(
     body: Reducible,
     pressed: list[PressSolution],
     held: list[PressSolution],
     count: int,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
     tolerance: float = SAMPLING,
 ) -> SampledBasis:
-    """The sampled basis of a body in `count` modes, its points sampled to a tolerance; `report` hears the
-    share done."""
-    return sampled(body, held, in_modes(body, pressed, count), tolerance, report)
+    """The sampled basis of a body in `count` modes of its full solutions, its points sampled to a tolerance; `report`
+    hears the share done.
+
+    held  touches that the modes were not made from: the error there tells how it stiffens. Of their own touches
+          they miss next to nothing, which tells nothing
+    """
+    phi, states = modes(body, pressed, count)
+    surface_modes = np.einsum("nv,nia->via", body.hats, phi, optimize=True).reshape(-1, phi.shape[2])
+    residual_compliance = body.compliance() - surface_modes @ surface_modes.T
+    limit = BEYOND * float(np.einsum("sa,sa->s", states, states).max())
+    whole = points_of(body, phi, limit)
+    points = at_rest(chosen(whole, *sample(whole, states, tolerance, report=report)))
+    points = points._replace(modes=points.modes.astype(np.float32))
+    w, pull, weight = answers(points, surface_modes, residual_compliance, body, held)
+    bend = (*bent(w, pull, weight), np.sqrt(BEYOND) * float(w.max()))
+    surface, missed = body.surface, residual_compliance.astype(np.float32)
+    return SampledBasis(surface.vertices, surface.triangles, missed, surface_modes, points, bend)
 
 
 def answers(

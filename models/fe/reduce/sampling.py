@@ -127,7 +127,7 @@ def sample(
     states: np.ndarray,
     tolerance: float = SAMPLING,
     most: int = 1000,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points and their weights > 0 that give the generalised forces at states q (S,r) to a tolerance; a state that so
     few modes cannot take without inverting a point is left out."""
@@ -158,7 +158,7 @@ def nonnegative(
     goal: np.ndarray,
     tolerance: float,
     most: int,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Columns and coefficients x > 0, as few as bring |sum_k x_k column_k - goal| to `tolerance` |goal|.
 
@@ -174,8 +174,7 @@ def nonnegative(
     for _ in range(4 * most):
         left = goal - x @ own
         missed = float(np.linalg.norm(left))
-        if report is not None:
-            report(min(1.0, float(np.log(max(missed / whole, 1e-300)) / np.log(tolerance))))
+        report(min(1.0, float(np.log(max(missed / whole, 1e-300)) / np.log(tolerance))))
         if missed <= tolerance * whole or len(kept) >= most:
             break
         # take the column that is most like the residual

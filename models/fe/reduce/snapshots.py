@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from scipy.stats import qmc
 from palpate.models.fe.reduce.indentation_table import patch
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.solve.solver import ConvergenceError, Settings
+from palpate.physics.archive import replacing
 from palpate.physics.geometry.mesh import Mesh
 
 STIFFENING = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
@@ -28,6 +28,8 @@ YOUNG = 1e3
 """[Pa] Modulus that the full model is solved with; displacements do not depend on it."""
 STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)
 """Steps count levels, see `press`."""
+TURN = np.array([-1.0, 1.0, 1.0])
+"""Mirrors a place or a vector in x."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,10 @@ class LoadPath:
     normal: np.ndarray
     load: np.ndarray
     levels: np.ndarray
+
+    def mirrored(self, vertices: np.ndarray) -> LoadPath:
+        """The same in x, where (V,) is the vertex at each one's mirrored place."""
+        return LoadPath(TURN * self.foot, TURN * self.normal, TURN * self.load[vertices], self.levels)
 
 
 @dataclass
@@ -65,17 +71,11 @@ def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
     """Unit vector (3) square to the normal, `turn` revolutions round it from where it is square to `along`, too."""
     across = np.cross(normal, along)
     across /= np.linalg.norm(across)
-    direction: np.ndarray = np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
-    return direction
+    return np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
 
 
 def scatter(
-    surface: Mesh,
-    count: int,
-    region: np.ndarray,
-    radius: float,
-    levels: np.ndarray,
-    seed: int,
+    surface: Mesh, count: int, region: np.ndarray, radius: float, levels: np.ndarray, seed: int
 ) -> list[LoadPath]:
     """Normal touches spread evenly over a part of the surface (Halton's sequence, scrambled by `seed`).
 
@@ -84,7 +84,7 @@ def scatter(
     levels  [N]  (L,) forces
     """
     corner = surface.vertices[surface.triangles]
-    area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1) * region
+    area = np.linalg.norm(surface.face_vectors, axis=1) * region
     share = np.cumsum(area) / area.sum()
     touches = []
     for x in qmc.Halton(3, seed=seed).random(count):
@@ -97,15 +97,17 @@ def scatter(
 
 
 def press(
-    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] | None = None, folder: Path | None = None
+    body: Reducible,
+    touches: list[LoadPath],
+    report: Callable[[float], None] = lambda share: None,
+    folder: Path | None = None,
 ) -> list[PressSolution]:
     """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
     holds is not computed again."""
     presses = []
     for k, own in enumerate(touches):
         presses.append(pressed(body, own) if folder is None else _kept(body, own, folder))
-        if report is not None:
-            report((k + 1) / len(touches))
+        report((k + 1) / len(touches))
     return presses
 
 
@@ -118,14 +120,8 @@ def _kept(body: Reducible, own: LoadPath, folder: Path) -> PressSolution:
     with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
         return PressSolution(own, np.load(path))
     answer = pressed(body, own)
-    folder.mkdir(parents=True, exist_ok=True)
-    half = path.with_suffix(f".{os.getpid()}.part")
-    try:
-        with half.open("wb") as file:
-            np.save(file, answer.solutions)
-        half.replace(path)
-    finally:
-        half.unlink(missing_ok=True)
+    with replacing(path) as file:
+        np.save(file, answer.solutions)
     return answer
 
 
@@ -153,11 +149,11 @@ def pressed(body: Reducible, own: LoadPath) -> PressSolution:
 
 
 def press_from_rest(
-    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] | None = None
+    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] = lambda share: None
 ) -> list[PressSolution]:
     """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
     mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
-    solver = body.rest()
+    solver = body.elastic.rest(body.fixed)
 
     def solve(force: np.ndarray) -> np.ndarray:
         displacement = solver.solve(np.where(body.fixed, 0.0, force).ravel()[:, None]).reshape(-1, 3)
@@ -178,8 +174,7 @@ def press_from_rest(
             slope, last = (u - start) / (level - last), level
             kept.append(u)
         presses.append(PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
-        if report is not None:
-            report((k + 1) / len(touches))
+        report((k + 1) / len(touches))
     return presses
 
 
@@ -214,14 +209,7 @@ def mirrored(pressed: list[PressSolution], nodes: np.ndarray, vertices: np.ndarr
 
     nodes, vertices  (N,), (V,) the node and the vertex at each one's mirrored place
     """
-    turn = np.array([-1.0, 1.0, 1.0])
-    return [
-        PressSolution(
-            LoadPath(turn * p.touch.foot, turn * p.touch.normal, turn * p.touch.load[vertices], p.touch.levels),
-            turn * p.solutions[:, nodes],
-        )
-        for p in pressed
-    ]
+    return [PressSolution(p.touch.mirrored(vertices), TURN * p.solutions[:, nodes]) for p in pressed]
 
 
 def mirror(points: np.ndarray) -> np.ndarray:
@@ -230,7 +218,7 @@ def mirror(points: np.ndarray) -> np.ndarray:
     ValueError: a point without one.
     """
     size = 1e-6 * float(np.ptp(points, axis=0).max())
-    away, index = cKDTree(points).query(points * (-1.0, 1.0, 1.0))
+    away, index = cKDTree(points).query(points * TURN)
     if (away > size).any():
         raise ValueError("the points are not symmetric in x")
     return index

@@ -12,11 +12,11 @@ import numpy as np
 
 from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.element.compiled import LAW, compiled
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.sparse.pattern import Pattern, pattern
 from palpate.models.fe.sparse.tangent import Tangent
+from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 
 COLUMNS = 16
@@ -120,7 +120,7 @@ class ElasticBody:
         return tangent
 
     def compliance(
-        self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] | None = None
+        self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] = lambda share: None
     ) -> np.ndarray:
         """Mean displacement under each hat for a unit force on each [m/N] (3V,3V), these components (N,3) bool held.
 
@@ -139,8 +139,7 @@ class ElasticBody:
             u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3, 3 * size)
             u[fixed] = 0.0
             compliance[:, :, start : start + size] = (hats.T @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
-            if report is not None:
-                report((start + size) / count)
+            report((start + size) / count)
         full = compliance.reshape(3 * count, 3 * count)
         return 0.5 * (full + full.T)
 
@@ -160,10 +159,8 @@ class ElasticBody:
 
 def hats(mesh: TetMesh, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Nodal loads (N,V) of a unit force spread over the faces (F,6) round each corner (V,), highest there."""
-    x, y = face_rule.POINTS.T
-    hat = np.stack([1.0 - x - y, x, y], axis=1)
-    value, _ = face_rule.shape(face_rule.POINTS)
-    share = np.einsum("fq,qc,qa->fca", face_rule.areas(mesh.points, faces), hat, value)
+    areas = face_rule.areas(mesh.points, faces)
+    share = np.einsum("fq,qc,qa->fca", areas, face_rule.HATS, face_rule.VALUES)
     column = np.full(len(mesh.points), -1)
     column[corners] = np.arange(len(corners))
     loads = np.zeros((len(mesh.points), len(corners)))

@@ -11,6 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair
+from palpate.physics.archive import replacing
 
 
 class SolverState(NamedTuple):
@@ -35,11 +36,8 @@ def write_state(path: str | Path, state: SolverState, contacts: Sequence[Contact
     arrays = {name: np.asarray(value) for name, value in state._asdict().items()}
     for k, contact in enumerate(contacts):
         arrays |= {f"contact{k}.{name}": value for name, value in contact.state().items()}
-    path = Path(path)
-    part = path.with_name(path.name + ".part")
-    with part.open("wb") as file:
+    with replacing(Path(path)) as part, part.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
-    part.replace(path)
 
 
 def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPair]) -> SolverState:

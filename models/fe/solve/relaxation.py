@@ -18,11 +18,11 @@ from typing import Any
 import numba
 import numpy as np
 
-from palpate.models.fe.contact.protocol import Linkage
-from palpate.models.fe.element.compiled import LAW, compiled
+from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.prony import Prony
 
@@ -81,7 +81,7 @@ def _add(law, gradient, weight, elements, displacement, p, small, share, history
                             data[where[e, a, b], i, k] += w * total
 
 
-class Relaxation(Linkage):
+class Relaxation(ContactPair):
     """Relaxing regions, for `fe.Solver` among its contacts; the load of `advance` is then the time [s].
 
         relaxing = Relaxation(mesh, materials, {0: Prony([0.5], [2.0])})
@@ -102,11 +102,9 @@ class Relaxation(Linkage):
             self._parts.append((materials[region], prony, mesh.elements[own], slope, det / 24.0, stress, history))
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
-        """Find the places in the tangent."""
         self.couple(pattern)
 
     def couple(self, pattern: Pattern) -> None:
-        """Take up a new pattern."""
         self._where = [pattern.where(elements) for _, _, elements, *_ in self._parts]
 
     def nodes(self) -> np.ndarray:
@@ -148,7 +146,6 @@ class Relaxation(Linkage):
         return {"time": np.array(self._time), **arrays}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Go on from a saved state."""
         self._time = float(state["time"])
         for k, part in enumerate(self._parts):
             part[5][:], part[6][:] = state[f"s{k}"], state[f"h{k}"]

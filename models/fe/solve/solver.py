@@ -109,7 +109,7 @@ class Solver:
         self._body = Assembly(mesh, self.materials, self.fixed, loads, self.contacts)
         self._support = Support(mesh, self.fixed)
 
-    def advance(self, load: float, report: Callable[[float], None] | None = None) -> None:
+    def advance(self, load: float, report: Callable[[float], None] = lambda share: None) -> None:
         """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first
         step is as large as the one before would have gone on with.
 
@@ -125,8 +125,7 @@ class Solver:
             if not fault:
                 if used <= 8:
                     self._step = min(1.5 * self._step, self.settings.largest)
-                if report is not None:
-                    report(self.load)
+                report(self.load)
                 continue
             self._step = 0.5 * abs(target - self.load)
             if self._step < self.settings.least:

@@ -26,8 +26,7 @@ def pieces(mesh: TetMesh) -> np.ndarray:
     first = np.repeat(mesh.elements[:, 0], many)
     size = (len(mesh.points),) * 2
     links = coo_array((np.ones(len(first), dtype=np.int8), (first, mesh.elements.ravel())), shape=size)
-    piece: np.ndarray = connected_components(links, directed=False)[1]
-    return piece
+    return connected_components(links, directed=False)[1]
 
 
 class Support:

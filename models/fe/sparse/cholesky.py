@@ -9,7 +9,7 @@ I. S. Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325; J. W. H. Liu, 
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any
 
 import numba
 import numba.experimental.function_type  # lets kernels take the routines of BLAS as arguments, which can be cached
@@ -52,13 +52,7 @@ class Cholesky:
     single               factor in single precision: half the memory and time, to precondition with
     """
 
-    def __init__(
-        self,
-        points: np.ndarray,
-        indptr: np.ndarray,
-        indices: np.ndarray,
-        single: bool = False,
-    ) -> None:
+    def __init__(self, points: np.ndarray, indptr: np.ndarray, indices: np.ndarray, single: bool = False) -> None:
         self.tree = tree = dissect(points, indptr, indices)
         self._pivots = np.diff(tree.first)
         self._rows = self._pivots + np.diff(tree.start)
@@ -66,7 +60,8 @@ class Cholesky:
         self._panel = np.concatenate([[0], np.cumsum(sizes)])
         self._children = np.bincount(tree.parent[tree.parent >= 0], minlength=len(tree.parent))
         self._relative = _relative(tree)
-        self._fronts = _Fronts(self._pivots, self._rows, tree.start, self._panel)
+        # of each: pivots and rows in nodes, where its boundary begins, where its panel does
+        self._fronts = self._pivots, self._rows, tree.start, self._panel
         self._blocks = _destinations(tree, indptr, indices)
         self._stack = _stack(tree)
         self._set(single)
@@ -179,15 +174,6 @@ def _stack(tree: Tree) -> int:
         waiting.append(int(size))
         most = max(most, sum(waiting))
     return most
-
-
-class _Fronts(NamedTuple):
-    """The fronts of the tree (T,): pivots and rows in nodes, where their boundary begins, where their panel does."""
-
-    pivots: np.ndarray
-    rows: np.ndarray
-    start: np.ndarray
-    panel: np.ndarray
 
 
 @numba.njit(cache=True)

@@ -3,6 +3,11 @@
 The factor is in single precision, which takes half the time and memory, and conjugate gradients on the tangent itself
 make up for it. They make up as well for a factor of an earlier iteration of the same load step, where the tangent has
 changed little. What single precision cannot factor, or not well enough, is factored in double.
+
+An iteration of conjugate gradients takes one product with the matrix and one solution by the factor. They end as soon
+as they go too slowly to be worth their time: to factor anew is then cheaper. In single precision the factor is not
+quite the same map each time, so directions are made conjugate by the change of the residual (E. Polak, G. Ribiere,
+1969).
 """
 
 from __future__ import annotations
@@ -11,11 +16,10 @@ from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
-from scipy.sparse import bsr_array
+from scipy.sparse import bsr_array, sparray
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from palpate.models.fe.sparse.cholesky import Cholesky, NotPositive
-from palpate.models.fe.sparse.gradients import descend
 from palpate.models.fe.sparse.pattern import Pattern, pattern
 
 ENOUGH = 1e-4
@@ -28,8 +32,54 @@ FRESH = 20
 """Conjugate gradients with a factor of this iteration; where more were needed single precision is not enough."""
 
 
+SEEN = 3
+"""Conjugate gradients after which the rate is trusted to foretell how many more there will be."""
+
+
 class UnheldError(ArithmeticError):
     """A tangent that no reasonable shift makes positive definite."""
+
+
+def descend(
+    matrix: sparray,
+    rhs: np.ndarray,
+    start: np.ndarray,
+    solve: Callable[[np.ndarray], np.ndarray],
+    tolerance: float,
+    most: int,
+) -> tuple[np.ndarray, bool]:
+    """Solution (n,) of a symmetric positive definite system, and whether its residual is below `tolerance` [1] of rhs
+    (n,). It is not where that takes more than `most` iterations, by the rate of the first ones, or where the matrix or
+    the preconditioner is not positive; the solution is then the best so far.
+
+    start  (n,) where to begin
+    solve  the preconditioner: about the solution for a residual (n,)
+    """
+    x = start
+    r = rhs - matrix @ x if x.any() else rhs.copy()
+    goal, first = tolerance * float(np.linalg.norm(rhs)), float(np.linalg.norm(r))
+    left = first
+    if left <= goal:
+        return x, True
+    z = solve(r)
+    p, along = z, float(r @ z)
+    for k in range(1, most + 1):
+        moved = matrix @ p
+        curve = float(p @ moved)
+        if not (curve > 0.0 and along > 0.0):
+            return x, False
+        length = along / curve
+        x, after = x + length * p, r - length * moved
+        left = float(np.linalg.norm(after))
+        if left <= goal:
+            return x, True
+        if k >= SEEN and not k * np.log(first / goal) <= most * np.log(max(first / left, 1.0)):
+            return x, False
+        z = solve(after)
+        bend = float(z @ (after - r)) / along
+        r, along = after, float(after @ z)
+        p = z + bend * p
+    return x, False
 
 
 class Tangent:
@@ -56,13 +106,11 @@ class Tangent:
 
     def stiffness(self, data: np.ndarray) -> np.ndarray:
         """Mean stiffness of each node [N/m] (N,) from the blocks (B,3,3)."""
-        mean: np.ndarray = np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
-        return mean
+        return np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
 
     def product(self, data: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Forces [N] (N,3) of the blocks (B,3,3) for a change (N,3) of displacement."""
-        forces: np.ndarray = (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
-        return forces
+        return (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
 
     def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
         """Change of displacement [m] (N,3) for forces [N] (N,3), to `ENOUGH` of them; `skew` is the product of a change

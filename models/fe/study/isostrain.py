@@ -14,7 +14,7 @@ import itertools
 import numpy as np
 
 from palpate.models.fe.element.elements import gradients, shape
-from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.element.mesh import EDGES, TetMesh
 from palpate.models.fe.meshing.layers import BONE, EPIDERMIS, NAIL
 from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume, logarithmic_strain
 
@@ -108,8 +108,7 @@ def smooth(mesh: TetMesh, values: np.ndarray) -> np.ndarray:
 def parts(points: np.ndarray, elements: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Quadratic elements (E,10) with values at their corners (E,4,...) as eight flat tetrahedra each: the corners of
     these [m] (8E,4,3), and the values there (8E,4,...), linear in each element."""
-    ends = ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))
-    middle = np.stack([0.5 * (values[:, i] + values[:, j]) for i, j in ends], axis=1)
+    middle = np.stack([0.5 * (values[:, i] + values[:, j]) for i, j in EDGES], axis=1)
     every = np.concatenate([values, middle], axis=1)
     return points[elements][:, _PARTS].reshape(-1, 4, 3), every[:, _PARTS].reshape(-1, 4, *values.shape[2:])
 

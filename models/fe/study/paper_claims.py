@@ -24,20 +24,13 @@ def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str,
     """The record as plain data, with the paper's points beside it."""
     divisor, bone = divisor_and_bone(material)
     return {
-        "plate": plate,
-        "material": material,
-        "divisor": divisor,
-        "bone": bone,
-        "indentation": record.indentation.tolist(),
-        "force": record.force.tolist(),
-        "area": record.area.tolist(),
-        "levels": record.levels.tolist(),
-        "volumes": record.volumes.tolist(),
+        "plate": plate, "material": material, "divisor": divisor, "bone": bone,
+        **{name: values.tolist() for name, values in vars(record).items()},
         "paper": [
             {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
             for f, d in (PAPER[plate] if paper else ())
         ],
-    }
+    }  # fmt: skip
 
 
 def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:

@@ -4,7 +4,6 @@ step in a folder."""
 from __future__ import annotations
 
 import json
-import os
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -16,6 +15,7 @@ import numpy as np
 from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.study.pressing import Pressing
+from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 
 LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
@@ -75,12 +75,12 @@ class PressRun:
         plain = json.loads(json.dumps(pressing.settings()))
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
             mesh = pressing.solver.mesh
             self._write(
                 "mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region, sides=pressing.sides
             )
-            self._put("run.json", json.dumps(plain, indent=2).encode())
+            with replacing(self.folder / "run.json") as part:
+                part.write_text(json.dumps(plain, indent=2))
             return [first]
         other = differing(self.settings(), plain)
         if other is not None:
@@ -109,9 +109,7 @@ class PressRun:
             f"step-{len(rows) - 1:03d}.npz", displacement=moved.astype(np.float32), corners=corners, pressure=pressure
         )
         self._write("table.npz", rows=np.array(rows))
-        scratch = self.folder / "next.npz"
-        pressing.solver.save(scratch)
-        os.replace(scratch, self.folder / "state.npz")
+        pressing.solver.save(self.folder / "state.npz")
 
     def settings(self) -> dict[str, Any]:
         """What was run. ArgumentError: no run."""
@@ -180,14 +178,8 @@ class PressRun:
             raise self._damaged(name, error) from None
 
     def _write(self, name: str, **arrays: Any) -> None:
-        scratch = self.folder / "next.npz"
-        np.savez_compressed(scratch, allow_pickle=False, **arrays)
-        os.replace(scratch, self.folder / name)
-
-    def _put(self, name: str, data: bytes) -> None:
-        scratch = self.folder / "next"
-        scratch.write_bytes(data)
-        os.replace(scratch, self.folder / name)
+        with replacing(self.folder / name) as part:
+            np.savez_compressed(part, allow_pickle=False, **arrays)
 
     def _damaged(self, name: str, reason: object) -> ArgumentError:
         path = self.folder / name
@@ -218,10 +210,7 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 
 
 def record(
-    pressing: Pressing,
-    end: float,
-    run: PressRun | None = None,
-    report: Callable[[float], None] | None = None,
+    pressing: Pressing, end: float, run: PressRun | None = None, report: Callable[[float], None] = lambda share: None
 ) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
     broken off goes on from its last step.
@@ -232,15 +221,13 @@ def record(
     rows: list[list[float]] = [[0.0] * (3 + len(LEVELS))]
     if run is not None:
         rows = run.begin(pressing)
-    if report is not None:
-        report(pressing.solver.load)
+    report(pressing.solver.load)
 
     def keep(load: float) -> None:
         rows.append([load, pressing.force, pressing.area, *pressing.volumes(LEVELS)])
         if run is not None:
             run.keep(pressing, rows)
-        if report is not None:
-            report(load)
+        report(load)
 
     if pressing.solver.load < end:
         pressing.solver.advance(end, keep)

@@ -99,8 +99,8 @@ class Problem:
         self.count = sum(len(p.force) for p in presses)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        low = [math.log(p.low) if p.log else p.low for p in self.parameters]
-        high = [math.log(p.high) if p.log else p.high for p in self.parameters]
+        low = [p.searched(p.low) for p in self.parameters]
+        high = [p.searched(p.high) for p in self.parameters]
         if self.free_touch:  # in units of what the force leaves open
             low += [-2.0] * len(self.presses)
             high += [2.0] * len(self.presses)
@@ -109,7 +109,7 @@ class Problem:
         return np.array(low), np.array(high)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
-        return {p.name: math.exp(v) if p.log else float(v) for p, v in zip(self.parameters, x, strict=False)}
+        return {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=False)}
 
     def touches(self, x: np.ndarray) -> list[float]:
         first = len(self.parameters)
@@ -133,7 +133,7 @@ class Problem:
 
     def start(self) -> np.ndarray:
         """The guesses, the first parameter scaled so that the forces are of the size measured."""
-        guess = [math.log(p.guess) if p.log else p.guess for p in self.parameters]
+        guess = [p.searched(p.guess) for p in self.parameters]
         x = np.array(guess + [0.0] * ((len(self.presses) if self.free_touch else 0) + len(self.drifting)))
         made = float(np.linalg.norm(np.concatenate(self.forces(x))))
         found = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
@@ -177,8 +177,7 @@ class Problem:
             if i in self.drifting:
                 block[:, len(x) - len(self.drifting) + self.drifting.index(i)] = self.percent[i]
             blocks.append(block * w[:, None])
-        out: np.ndarray = np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
-        return out
+        return np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
 
     def _differences(self, x: np.ndarray) -> np.ndarray:
         low, high = self.bounds()
@@ -212,7 +211,7 @@ def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
     return max(float(np.mean(taus)), 1.0) if taus else 1.0
 
 
-def estimate(problem: Problem, profiles: bool = True, seed: int = 0) -> Estimate:
+def estimate(problem: Problem, profiles: bool = True) -> Estimate:
     """Fit from several starts, with intervals.
 
     SessionError: fewer rows than numbers to find.
@@ -220,7 +219,7 @@ def estimate(problem: Problem, profiles: bool = True, seed: int = 0) -> Estimate
     count, size = problem.count, len(problem.start())
     if count < 3 * size:
         raise SessionError(f"{count} rows for {size} numbers to find; expected at least {3 * size}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     low, high = problem.bounds()
     begin, found = problem.start(), []
     for k in range(STARTS):
@@ -248,17 +247,16 @@ def estimate(problem: Problem, profiles: bool = True, seed: int = 0) -> Estimate
     for i, p in enumerate(problem.parameters):
         value, reach = float(x[i]), quantile * float(errors[i])
         ends = [min(max(value + s * reach, low[i]), high[i]) for s in (-1, 1)]
-        back = (lambda v: math.exp(v)) if p.log else float
-        intervals[p.name] = Interval(back(value), back(ends[0]), back(ends[1]))
+        intervals[p.name] = Interval(p.value(value), p.value(ends[0]), p.value(ends[1]))
         if profiles:
             level = least * (1.0 + quantile**2 / (effective - size))
             profile, points = _profile(problem, x, i, reach / 2.0, least, level)
-            ends = [math.nan if math.isnan(v) else back(v) for v in profile]
+            ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
             own = intervals[p.name]
             own.profile = (ends[0], ends[1])
             own.low = min(own.low, p.low if math.isnan(ends[0]) else ends[0])
             own.high = max(own.high, p.high if math.isnan(ends[1]) else ends[1])
-            own.curve = sorted((back(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
+            own.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
     names = [p.name for p in problem.parameters]
     names += [f"touch, {p.name}" for p in problem.presses] if problem.free_touch else []
     names += [f"zero, {problem.presses[i].name}" for i in problem.drifting]
@@ -332,7 +330,6 @@ def between(problem: Problem, made: Callable[[list[Press]], Problem], pooled: Es
         interval.presses = own.tolist()
         scale = np.log(own) if p.log else own
         reach = float(student.ppf(0.5 + LEVEL / 2, n - 1) * scale.std(ddof=1) / math.sqrt(n))
-        middle = math.log(interval.value) if p.log else interval.value
-        ends = [middle - reach, middle + reach]
-        low, high = (math.exp(e) for e in ends) if p.log else ends
+        middle = p.searched(interval.value)
+        low, high = p.value(middle - reach), p.value(middle + reach)
         interval.low, interval.high = min(interval.low, low), max(interval.high, high)

@@ -43,6 +43,11 @@ class Fit:
         own = self.estimate.intervals.get("young")
         return None if own is None or self.law.rest is None else (own.value, own.low, own.high)
 
+    @property
+    def deepest(self) -> float:
+        """Greatest indentation [m] of the presses."""
+        return max(float(p.depth.max()) - t for p, t in zip(self.presses, self.estimate.touches, strict=True))
+
     def errors(self) -> dict[str, float]:
         """RMS residual [N] and over the peak [1], the greatest over the force where that is above 5 % of the peak."""
         return _errors(self.presses, self.estimate.fitted)
@@ -59,7 +64,7 @@ def fit_tissue(
     touch: bool = True,
     relative: bool | None = None,
     deepest: float = math.inf,
-    report: Callable[[float], None] | None = None,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Fit:
     """Fit a law to presses of one rig.
 
@@ -114,7 +119,7 @@ def _compared(fit: Fit, others: Sequence[Problem]) -> list[dict[str, Any]]:
     n the least number of independent residuals that any of the laws leaves, of N rows. SessionError: one does not hold
     as deep as the rows go.
     """
-    reach = max(float(p.depth.max()) - t for p, t in zip(fit.presses, fit.estimate.touches, strict=True))
+    reach = fit.deepest
     found = [(fit.law.name, fit.estimate)]
     for other in others:
         if other.law.reach < 0.98 * reach:
@@ -159,7 +164,7 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
 
 def _law(
     rig: Rig, name: str, relaxation: str, presses: list[Press], touch: bool, relative: bool, reach: float,
-    report: Callable[[float], None] | None,
+    report: Callable[[float], None],
 ) -> tuple[Law, list[str]]:  # fmt: skip
     """The law in closed form, or tabulated about what the closed form finds."""
     rubber = name in SHAPES and name != "linear"
@@ -187,8 +192,7 @@ def _predicted(problem: Problem, best: Estimate, press: Press) -> dict[str, Any]
     """The force on a press that was not fitted: its own touch point and zero are found, the parameters are kept."""
     alone = Problem([press], problem.law, problem.kind, problem.free_touch, problem.relative)
     own, count = alone.start(), len(problem.parameters)
-    for i, p in enumerate(problem.parameters):
-        own[i] = math.log(best.values[p.name]) if p.log else best.values[p.name]
+    own[:count] = [p.searched(best.values[p.name]) for p in problem.parameters]
     if len(own) > count:
         ends = [side[count:] for side in alone.bounds()]
         own[count:] = least_squares(lambda rest: alone.residuals(np.r_[own[:count], rest]), own[count:], bounds=ends).x
@@ -213,8 +217,7 @@ def _sensitivity(fit: Fit, made: Callable[[Sequence[Press]], Problem]) -> dict[s
         problem = made(fit.presses)
         problem.law = closed_form(other, fit.law.name)
         x = problem.start()
-        for i, p in enumerate(problem.parameters):
-            x[i] = math.log(fit.estimate.values[p.name]) if p.log else fit.estimate.values[p.name]
+        x[: len(problem.parameters)] = [p.searched(fit.estimate.values[p.name]) for p in problem.parameters]
         solved, _ = problem.solve(x)
         out[key] = 100.0 * (problem.values(solved)[first] / fit.estimate.values[first] - 1.0)
     return out
@@ -223,7 +226,7 @@ def _sensitivity(fit: Fit, made: Callable[[Sequence[Press]], Problem]) -> dict[s
 def _open(fit: Fit) -> list[str]:
     """What the data cannot tell, one plain sentence each."""
     best, said = fit.estimate, []
-    reach = max(float(p.depth.max()) - t for p, t in zip(fit.presses, best.touches, strict=True))
+    reach = fit.deepest
     what, size = ("height", fit.rig.height or 1.0) if fit.rig.kind == "cylinder" else ("radius", fit.rig.radius)
     deep = f"pressed {1e3 * reach:.3g} mm, {reach / size:.2g} of the {what}"
     length = max((float(np.ptp(p.time)) for p in fit.presses if p.time is not None), default=0.0)
@@ -266,8 +269,7 @@ def _open(fit: Fit) -> list[str]:
 
 def _mesh_error(fit: Fit) -> str:
     """What table and mesh leave of the force, at the deepest row."""
-    reach = min(max(float(p.depth.max()) - t for p, t in zip(fit.presses, fit.estimate.touches, strict=True)),
-                fit.law.reach)  # fmt: skip
+    reach = min(fit.deepest, fit.law.reach)
     shape = {k: v for k, v in fit.estimate.values.items() if k != "young"}
     depths = reach * np.linspace(0.0, 1.0, 9)[1:]
     fine = curve(fit.rig, fit.law.name, shape, depths, FINE)

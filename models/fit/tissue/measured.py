@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.sessions import HEAD, SessionError, cells_of, numbered_lines, separator_of
 
 NAMES = {"time": ("time", "t"), "force": ("force", "load", "f"), "indentation": ("indentation", "depth", "compression",
          "approach", "d")}  # fmt: skip
@@ -25,7 +22,6 @@ RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
 LEAST_ROWS = 10
 MOST_ROWS = 400
 """Rows of a press that are fitted: of more, means of neighbours."""
-_HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*")
 
 Convert = Callable[[str, str], float]
 """(quantity such as '1 mm', SI unit) -> number."""
@@ -56,9 +52,7 @@ class Press:
     def part(self, keep: np.ndarray) -> Press:
         """The rows (n,) bool."""
         time = None if self.time is None else self.time[keep]
-        return Press(
-            self.name, time, self.depth[keep], self.force[keep], self.touch, self.slack, self.zero, self.drifts
-        )
+        return replace(self, time=time, depth=self.depth[keep], force=self.force[keep])
 
 
 def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert) -> list[Press]:
@@ -69,21 +63,17 @@ def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str
 
     SessionError: what is wrong, with file, row and column.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "not a text file in UTF-8"
-        raise SessionError(f"{path}: cannot be read: {reason}") from None
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
-    at, split, found = _header(path, lines, columns)
+    lines = numbered_lines(path)
+    at, separator, found = _header(path, lines, columns)
     factors = {key: _factor(path, key, cell, columns, units, convert) for key, (_, cell, _) in found.items()}
     rows: dict[str, list[list[float]]] = {}
     pressed: set[str] = set()
-    heads = {m["name"].lower(): i for i, cell in enumerate(split(lines[at][1])) if (m := _HEAD.fullmatch(cell))}
+    header = cells_of(path, *lines[at], separator)
+    heads = {m["name"].lower(): i for i, cell in enumerate(header) if (m := HEAD.fullmatch(cell))}
     labels = [heads[name] for name in ("subject", "session") if name in heads]
     rig = next((heads[name] for name in RIG_COLUMNS if name in heads), None)
     for number, line in lines[at + 1 :]:
-        cells = split(line)
+        cells = cells_of(path, number, line, separator)
         values = []
         for key, (place, cell, sign) in found.items():
             where = f"{path}, row {number}, column {cell.strip()!r}"
@@ -112,24 +102,24 @@ def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str
 
 def _header(
     path: Path, lines: list[tuple[int, str]], columns: Mapping[str, str]
-) -> tuple[int, Callable[[str], list[str]], dict[str, tuple[int, str, float]]]:
-    """The line of the header, how lines are split, and quantity -> (place, cell, sign)."""
+) -> tuple[int, str, dict[str, tuple[int, str, float]]]:
+    """The line of the header, what parts its cells, and quantity -> (place, cell, sign)."""
     best: tuple[str, list[str]] = ("", [])
-    for at, (_, line) in enumerate(lines[:60]):
-        separator = next((s for s in "\t;" if s in line), ",")
-        cells = _cells(separator, line)
+    for at, (number, line) in enumerate(lines[:60]):
+        separator = separator_of(line)
+        cells = cells_of(path, number, line, separator)
         found: dict[str, tuple[int, str, float]] = {}
         for key, names in NAMES.items():
             wanted = columns.get(key, "")
             sign = -1.0 if wanted.startswith("-") else 1.0
             wanted = wanted.removeprefix("-").strip()
             for place, cell in enumerate(cells):
-                match = _HEAD.fullmatch(cell)
+                match = HEAD.fullmatch(cell)
                 name = match["name"] if match else cell
                 if (wanted and wanted in (cell.strip(), name)) or (not wanted and name.lower() in names):
                     found.setdefault(key, (place, cell, sign))
         if {"force", "indentation", *columns} <= found.keys():
-            return at, partial(_cells, separator), found
+            return at, separator, found
         if len(found) > len(best[1]) or not best[0]:
             best = (line, sorted({"force", "indentation", *columns} - found.keys()))
     raise SessionError(
@@ -138,15 +128,11 @@ def _header(
     )
 
 
-def _cells(separator: str, text: str) -> list[str]:
-    return next(csv.reader([text], delimiter=separator))
-
-
 def _factor(
     path: Path, key: str, cell: str, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert
 ) -> float:
     """SI units in the unit of a column."""
-    match = _HEAD.fullmatch(cell)
+    match = HEAD.fullmatch(cell)
     named = columns.get(key, "").removeprefix("-").strip()
     unit = units.get(key) or units.get(named) or units.get(cell.strip()) or (match["unit"] if match else None)
     if not unit:
@@ -200,10 +186,7 @@ def _thinned(press: Press) -> Press:
     count = len(press.depth) // many
 
     def mean(values: np.ndarray) -> np.ndarray:
-        out: np.ndarray = values[: count * many].reshape(count, many).mean(axis=1)
-        return out
+        return values[: count * many].reshape(count, many).mean(axis=1)
 
     time = None if press.time is None else mean(press.time)
-    return Press(
-        press.name, time, mean(press.depth), mean(press.force), press.touch, press.slack, press.zero, press.drifts
-    )
+    return replace(press, time=time, depth=mean(press.depth), force=mean(press.force))

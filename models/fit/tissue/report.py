@@ -38,8 +38,7 @@ def data(fit: Fit) -> dict[str, Any]:
         "fixed": {k: {"value": v, "unit": u} for k, (v, u) in fit.law.fixed.items()}
         | ({"plates": fit.rig.plates} if fit.rig.kind == "cylinder" else {}),
         "change_for_fixed": fit.sensitivity,
-        "range": {"depth": max(float(p.depth.max()) - t for p, t in zip(fit.presses, best.touches, strict=True)),
-                  "rate": max(float(abs(p.rate).max()) for p in fit.presses)},
+        "range": {"depth": fit.deepest, "rate": max(float(abs(p.rate).max()) for p in fit.presses)},
         "held_out": [{k: v for k, v in each.items() if k != "curve"} for each in fit.held_out],
         "notes": fit.notes,
     }  # fmt: skip
@@ -96,7 +95,7 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
 def scene(fit: Fit) -> str:
     """A scene that lays the tissue under the kidney's finger: a power law for MassSpring, a modulus for ReducedFE."""
     values, young = fit.estimate.values, fit.young
-    depth = max(float(p.depth.max()) - t for p, t in zip(fit.presses, fit.estimate.touches, strict=True))
+    depth = fit.deepest
     tissue: dict[str, float]
     if young is not None:
         ratio = 0.5 if "finite" in fit.law.remark or fit.rig.kind == "cylinder" else fit.rig.poisson

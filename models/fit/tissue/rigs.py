@@ -47,6 +47,14 @@ class Parameter:
     high: float
     log: bool = True
 
+    def searched(self, value: float) -> float:
+        """A value in the search's own numbers."""
+        return math.log(value) if self.log else value
+
+    def value(self, searched: float) -> float:
+        """The same the other way round."""
+        return math.exp(searched) if self.log else float(searched)
+
 
 @dataclass(frozen=True)
 class Rig:
@@ -143,8 +151,7 @@ def closed_form(rig: Rig, law: str) -> Law:
         factor = thickness_factor(rig.poisson)
 
         def layer(v: Values, s: np.ndarray) -> np.ndarray:
-            out: np.ndarray = size * v["young"] * s**1.5 * factor(np.sqrt(radius * s) / height)
-            return out
+            return size * v["young"] * s**1.5 * factor(np.sqrt(radius * s) / height)
 
         def layer_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
             chi = np.sqrt(radius * s) / height
@@ -166,8 +173,7 @@ def closed_form(rig: Rig, law: str) -> Law:
         first = Parameter("stiffness", "N/m", 100.0, 1e-3, 1e9)
 
         def exponential(v: Values, s: np.ndarray) -> np.ndarray:
-            out: np.ndarray = v["stiffness"] / v["hardening"] * np.expm1(np.minimum(v["hardening"] * s, 500.0))
-            return out
+            return v["stiffness"] / v["hardening"] * np.expm1(np.minimum(v["hardening"] * s, 500.0))
 
         def bent(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
             along = v["stiffness"] * np.exp(np.minimum(v["hardening"] * s, 500.0))
@@ -226,8 +232,7 @@ def _series(stiffness: float, exponent: float, total: np.ndarray) -> np.ndarray:
         force = stiffness * own**exponent
         more = own + np.log1p(force * m / b) / m > total
         low, high = np.where(more, low, own), np.where(more, own, high)
-    out: np.ndarray = stiffness * (0.5 * (low + high)) ** exponent
-    return out
+    return stiffness * (0.5 * (low + high)) ** exponent
 
 
 _RUBBER = ", ".join(name for name in SHAPES if name != "linear")

@@ -19,6 +19,8 @@ from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, V
 
 DEPTHS = 12
 """Depths of a table, closer together near the touch."""
+NODES = 6
+"""Values of the shape parameter that a table is made at."""
 REFERENCE = 1e4
 """[Pa] Young's modulus of the tables."""
 
@@ -38,8 +40,8 @@ def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> 
 
 
 def tabulated(
-    rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8, many: int = 6,
-    report: Callable[[float], None] | None = None,
+    rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8,
+    report: Callable[[float], None] = lambda share: None,
 ) -> Law:  # fmt: skip
     """A law of `SHAPES` with at most one shape parameter, about `middle` of it, down to `deepest` [m].
 
@@ -57,16 +59,15 @@ def tabulated(
     else:
         own = shapes[0]
         low, high = _range(own, middle)
-        nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos((np.arange(many) + 0.5) * math.pi / many)
-        inner = np.exp((low, high)) if own.log else (low, high)
+        nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
+        inner = (own.value(low), own.value(high))
         guess = min(max(own.guess if middle is None else middle, inner[0]), inner[1])
         parameters = (Parameter(own.name, own.unit, float(guess), float(inner[0]), float(inner[1]), own.log),)
     forces = []
     for node in nodes:
-        shape = {own.name: math.exp(node) if own.log else float(node)} if shapes else {}
+        shape = {own.name: own.value(node)} if shapes else {}
         forces.append(curve(rig, law, shape, depths, count))
-        if report is not None:
-            report(1.0 / len(nodes))
+        report(1.0 / len(nodes))
     reached = int(np.isfinite(forces).all(axis=0).sum())
     if reached < 4:
         raise SessionError(f"rig {rig.kind}, law {law}: no equilibrium beyond {1e3 * depths[reached - 1]:.3g} mm")
@@ -78,11 +79,9 @@ def tabulated(
         if across is None:
             row = ratio[0]
         else:
-            x = values[own.name]
-            row = across(math.log(x) if own.log else x)
+            row = across(own.searched(values[own.name]))
         along = PchipInterpolator(knots, np.r_[row[0], row])
-        out: np.ndarray = values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
-        return out
+        return values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
 
     fixed = {"radius": (rig.radius, "m"), "height": (rig.height or 0.0, "m"), "poisson": (0.5, "1")}
     remark = (

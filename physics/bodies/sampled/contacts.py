@@ -33,8 +33,6 @@ from palpate.physics.bodies.sampled.step import (
 )
 from palpate.physics.kernel import kernel
 
-Pressed = tuple[np.ndarray, np.ndarray, tuple, tuple]
-"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and normal [1] (3)."""
 Patch = tuple[np.ndarray, np.ndarray, float]
 """Nodes (k), forces [N] (k,3), and 1 where these are a load, 0 where they only mark the patch."""
 
@@ -89,8 +87,7 @@ def laws_of(compliance: np.ndarray, depths: np.ndarray) -> list[tuple[float, flo
 
 def coupling_of(compliance: np.ndarray) -> np.ndarray:
     """[1] (c,c) O, see `physics.contact.joint`."""
-    coupling: np.ndarray = compliance / np.diagonal(compliance)[:, None]
-    return coupling
+    return compliance / np.diagonal(compliance)[:, None]
 
 
 def together(patches: Sequence[Patch]) -> tuple[np.ndarray, np.ndarray]:

@@ -92,11 +92,7 @@ def barrier(square, limit):
         return 0.0, 0.0, 0.0
     if not t < 1.0:
         return np.inf, np.inf, np.inf
-    return (
-        -ROOM * limit * (np.log(1.0 - t) + t),
-        1.0 / (1.0 - t) - 1.0,
-        1.0 / ((1.0 - t) ** 2 * ROOM * limit),
-    )
+    return (-ROOM * limit * (np.log(1.0 - t) + t), 1.0 / (1.0 - t) - 1.0, 1.0 / ((1.0 - t) ** 2 * ROOM * limit))
 
 
 @kernel(error_model="numpy")

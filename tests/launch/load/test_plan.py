@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.engine.faults import GraphError
-from palpate.engine.force_path import force_path
-from palpate.engine.plan import Plan
+from palpate.engine.plan import Plan, force_path
 from palpate.launch.load.draw import mermaid
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LaunchFile, find, names

@@ -5,7 +5,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.engine.faults import GraphError, nearest
+from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.graph import load
+from palpate.launch.load.values import source
 from palpate.launch.load.values.source import merge, parse, scalar
 
 
@@ -34,6 +36,38 @@ def test_any_text_is_a_graph_or_refused(text):
         parse(text, "x.yaml")
     except GraphError as error:
         assert "x.yaml" in str(error)
+
+
+def outcome(text):
+    try:
+        return parse(text, "x.yaml")
+    except GraphError as error:
+        return str(error)
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.text(alphabet="nodes:use in{}[]&*!|>-#'\"\n \t$.0123", max_size=60))
+def test_libyaml_reads_what_the_scanner_in_python_reads(text):
+    """And a little more: a tab after a word, a comment close to the sign of a block."""
+    quick = outcome(text)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(source, "_SHORT", 0)
+        slow = outcome(text)
+    assert quick == slow or isinstance(slow, str)
+
+
+def test_all_that_ships_is_read_the_same_by_both(monkeypatch):
+    texts = {file: file.read_text(encoding="utf-8") for file in GRAPHS.rglob("*.yaml")}
+    quick = {file: parse(text, "x") for file, text in texts.items()}
+    monkeypatch.setattr(source, "_SHORT", 0)
+    assert len(texts) > 20 and {file: parse(text, "x") for file, text in texts.items()} == quick
+
+
+def test_brackets_that_libyaml_could_not_bear_are_refused(write):
+    with pytest.raises(GraphError, match="nested too deeply"):
+        load(write("g.yaml", "[" * 200_000))
+    with pytest.raises(GraphError, match="nested too deeply: more than 100 levels"):
+        load(write("g.yaml", "[" * 120 + "]" * 120))
 
 
 @pytest.mark.parametrize(

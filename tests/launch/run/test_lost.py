@@ -5,8 +5,7 @@ from pytest import mark
 from random_faults import Fault
 
 from palpate.engine.job import Job, NodeJob
-from palpate.launch.run.lost import lost
-from palpate.launch.run.member import WorkerHandle
+from palpate.launch.run.member import WorkerHandle, lost
 
 SIGNS = 5
 

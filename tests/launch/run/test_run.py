@@ -19,7 +19,7 @@ from palpate.launch.run import ending, launcher
 from palpate.launch.run.execute import Network, RunOutcome, execute
 from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.addresses import runs
-from palpate.launch.run.work.exits import exits_told
+from palpate.launch.run.work.fused import exits_told
 from palpate.messages import Torque
 from palpate.records.reader import Recording
 
@@ -206,7 +206,7 @@ def test_what_a_node_of_one_process_forks_and_its_threads_exit_as_they_want():
         if child == 0:
             os._exit(5)
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 5
-        program = "import os, threading\nfrom palpate.launch.run.work.exits import exits_told\nwith exits_told():\n"
+        program = "import os, threading\nfrom palpate.launch.run.work.fused import exits_told\nwith exits_told():\n"
         program += "    threading.Thread(target=os._exit, args=(6,)).start()\n    threading.Event().wait()"
         assert subprocess.run([sys.executable, "-c", program]).returncode == 6
         with pytest.raises(SystemExit, match="7"):

@@ -13,8 +13,7 @@ from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import spared
 from palpate.launch.run.execute import execute
-from palpate.launch.run.result import Result
-from palpate.launch.run.verdict import verdict
+from palpate.launch.run.result import Result, verdict
 
 
 def counted(steps: int, answers: int, overdue: int, ticks: int | None = 1000, signal: int = 0):

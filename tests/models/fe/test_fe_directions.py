@@ -8,9 +8,8 @@ from palpate.models.fe import Solver, neo_hooke
 from palpate.models.fe.element.mesh import box
 from palpate.models.fe.solve.body import ElasticBody
 from palpate.models.fe.sparse import ordering, tangent
-from palpate.models.fe.sparse.gradients import descend
 from palpate.models.fe.sparse.ordering import dissect
-from palpate.models.fe.sparse.tangent import ENOUGH, SKEW, Tangent
+from palpate.models.fe.sparse.tangent import ENOUGH, SKEW, Tangent, descend
 
 
 def nothing(change):

@@ -9,9 +9,8 @@ from pytest import approx
 from palpate.models.fe import MaterialError, MeshError, Settings, Solver, TetMesh, box, linear, meshed, neo_hooke
 from palpate.models.fe.element.elements import gradients, shape
 from palpate.models.fe.element.jacobian import inverted
-from palpate.models.fe.element.mesh import EDGES
+from palpate.models.fe.element.mesh import EDGES, check_surface
 from palpate.models.fe.element.read import read_mesh
-from palpate.models.fe.element.surface import check_surface
 from palpate.models.fe.element.vtk import write_vtu
 from palpate.models.fe.meshing.organ import fill
 from palpate.nodes.base.surface import surface_mesh
@@ -148,7 +147,7 @@ def test_two_balls_that_overlap_are_refused_and_two_apart_are_not():
 def test_the_shipped_surfaces_do_not_cross_themselves():
     for vertices in (80, 600):
         kidney = surface_mesh("kidney", vertices)
-        check_surface(kidney.vertices, kidney.triangles)
+        check_surface(kidney)
 
 
 def layered():

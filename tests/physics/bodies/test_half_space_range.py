@@ -13,10 +13,12 @@ from palpate.messages import Load
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import half_space_range as hr
+from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import hat_moments
+from palpate.physics.bodies.patch import load_radius
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 
@@ -102,7 +104,7 @@ def layer_basis(thick=12e-3, poisson=0.45):
     rest = (layer(k * thick, poisson, True) - 1.0) * hats * (k[1] - k[0])
     table = np.arange(0.0, 0.15, 2.5e-4)
     smooth = np.interp(away, table, j0(np.outer(table, k)) @ rest)
-    half = tp.mean_inverse_distance(coarse)
+    half = hat_distances.mean_inverse_distance(coarse)
     size = len(half)
     compliance = np.zeros((size, 3, size, 3))
     compliance[:, 2, :, 2] = (1.0 - poisson**2) / math.pi * (half + smooth)
@@ -159,7 +161,7 @@ def test_a_load_narrower_than_the_mesh_is_off_by_no_more_than_is_told(spacings):
     for x, y in rng.uniform(-0.02, 0.02, (60, 2)):
         count = spreader.spread((x, y, 0.0), UP, (0.0, 0.0, -1.0))
         load = spreader.nodes[:count], spreader.forces[:count]
-        acts, narrower = tp.load_radius(mesh.vertices, *load, UP, 1.0, tp.LEAST_MOMENT * mesh.areas)
+        acts, narrower = load_radius(mesh.vertices, *load, UP, 1.0, tp.LEAST_MOMENT * mesh.areas)
         assert abs(radius / acts - 1.0) <= hr.narrow_error(narrower)
 
 

@@ -12,6 +12,7 @@ from scipy.special import ellipe, ellipk
 
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
+from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
@@ -68,7 +69,7 @@ def test_the_share_that_sticking_takes_by_rings_of_shear():
 def test_the_mean_inverse_distance_over_a_square_is_known():
     mesh = plane(1.0, 150)
     mass = mesh.areas
-    table = tp.mean_inverse_distance(mesh)
+    table = hat_distances.mean_inverse_distance(mesh)
     exact = 4.0 * math.log(1.0 + math.sqrt(2.0)) - 4.0 / 3.0 * (math.sqrt(2.0) - 1.0)
     assert mass @ table @ mass == approx(exact, rel=2e-4)
     assert (table == table.T).all() and np.linalg.eigvalsh(table)[0] > 0.0
@@ -76,7 +77,7 @@ def test_the_mean_inverse_distance_over_a_square_is_known():
 
 def test_hats_far_apart_are_points_and_a_hat_on_itself_is_known_by_chance():
     mesh = plane(1.0, 100)
-    table = tp.mean_inverse_distance(mesh)
+    table = hat_distances.mean_inverse_distance(mesh)
     away = np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=2)
     inner = (np.abs(mesh.vertices[:, :2]) < 0.49).all(axis=1)
     far = (away > 0.6) & inner & inner[:, None]
@@ -176,10 +177,10 @@ def hats(mesh):
     """Points [m] (Q,3) on the triangles of a mesh, and what each counts in the mean under every vertex's hat (Q,V)."""
     corner = mesh.vertices[mesh.triangles]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    points = np.einsum("qc,tci->tqi", tp.RULE[:, :3], corner)
+    points = np.einsum("qc,tci->tqi", hat_distances.RULE[:, :3], corner)
     counts = np.zeros((*points.shape[:2], len(mesh.vertices)))
     for c in range(3):
-        each = area[:, None] * tp.RULE[:, 3] * tp.RULE[:, c]
+        each = area[:, None] * hat_distances.RULE[:, 3] * hat_distances.RULE[:, c]
         np.put_along_axis(counts, np.repeat(mesh.triangles[:, None, c : c + 1], 7, 1), each[..., None], 2)
     counts = counts.reshape(-1, len(mesh.vertices))
     return points.reshape(-1, 3), counts / counts.sum(axis=0)
@@ -201,7 +202,7 @@ def lumped():
     """A half-space with the lump, condensed to hats 4 mm apart."""
     coarse = plane(0.1, 600)
     points, counts = hats(coarse)
-    half_space = (1.0 - POISSON**2) / math.pi * tp.mean_inverse_distance(coarse)
+    half_space = (1.0 - POISSON**2) / math.pi * hat_distances.mean_inverse_distance(coarse)
     size = len(coarse.vertices)
     compliance = np.zeros((size, 3, size, 3))
     compliance[:, 2, :, 2] = half_space + counts.T @ lump(points, points) @ counts

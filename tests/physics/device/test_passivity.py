@@ -7,7 +7,7 @@ from pytest import approx
 from scipy.linalg import expm
 
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
-from palpate.physics.device.sampled_wall import required_damping, wall_response
+from palpate.physics.device.stability import required_damping, wall_response
 
 T = 1e-3
 

@@ -29,8 +29,7 @@ def accuracy(
     rebuild: Annotated[
         bool,
         typer.Option(
-            "--rebuild-references",
-            help="Compute the stored references anew, or those of --touch; needs FElupe.",
+            "--rebuild-references", help="Compute the stored references anew, or those of --touch; needs FElupe."
         ),
     ] = False,
     as_json: Json = False,

@@ -14,8 +14,7 @@ from palpate.launch.terminal.output import console, say, table, tell
 from palpate.launch.terminal.progress import steps
 from palpate.physics.extras import missing
 
-PER_SECOND = 1e-3
-"""[s] that a loop takes for each Hz of its rate: some 200 simulated walls."""
+PER_SECOND = 1e-3  # [s] that a loop takes for each Hz of its rate: some 200 simulated walls
 
 
 def stability(

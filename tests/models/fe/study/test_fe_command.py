@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.commands.models import fe
-from palpate.launch.terminal.tree import group
+from palpate.launch.terminal.group import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
 from palpate.models.build import basis as builder
@@ -75,11 +75,11 @@ def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
 
 
 def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
-    def stopped(self, path, *about):
-        path.with_name(f"{path.name}.part.npz").write_bytes(b"half")
+    def stopped(file, **arrays):
+        file.write_bytes(b"half")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Basis, "save", stopped)
+    monkeypatch.setattr(np, "savez_compressed", stopped)
     small = ["--set", "surface=sphere", "--set", "coarse=60", "--set", "model=linear", "--to", str(tmp_path), "--json"]
     one_line(run("reduce", *small), 130, "nothing is stored")
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,255 @@
+"""One step of a bed of beams under all its loads, compiled, and the law of the next one, see `beam_bed`."""
+
+from __future__ import annotations
+
+import math
+
+from palpate.physics.bodies.stretch import hold_together
+from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
+from palpate.physics.kernel import kernel
+from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
+
+NO_FORCE = 1e-9
+"""[N] A force below this is none: how it is spread says nothing."""
+LARGEST_FORCE = 1e6
+"""[N] On a node; a larger one counts as this, so that sums stay finite."""
+STILL = 1e-9
+"""[1] An unloaded beam whose strains are all below this is at rest."""
+MOST_APART = 0.8
+"""[1] Largest difference of displacement between neighbours, over the length of their edge."""
+MOST_SIDEWAYS = 0.5
+"""[1] The same for the part along the surface. A triangle is turned over where that changes by 1 over its height; in a
+right-angled one that is sqrt(2) of what its edges show, and the dent of a round body takes some of it."""
+LEAST_COMPLIANCE = 1e-9
+"""[m/N] of a patch whose layers all stand at their limit; it keeps the law finite."""
+
+
+@kernel
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def _held(force):
+    return min(max(force, -LARGEST_FORCE), LARGEST_FORCE)
+
+
+@kernel
+def loaded_patch(nodes, forces, normal, patch, weight):
+    """Fill the patch with the shares of a load in its normal force; its length. 0, and the patch as it was, where there
+    is no such force; -1 where the surface does not have a node."""
+    total = 0.0
+    for k in range(nodes.shape[0]):
+        if not 0 <= nodes[k] < weight.shape[0]:
+            return -1
+        total += _push(forces[k], normal)
+    if not total > NO_FORCE:
+        return 0
+    for k in range(nodes.shape[0]):
+        weight[nodes[k]] += _push(forces[k], normal)
+    count = 0
+    for k in range(nodes.shape[0]):
+        count = _collect(nodes[k], 1.0 / total, patch, weight, count)
+    return count
+
+
+@kernel
+def _push(force, normal):
+    return -(_held(force[0]) * normal[0] + _held(force[1]) * normal[1] + _held(force[2]) * normal[2])
+
+
+@kernel
+def patch_between(last, last_count, share, nodes, weights, patch, weight):
+    """Fill the patch between the one that bore the last load, of this share, and another; its length."""
+    for k in range(last_count):
+        weight[last.nodes[k]] += share * last.shares[k]
+    for k in range(nodes.shape[0]):
+        weight[nodes[k]] += (1.0 - share) * weights[k]
+    count = 0
+    for k in range(last_count):
+        count = _collect(last.nodes[k], 1.0, patch, weight, count)
+    for k in range(nodes.shape[0]):
+        count = _collect(nodes[k], 1.0, patch, weight, count)
+    return count
+
+
+@kernel
+def _collect(j, scale, patch, weight, count):
+    if weight[j] != 0.0:
+        patch.nodes[count], patch.shares[count] = j, scale * weight[j]
+        weight[j] = 0.0
+        count += 1
+    return count
+
+
+@kernel
+def bed_step(nodes, forces, dt, count, beams, moving, contacts):
+    """Step the beams under all loads and take the law on the patch of each contact; how many vertices are displaced,
+    and how many beams are at a limit."""
+    force, active, place, displacement = moving.force, moving.nodes, moving.place, moving.displacement
+    for k in range(nodes.shape[0]):
+        j = nodes[k]
+        if place[j] < 0:
+            place[j] = count
+            active[count] = j
+            count += 1
+        for a in range(3):
+            force[j, a] += _held(forces[k, a])
+    limited = 0.0
+    for k in range(count):
+        limited += _beam(active[k], dt, beams, moving)
+    start = 0
+    for i in range(len(contacts.forces)):
+        total = 0.0
+        for k in range(start, contacts.ends[i]):
+            total += _push(forces[k], contacts.normals[i])
+        start = contacts.ends[i]
+        contacts.forces[i] = total if total > NO_FORCE else 0.0
+        for j in range(i):
+            contacts.cross[i, j] = contacts.cross[j, i] = _shared(i, j, dt, beams, moving, contacts)
+    for i in range(len(contacts.forces)):
+        _response(i, dt, beams, moving, contacts)
+    for k in range(nodes.shape[0]):
+        force[nodes[k], :] = 0.0
+    kept = 0
+    for k in range(count):
+        j = active[k]
+        still = displacement[j, 0] == 0.0 and displacement[j, 1] == 0.0 and displacement[j, 2] == 0.0
+        if still:
+            place[j] = -1
+        else:
+            active[kept], place[j] = j, kept
+            moving.moved[kept] = displacement[j]
+            kept += 1
+    return kept, limited
+
+
+@kernel
+def held_together(count, beams, moving, skin):
+    """Limit the displacement that is sent: along the surface, then as a whole; how many vertices were limited."""
+    moved, sideways = moving.moved, skin.sideways
+    for k in range(count):
+        normal = beams.normals[moving.nodes[k]]
+        along = _dot(moved[k], normal)
+        for a in range(3):
+            sideways[k, a] = moved[k, a] - along * normal[a]
+            moved[k, a] -= sideways[k, a]
+    held = hold_together(sideways, count, MOST_SIDEWAYS, skin.edges, moving.place, moving.nodes, skin.room)
+    for k in range(count):
+        for a in range(3):
+            moved[k, a] += sideways[k, a]
+    return max(held, hold_together(moved, count, MOST_APART, skin.edges, moving.place, moving.nodes, skin.room))
+
+
+@kernel
+def _beam(j, dt, beams, moving):
+    """Step one beam under its force; 1 where an element is at its limit."""
+    force, strains, displacement, normal = moving.force[j], moving.strains[j], moving.displacement[j], beams.normals[j]
+    along = _dot(force, normal)
+    push = max(-along, 0.0)
+    loaded = force[0] != 0.0 or force[1] != 0.0 or force[2] != 0.0
+    strain = chain_stress_step(strains, beams.moduli, beams.viscosities, beams.shares, push / beams.areas[j], dt)
+    most = 0.0
+    for a in range(strains.shape[0]):
+        most = max(most, strains[a])
+    if most < STILL and not loaded:
+        strains[:] = 0.0
+        displacement[:] = 0.0
+        return 0.0
+    held = _shear_left(force, along, beams.softness / beams.areas[j], beams.length)
+    for a in range(3):
+        tangent = force[a] - along * normal[a]
+        displacement[a] = held * beams.softness * tangent / beams.areas[j] - strain * beams.length * normal[a]
+    return 1.0 if most >= STRAIN_LIMIT or held < 1.0 else 0.0
+
+
+@kernel
+def _shear_left(force, along, softness, length):
+    """The share [1] of the free sideways displacement softness |f_t| [m] that the limit of the shear leaves."""
+    sideways = softness * math.sqrt(max(_dot(force, force) - along * along, 0.0))
+    limit = STRAIN_LIMIT * length
+    return 1.0 if sideways <= limit else limit / sideways
+
+
+@kernel
+def _shared(i, j, dt, beams, moving, contacts):
+    """Compliance [m/N] between the patches of two contacts, by the beams that both have; not below 0, as little as
+    leaning beams could be."""
+    n, m, weight = contacts.normals[i], contacts.normals[j], moving.weight
+    first, second = contacts.which[i], contacts.which[j]
+    for k in range(contacts.counts[j]):
+        weight[contacts.nodes[second, j, k]] = contacts.shares[second, j, k]
+    total = 0.0
+    for k in range(contacts.counts[i]):
+        v = contacts.nodes[first, i, k]
+        w = contacts.shares[first, i, k] * weight[v]
+        if w == 0.0:
+            continue
+        area, beam, force = beams.areas[v], beams.normals[v], moving.force[v]
+        here, there, along = _dot(beam, n), _dot(beam, m), _dot(force, beam)
+        moving.chain[:] = moving.strains[v]
+        chain_stress_step(moving.chain, beams.moduli, beams.viscosities, beams.shares, max(-along, 0.0) / area, dt)
+        axial = beams.length * _chain_compliance(moving.chain, beams, dt)
+        side = _shear_left(force, along, beams.softness / area, beams.length) * beams.softness
+        total += w / area * (max(here, 0.0) * max(there, 0.0) * axial + side * (_dot(n, m) - here * there))
+    for k in range(contacts.counts[j]):
+        weight[contacts.nodes[second, j, k]] = 0.0
+    return max(total, 0.0)
+
+
+@kernel
+def _chain_compliance(strains, beams, dt):
+    """d strain / d stress [1/Pa] of a step that ends at these strains; elements at their limit give no more."""
+    total = 0.0
+    for a in range(beams.moduli.shape[0]):
+        if beams.shares[a] > 0.0 and strains[a] < STRAIN_LIMIT:
+            total += beams.shares[a] / (beams.moduli[a] + beams.viscosities[a] / dt)
+    return total
+
+
+@kernel
+def _response(i, dt, beams, moving, contacts):
+    """The law of the next step, of the same length, at the present forces: K, n, free and present indentation; and what
+    the others are at this contact."""
+    normal, which, total = contacts.normals[i], contacts.which[i], contacts.forces[i]
+    others = 0.0
+    for j in range(len(contacts.forces)):
+        others += contacts.cross[i, j] * contacts.forces[j]
+    loaded = total > 0.0 or others > 0.0
+    free = deep = previous = compliance = 0.0
+    length, shares, moduli, viscosities = beams.length, beams.shares, beams.moduli, beams.viscosities
+    chain = moving.chain
+    for k in range(contacts.counts[i]):
+        j, w = contacts.nodes[which, i, k], contacts.shares[which, i, k]
+        area, beam, strains, force = beams.areas[j], beams.normals[j], moving.strains[j], moving.force[j]
+        face = _dot(beam, normal)
+        previous -= w * _dot(moving.displacement[j], normal)
+        chain[:] = strains
+        free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt)
+        chain[:] = strains
+        along = _dot(force, beam)
+        push = max(-along, 0.0) if loaded else max(face, 0.0) * w * LEAST_FORCE
+        deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt)
+        held = _shear_left(force, along, beams.softness / area, length)
+        side = held * w * beams.softness / area * (1.0 - face * face)
+        if loaded:
+            deep -= held * w * beams.softness / area * (_dot(force, normal) - along * face)
+        else:
+            deep += w * LEAST_FORCE * side
+        compliance += w * side
+        for a in range(moduli.shape[0]):
+            if shares[a] > 0.0 and chain[a] < STRAIN_LIMIT:
+                rate = viscosities[a] / dt
+                compliance += w * w * face * max(face, 0.0) * length * shares[a] / (moduli[a] + rate) / area
+    compliance = max(compliance, LEAST_COMPLIANCE)
+    acting = total + others / compliance
+    least = max(acting, LEAST_FORCE)
+    if loaded and acting < least:
+        # Lighter than the least force: the linear response, carried up to it.
+        deep = free + (deep - free) * least / acting
+    slope = 1.0 / compliance
+    law = contacts.laws[i]
+    law[0], law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
+    law[2], law[3] = free, previous
+    for j in range(len(contacts.forces)):
+        contacts.coupling[i, j] = 1.0 if i == j else contacts.cross[i, j] / compliance
