@@ -5,7 +5,7 @@ set -eu
 cd "$(dirname "$0")"
 
 python=""
-for found in "${PYTHON:-}" python3 python3.13 python3.12 python3.11; do
+for found in "${PYTHON:-}" python3 python3.14 python3.13 python3.12 python3.11; do
     if [ -n "$found" ] && "$found" -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null; then
         python=$found
         break

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.drivers.catalogue import Known, fitting
+from palpate.physics.extras import install
 
 USB = Path("/sys/bus/usb/devices")
 DEV = Path("/dev")
@@ -40,7 +41,7 @@ class Found:
     def next_step(self) -> str:
         """What stands in the way; empty: nothing."""
         if self.missing:
-            return 'pip install "palpate[devices]"'
+            return install("devices")
         if not self.file:
             return "no device file: its kernel driver is not bound"
         return "" if self.permitted else "not permitted: palpate devices --install-udev"

@@ -4,6 +4,7 @@ import importlib
 from typing import Any
 
 from palpate.physics.errors import PalpateError
+from palpate.physics.extras import missing
 
 
 class DeviceError(PalpateError, RuntimeError):
@@ -21,7 +22,5 @@ def package(module: str) -> Any:
     """Import a module that an extra brings. DeviceError: it is not installed."""
     try:
         return importlib.import_module(module)
-    except ImportError:
-        raise DeviceError(
-            f'the Python module {module!r} is not installed. Install it: pip install "palpate[devices]"'
-        ) from None
+    except ImportError as error:
+        raise DeviceError(missing("the driver", error.name, "devices")) from None

@@ -10,8 +10,8 @@ observation, reward, terminated, truncated, info = env.step(env.action_space.sam
 
 from typing import TYPE_CHECKING, Any
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.extras import missing
 
 if TYPE_CHECKING:
     from palpate.gym.find_nodule import FindNodule
@@ -27,8 +27,8 @@ class GymError(PalpateError, ImportError):
 
 try:
     import gymnasium
-except ImportError:
-    raise GymError(f"palpate.gym needs the package gymnasium: {install('gym')}") from None
+except ImportError as error:
+    raise GymError(missing("palpate.gym", error.name, "gym")) from None
 
 _HOMES = {"Touch": "touch", "FindNodule": "find_nodule", "Press": "press"}
 __all__ = ["FindNodule", "Press", "Touch"]

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from palpate.engine.plan import Plan
-from palpate.launch.load.extras import install
 from palpate.launch.load.launchfile import find
 from palpate.launch.stepping import Stepper, Tick, planned
 from palpate.messages import fields
 from palpate.nodes.base import settings
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
+from palpate.physics.extras import missing
 
 PLAN = "plan.json"
 AXES = "xyz"
@@ -44,8 +44,8 @@ def export_fmu(graph: str, out: Path | None, sets: Sequence[str]) -> Path:
     """Write GRAPH.fmu, or `out`. GraphError, ArgumentError: what is wrong with the graph, or PythonFMU is missing."""
     try:
         from pythonfmu3.builder import FmuBuilder
-    except ImportError:
-        raise ArgumentError(f"an FMU needs the package pythonfmu3: {install('fmu')}") from None
+    except ImportError as error:
+        raise ArgumentError(missing("an FMU", error.name, "fmu")) from None
     whole = planned(find(graph).but(overrides=sets))
     Stepper(whole)  # which refuses what cannot be stepped
     name = "Graph" + re.sub(r"\W", "_", Path(graph).stem).title().replace("_", "")

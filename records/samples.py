@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.engine.faults import choices
-from palpate.launch.load.extras import install
 from palpate.messages import Field, Message, fields
+from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -232,8 +232,8 @@ class Run:
         """
         try:
             import pandas
-        except ImportError:
-            raise RecordingError(f"frame() needs the package pandas: {install('table')}") from None
+        except ImportError as error:
+            raise RecordingError(missing("frame()", error.name, "table")) from None
         if isinstance(streams, str):
             return self._table(streams).set_index("time [s]")
         if not streams:

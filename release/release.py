@@ -57,11 +57,12 @@ def write_version(folder: Path, version: str) -> None:
         ("pyproject.toml", r'^version = ".*"$', f'version = "{version}"'),
         ("CITATION.cff", r"^version: .*$", f"version: {version}\ndate-released: {today}"),
         ("release/recipe.yaml", r'^  version: ".*"$', f'  version: "{version}"'),
+        ("docs/install.md", r"palpate-\d+\.\d+\.\d+-py3", f"palpate-{version}-py3"),
         ("CHANGELOG.md", r"^## \[Unreleased\]$", f"## [Unreleased]\n\n## [{version}] - {today}"),
     ):
         file = folder / name
-        text, count = re.subn(pattern, new, file.read_text(encoding="utf-8"), count=1, flags=re.MULTILINE)
-        if count != 1:
+        text, count = re.subn(pattern, new, file.read_text(encoding="utf-8"), flags=re.MULTILINE)
+        if not count:
             raise SystemExit(f"{name}: no line like {pattern}")
         file.write_text(text, encoding="utf-8")
 

@@ -14,13 +14,13 @@ from graphs_for_runs import write_graph
 import palpate.drivers
 import palpate.engine
 import palpate.gym
-import palpate.launch.load.extras
 import palpate.messages
 import palpate.models.build
 import palpate.models.fe
 import palpate.models.fit
 import palpate.nodes
 import palpate.physics
+import palpate.physics.extras
 import palpate.records
 import palpate.registry
 import palpate.studies
@@ -222,6 +222,6 @@ def test_the_extras_are_those_of_the_installation():
         if extra:
             name = requirement.partition(">")[0].partition("[")[0]
             declared.setdefault(extra.strip("\"'"), set()).add(name)
-    for extra, packages in palpate.launch.load.extras.EXTRAS.items():
+    for extra, packages in palpate.physics.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
-    assert set(declared) == {*palpate.launch.load.extras.EXTRAS, "all", "dev"}
+    assert set(declared) == {*palpate.physics.extras.EXTRAS, "all", "dev"}

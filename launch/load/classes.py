@@ -13,12 +13,12 @@ import palpate.nodes
 from palpate.engine.faults import choices, nearest
 from palpate.engine.graph import sent_by
 from palpate.engine.imports import search_here
-from palpate.launch.load.extras import extra_of, install
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary
 from palpate.nodes.base import Node, Observer, inputs, outputs, settings
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.extras import extra_of, missing
 from palpate.registry import declared, files, registered
 
 SHIPPED = palpate.nodes.__name__
@@ -103,9 +103,7 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
 def _missing(use: str, error: ImportError) -> ClassError:
     extra = extra_of(error.name or "")
     if extra:
-        return ClassError(
-            f"use: {use!r} needs the package {error.name!r}, not installed", f"Install it: {install(extra)}"
-        )
+        return ClassError(missing(f"use: {use!r}", error.name, extra))
     return ClassError(f"use: {use!r} cannot be imported: {error}")
 
 

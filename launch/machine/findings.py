@@ -12,7 +12,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.launch.load.extras import EXTRAS, install
+from palpate.physics.extras import EXTRAS, install
 
 TUNING = (
     "Set the CPU governor to performance (cpupower frequency-set -g performance), keep a core free (isolcpus, and"

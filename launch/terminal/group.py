@@ -23,7 +23,7 @@ class Verbs(TyperGroup):
             own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
             if ctx.params.get("debug") or (own and not known):
                 raise
-            reported = error if isinstance(error, PalpateError) else _Foreign(error)
+            reported = error if isinstance(error, PalpateError) else _of_extra(error) or _Foreign(error)
             if ctx.find_root().meta.get("palpate.json"):
                 tell({"ok": False, **reported.to_spec()})
             else:
@@ -31,6 +31,14 @@ class Verbs(TyperGroup):
                 if reported.hint:
                     say(reported.hint, "dim", err=True)
             raise typer.Exit(reported.exit_code) from None
+
+
+def _of_extra(error: Exception) -> PalpateError | None:
+    """What to say where an optional package is missing and nothing closer to it has said so."""
+    from palpate.physics.extras import extra_of, missing
+
+    extra = extra_of(error.name or "") if isinstance(error, ModuleNotFoundError) else None
+    return PalpateError(missing("this command", error.name, extra)) if extra else None  # type: ignore[attr-defined]
 
 
 class _Foreign(PalpateError):

@@ -98,10 +98,10 @@ def line(message: Message) -> Text:
 
 def drawn(draw: Callable[P, list[Path]], *args: P.args, **options: P.kwargs) -> list[Path]:
     """The pictures that a function draws; none where a package is missing, which is said on standard error."""
-    from palpate.launch.load.extras import install
+    from palpate.physics.extras import missing
 
     try:
         return draw(*args, **options)
     except ModuleNotFoundError as error:
-        say(f"{error.name} is not installed, so no pictures. {install('view')}", err=True)
+        say(missing("no pictures", error.name, "view"), err=True)
         return []

@@ -74,7 +74,9 @@ def add_session(file: Path, subject: str, session: str, press: Press) -> int:
     SessionError: the file is another kind, or has this session already.
     """
     rows: list[list[str]] = []
+    ended = True
     if file.is_file():
+        ended = file.read_bytes()[-1:] in (b"\n", b"")
         with file.open(encoding="utf-8", newline="") as text:
             rows = [row for row in csv.reader(text) if row]
         if rows and rows[0] != HEAD:
@@ -87,6 +89,8 @@ def add_session(file: Path, subject: str, session: str, press: Press) -> int:
             )
     with file.open("a", encoding="utf-8", newline="") as text:
         writer = csv.writer(text)
+        if not ended:  # an editor has left its last line without an end
+            text.write("\n")
         if not rows:
             writer.writerow(HEAD)
         for depth, rate, force in zip(press.depth, press.rate, press.force, strict=True):

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from palpate.nodes.base import SettingError
+from palpate.physics.extras import missing
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
@@ -112,8 +113,8 @@ def _load(path: str) -> tuple[np.ndarray, np.ndarray]:
         raise SettingError(f"setting 'surface': no file {path} (looked in {Path.cwd()})")
     try:
         import trimesh
-    except ImportError:
-        raise SettingError("mesh files need the package trimesh: pip install 'palpate[mesh]'") from None
+    except ImportError as error:
+        raise SettingError(missing(f"setting 'surface': {path}", error.name, "mesh")) from None
     try:
         mesh: Any = trimesh.load(file, force="mesh", process=False)
         return np.array(mesh.vertices, dtype=float).reshape(-1, 3), np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)

@@ -9,6 +9,7 @@ import msgspec
 
 from palpate.messages import Field, Message, fields, unpack
 from palpate.nodes.base import Observer, SettingError, Stream
+from palpate.physics.extras import missing
 
 SETTLE = 1.0
 """[s] that listeners have to fetch the last samples: recorders look twice a second, and what is under way then is lost
@@ -28,7 +29,7 @@ class LSL(Observer):
     """Tells rigs in one network apart."""
 
     def start(self) -> None:
-        library = _library()
+        lsl = library()
         chosen = {stream.name: chosen_fields(stream, self.fields) for stream in self.streams}
         unheard = [name for name in self.fields if not any(f.name == name for own in chosen.values() for f in own)]
         if unheard:
@@ -37,18 +38,18 @@ class LSL(Observer):
         self._picks = {name: [field.name for field in own] for name, own in chosen.items()}
         rate = float(self.about["plan"]["rate"])
         self._outlets = {
-            stream.name: library.StreamOutlet(self._info(library, stream, chosen[stream.name], rate / stream.every))
+            stream.name: lsl.StreamOutlet(self._info(lsl, stream, chosen[stream.name], rate / stream.every))
             for stream in self.streams
         }
-        self._ahead = library.local_clock() - time.monotonic()
-        self._begin = library.local_clock()
+        self._ahead = lsl.local_clock() - time.monotonic()
+        self._begin = lsl.local_clock()
 
-    def _info(self, library: Any, stream: Stream, chosen: tuple[Field, ...], rate: float) -> Any:
+    def _info(self, lsl: Any, stream: Stream, chosen: tuple[Field, ...], rate: float) -> Any:
         """What LSL tells of a stream."""
         labels = [(label, field.unit) for field in chosen for label in _labels(field)]
         name = f"{self.name}.{stream.name}"
-        info = library.StreamInfo(
-            name, stream.type.__name__, len(labels), rate, library.cf_double64, f"{name} on {socket.gethostname()}"
+        info = lsl.StreamInfo(
+            name, stream.type.__name__, len(labels), rate, lsl.cf_double64, f"{name} on {socket.gethostname()}"
         )
         channels = info.desc().append_child("channels")
         for label, unit in labels:
@@ -110,9 +111,12 @@ def _labels(field: Field) -> list[str]:
     return [f"{field.name}[{i}]" for i in range(length)] if isinstance(length, int) else []
 
 
-def _library() -> Any:
+def library() -> Any:
+    """pylsl. SettingError: it is not installed, or does not find the C library that it loads."""
     try:
         import pylsl
-    except (ImportError, OSError, RuntimeError) as error:  # the package, or the C library that it loads
-        raise SettingError(f"LSL needs the package pylsl: pip install 'palpate[lsl]' ({error})") from None
+    except ImportError as error:
+        raise SettingError(missing("LSL", error.name, "lsl")) from None
+    except (OSError, RuntimeError) as error:
+        raise SettingError(f"LSL: pylsl cannot load the library liblsl: {error}") from None
     return pylsl

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.load.extras import install
 from palpate.messages import Contact, Force, Surface, fields
+from palpate.physics.extras import missing
 from palpate.records.export.shape import LENGTH, Pace, Tell, colours, displaced, shapes
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -25,8 +25,8 @@ def write_rerun(
     """
     try:
         import rerun
-    except ImportError:
-        raise RecordingError(f"Rerun needs the package rerun-sdk: {install('rerun')}") from None
+    except ImportError as error:
+        raise RecordingError(missing("Rerun", error.name, "rerun")) from None
     out = rerun.RecordingStream("palpate", recording_id=recording.path.stem)
     path.parent.mkdir(parents=True, exist_ok=True)
     out.save(str(path))

@@ -9,9 +9,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.load.extras import install
 from palpate.messages import Field, Message, fields
 from palpate.messages.fields import Shape
+from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -127,8 +127,8 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
-    except ImportError:
-        raise RecordingError(f"Parquet needs the package pyarrow: {install('export')}") from None
+    except ImportError as error:
+        raise RecordingError(missing("Parquet", error.name, "export")) from None
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name in streams:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.load.extras import install
 from palpate.messages import Surface
+from palpate.physics.extras import missing
 from palpate.records.export.shape import Pace, displaced, rest_shape
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -22,8 +22,8 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
     """
     try:
         import pyvista as pv
-    except ImportError:
-        raise RecordingError(f"VTK needs the package pyvista: {install('view')}") from None
+    except ImportError as error:
+        raise RecordingError(missing("VTK", error.name, "view")) from None
     chosen = [name for name in streams if issubclass(recording.streams[name].type, Surface)]
     if not chosen:
         raise RecordingError(f"{recording.path}: none of its streams ({', '.join(streams)}) holds a deformed surface")

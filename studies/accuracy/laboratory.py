@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.studies.accuracy import UnsupportedError, halfspace, places, truth
+from palpate.studies.accuracy import MissingError, UnsupportedError, halfspace, places, truth
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.studies.accuracy.touches import BenchCase
@@ -52,6 +52,13 @@ OUTSIDE = (
 def missing() -> list[str]:
     """How to install those outside solvers that are not."""
     return [f"{one.name}: {one.install}" for one in OUTSIDE if one.version() is None]
+
+
+def check(method: str) -> None:
+    """MissingError: a method whose solver is not installed."""
+    for one in OUTSIDE:
+        if one.method == method and one.version() is None:
+            raise MissingError(f"method: {one.name} is not installed; {one.install}")
 
 
 def methods() -> list[Method]:

@@ -81,6 +81,7 @@ def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]], patient
     """
     methods = [*standard(patient), *(of_user(name, cls) for name, cls in bodies.items())]
     if wrong := [name for name in only or () if name not in {m.name for m in methods}]:
+        laboratory.check(wrong[0])
         raise ArgumentError(f"method: found {wrong[0]!r}, expected one of {', '.join(m.name for m in methods)}")
     return [m for m in methods if not only or m.name in only or m.name in bodies]
 

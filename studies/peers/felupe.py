@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
+from palpate.physics.extras import install, missing
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
@@ -28,7 +29,7 @@ from palpate.studies.accuracy.continuum import (
     top_grid,
 )
 
-INSTALL = 'pip install "palpate[bench]"'
+INSTALL = install("bench")
 POINTS = 8
 """On a brick's face, a direction, at which the pressure on a block is taken."""
 
@@ -46,8 +47,8 @@ def library() -> Any:
     """Its module. MissingError: it is not installed."""
     try:
         import felupe
-    except ImportError:
-        raise MissingError(f"FElupe is not installed. Install it: {INSTALL}") from None
+    except ImportError as error:
+        raise MissingError(missing("FElupe", error.name, "bench")) from None
     return felupe
 
 

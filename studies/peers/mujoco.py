@@ -18,6 +18,7 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import edge_nodes
 from palpate.models.fe.meshing.organ import SLAB
+from palpate.physics.extras import install, missing
 from palpate.studies.accuracy import MissingError
 from palpate.studies.accuracy.continuum import (
     BED,
@@ -31,7 +32,8 @@ from palpate.studies.accuracy.continuum import (
     tetrahedra,
 )
 
-INSTALL = 'pip install "palpate[bench]"'
+INSTALL = install("bench")
+
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
 """What `elastic3d` of a flex stands for. The first is MuJoCo's own; the second is called experimental there."""
 STEP, DAMPING, DENSITY = 0.01, 0.01, 1000.0
@@ -55,7 +57,7 @@ def version() -> str | None:
 def library() -> Any:
     """Its module. MissingError: it is not installed, or too old."""
     if version() is None:
-        raise MissingError(f"MuJoCo 4 is not installed. Install it: {INSTALL}")
+        raise MissingError(missing("MuJoCo 4", "mujoco", "bench"))
     import mujoco
 
     return mujoco

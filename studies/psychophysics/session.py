@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from palpate.launch.load.extras import install
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
+from palpate.nodes.logger.lsl import library
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
 from palpate.studies.psychophysics.stimuli import Stimuli
@@ -52,12 +52,9 @@ Mark = Callable[[str, float | None], object]
 def markers(task: str, participant: str) -> Mark:
     """Sends events to the Lab Streaming Layer, in the stream `palpate.TASK`.
 
-    ArgumentError: pylsl is missing.
+    SettingError: pylsl or its library is missing.
     """
-    try:
-        import pylsl
-    except (ImportError, RuntimeError) as error:  # it looks for its library when it is imported
-        raise ArgumentError(f"lsl: pylsl cannot be used ({error}): {install('lsl')}, or leave out `lsl`") from None
+    pylsl = library()
     name = f"palpate.{task}"
     info = pylsl.StreamInfo(name, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
                             f"{name} sub-{participant} on {socket.gethostname()}")  # fmt: skip

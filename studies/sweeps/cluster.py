@@ -16,15 +16,15 @@ from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import ArgumentError, PalpateError, RunError
+from palpate.physics.extras import missing
 from palpate.studies.sweeps.point import Computed, Point, Task
 from palpate.studies.sweeps.runner import ENOUGH, work
 
 try:
     import distributed
-except ImportError:
-    raise RunError(f"studies need the package distributed: {install('study')}") from None
+except ImportError as error:
+    raise RunError(missing("studies", error.name, "study")) from None
 
 MOST = 500  # points in a task
 AHEAD = 2  # tasks for each worker that the scheduler knows: the next one is there when one ends
@@ -86,8 +86,8 @@ def slurm(options: Mapping[str, Any]) -> Any:
     each core is a worker. ArgumentError: one that it does not take."""
     try:
         from dask_jobqueue import SLURMCluster
-    except ImportError:
-        raise RunError(f"SLURM needs the package dask-jobqueue: {install('study')}") from None
+    except ImportError as error:
+        raise RunError(missing("SLURM", error.name, "study")) from None
     given = {"cores": 1, "memory": "2 GB", "scheduler_options": {"dashboard_address": ":0"}, **options}
     given.pop("jobs", None)
     threads = [f"export {name}=1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")]

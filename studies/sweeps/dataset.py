@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import RunError
+from palpate.physics.extras import missing
 from palpate.studies.sweeps.store import Store
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ def dataset(study: Results) -> Any:
     """Numbers and curves over the axes of a study. RunError: xarray is missing."""
     try:
         import xarray
-    except ImportError:
-        raise RunError(f"xarray() needs the package xarray: {install('study')}") from None
+    except ImportError as error:
+        raise RunError(missing("xarray()", error.name, "study")) from None
     space, rows = study.space, study.rows()
     dims = (*(one.paths[0] for one in space.crossed), *(("sample",) if space.sampled else ()))
     coords: dict[str, Any] = {}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.engine.faults import choices
-from palpate.launch.load.extras import install
+from palpate.physics.extras import missing
 from palpate.views.pictures import PictureError
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ SHARES = {
 def draw(study: Results, name: str) -> Figure:
     """A figure of a quantity or of one thing that is kept. PictureError: it cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
-        raise PictureError(f"plots need the package matplotlib: {install('view')}")
+        raise PictureError(missing("plots", "matplotlib", "view"))
     found = [one for one in study.keep if name in (one.text, one.quantity)]
     if not found:
         known = sorted({text for one in study.keep for text in (one.quantity, one.text)})

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import ArgumentError, RunError
+from palpate.physics.extras import missing
 
 METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu", "mu_star", "mu_star_conf", "sigma")}
 LEVELS = 4  # of Morris's grid
@@ -31,8 +31,8 @@ def _salib() -> Any:
         import SALib.analyze.morris
         import SALib.analyze.sobol
         import SALib.sample.morris
-    except ImportError:
-        raise RunError(f"sensitivity needs the package SALib: {install('study')}") from None
+    except ImportError as error:
+        raise RunError(missing("sensitivity", error.name, "study")) from None
     return SALib
 
 

@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import RunError
+from palpate.physics.extras import missing
 from palpate.studies.files import replace
 from palpate.studies.sweeps.point import Computed, Point
 
@@ -33,7 +33,7 @@ try:
     import pyarrow.parquet
     import zarr
 except ImportError as error:
-    raise RunError(f"studies need the package {error.name}: {install('study')}") from None
+    raise RunError(missing("studies", error.name, "study")) from None
 
 FIXED = ("key", "base", "slot", "error")
 SHARE = 20.0

@@ -133,6 +133,15 @@ def test_the_depth_is_counted_from_where_the_force_leaves_the_noise(noise):
     assert 700 <= _onset(forces[: first + 1]) <= 700 + (40 if noise else 0)
 
 
+def test_a_table_without_a_last_line_end_is_added_to_on_a_line_of_its_own(tmp_path):
+    file = tmp_path / "p.csv"
+    press = Press(np.arange(3.0), np.ones(3), np.arange(3.0))
+    add_session(file, "a", "1", press)
+    file.write_text(file.read_text().rstrip())
+    add_session(file, "a", "2", press)
+    assert [line.split(",")[1] for line in file.read_text().splitlines()[1:]] == ["1"] * 3 + ["2"] * 3
+
+
 def test_another_file_is_not_added_to(tmp_path):
     file = tmp_path / "other.csv"
     file.write_text("a,b\n1,2\n")

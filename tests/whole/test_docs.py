@@ -4,8 +4,10 @@ Whatever is not run stands in a table below with the reason.
 """
 
 import json
+import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -41,6 +43,9 @@ OTHERS = {
     ".venv/bin/python": "tests and benchmarks, run on their own",
     "python": "tests and scripts: tests/whole/test_scripts.py loads each",
     "cc": "compiles an example: tests/launch/run/test_listen.py",
+    "python3 -m venv": "tests/whole/test_install.py runs docs/install.md",
+    "uv": "the same",
+    "pipx": "the same",
     "palpate-": "",
 }
 """Commands that are not palpate's, by how they begin."""
@@ -48,29 +53,23 @@ NOT_RUN = {
     "palpate bench": "minutes; tests/studies runs its parts",
     "palpate tune": "minutes; tests/studies/test_tune.py",
     "palpate rates": "minutes; tests/studies/test_rates.py",
-    "palpate run runs/kidney-rates.yaml": "what palpate rates writes",
     "palpate fe": "minutes; tests/models/fe/study",
-    "palpate fingertip SCAN": "takes images; tests/models/scan",
-    "palpate run fingertip-slide --set scene.finger.shape=finger.npz": "what palpate fingertip writes",
-    "palpate touch": "a page that waits for a hand; tests/views",
-    "palpate view": "a page; tests/views",
-    "palpate run kidney --view": "a page; tests/views",
-    "palpate film": "tests/launch/commands/test_film.py",
     "palpate top": "goes on until it is ended",
     "palpate join": "waits for another machine; tests/launch/run",
     "palpate run kidney --place far.yaml": "waits for another machine",
     "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
     "palpate run kidney --set device.use=device.Falcon --clock real": "a device",
-    "palpate record-indentation": "two devices; tests/drivers",
+    "palpate run falcons --set device-thumb.port=SERIAL": "two devices",
+    "palpate record-indentation press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
     "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/models/fit",
-    "palpate fit press.csv": "what record-indentation writes",
     "palpate study mine.yaml": "the reader's own study, scheduler and cluster; tests/studies/test_sweep_runs.py",
     "palpate experiment kidney-stiffness": "a page; tests/views, tests/launch/commands/test_experiment.py",
     "palpate experiment --analyse": "data of the reader's own; tests/launch/commands/test_experiment.py",
-    "palpate fit-tissue": "the reader's own presses; tests/models/fit",
-    "palpate run kidney --scene out/scene.yaml": "what palpate fit-tissue writes; tests/models/fit",
-    "palpate check mine.yaml": "the reader's own graph",
+    "palpate fit-tissue press.csv --columns": "the reader's own presses; tests/models/fit",
+    "palpate fit-tissue A1.csv": "the same",
 }
+PAGE_VERBS = ("palpate touch", "palpate view", "palpate run kidney --view")
+"""These serve a page until Ctrl-C: it comes as soon as they have printed the address."""
 COMMAND = typer.main.get_command(app)
 SHORT = ["--duration", "0.05", "--out", "runs/short"]
 
@@ -119,6 +118,8 @@ def folder(tmp_path, monkeypatch):
     (tmp_path / "mine.yaml").write_text("extends: kidney\n")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "scene.yaml").write_text("extends: kidney\n")
+    press = [f"own,1,{0.1 * k:.1f},{5.0},{3e3 * (1e-4 * k) ** 1.5:.6g}" for k in range(40)]
+    (tmp_path / "press.csv").write_text("\n".join(["subject,session,depth [mm],rate [mm/s],force [N]", *press]))
     (tmp_path / "runs").mkdir()
     (tmp_path / "runs" / "kidney-rates.yaml").write_text("graph: kidney\nset: {friction.every: 10}\n")
     for name, text in node_files("Liver", Load, Surface).items():
@@ -208,6 +209,18 @@ def skipped(words):
 RUN = {where.partition(":")[0] for where, words in PALPATE if not skipped(words)}
 
 
+def serves_a_page(command):
+    """Start it, wait for the address of its page, and press Ctrl-C."""
+    quiet = {**os.environ, "BROWSER": "true"}  # the browser that it opens is a program that does nothing
+    serving = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=quiet)
+    said = ""
+    for line in serving.stdout:
+        said += line
+        if "http://127.0.0.1" in line:
+            serving.send_signal(signal.SIGINT)
+    assert serving.wait(timeout=60) in (0, 130) and "http://127.0.0.1" in said and "Traceback" not in said, said
+
+
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("page", sorted(RUN))
@@ -225,12 +238,17 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
         "--set",
         "scene.hand.begin=[0, 0, 0.107]",
     ]
-    names = ("FILE", "run.mcap", "touch.mcap", "kidney.mcap")
+    names = ("FILE", "run.mcap", "touch.mcap", "kidney.mcap", "soft.mcap", "hard.mcap")
     subprocess.run([*python, *touch, "--record", "FILE"], check=True, capture_output=True)
     for name in names[1:]:
         (folder / name).write_bytes((folder / "FILE").read_bytes())
+    if page == "docs/fingertip.md":
+        subprocess.run([*python, "fingertip", "--phantom", "SCAN"], check=True, capture_output=True)
     for where, words in PALPATE:
         if where.partition(":")[0] != page or skipped(words):
+            continue
+        if " ".join(words).startswith(PAGE_VERBS):
+            serves_a_page([*python, *words[1:]])
             continue
         if words[1] == "new":  # it writes the files that the other pages find
             for name in node_files("Liver", Load, Surface):

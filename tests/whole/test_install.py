@@ -3,92 +3,192 @@
 What these tests install comes from the package index; where none can be reached they are skipped.
 """
 
+import os
 import re
+import shlex
+import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+from trimesh import Trimesh
 
-from palpate.launch.load.extras import EXTRAS
+from palpate.nodes.base.surface import surface_mesh
 
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+PAGE = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+TOOLS = Path(sys.executable).parent  # uv and pipx, of the extra `dev`
 pytestmark = [pytest.mark.long, pytest.mark.timeout(1200)]
+FRAME = "import palpate; print(palpate.open('touch.mcap').frame('contact').shape)"
+GYM = """
+import palpate.gym, gymnasium
+env = gymnasium.make("palpate/FindNodule-v0")
+env.reset()
+env.step(env.action_space.sample())
+"""
+LOG = ["log.use=logger.LSL", 'log.fields=["force"]', "log.in=[contact]", "scene.hand.begin=[0, 0, 0.107]"]
+PURPOSE = {
+    "devices": ["palpate run falcon --duration 0.1", "palpate run kidney --set device.use=device.RawHid --clock real"],
+    "page": ["/usr/bin/timeout -s INT 8 palpate view touch.mcap --no-open"],
+    "fmu": ["palpate export kidney --to fmu -o kidney.fmu"],
+    "gym": [f"python -c {shlex.quote(GYM)}"],
+    "view": [
+        "palpate plot touch.mcap contact.force",
+        "palpate export touch.mcap --to vtk",
+        "palpate picture touch.mcap --at 0.35",
+    ],
+    "scan": ["palpate fingertip --phantom images", "palpate fingertip images -o finger.npz"],
+    "export": ["palpate export touch.mcap --to parquet"],
+    "table": [f"python -c {shlex.quote(FRAME)}"],
+    "rerun": ["palpate export touch.mcap --to rerun"],
+    "lsl": ["palpate run kidney --fused --duration 0.1 " + " ".join(f"--set {shlex.quote(one)}" for one in LOG)],
+    "film": ["palpate film touch.mcap -o touch.gif", "palpate film touch.mcap -o touch.mp4"],
+    "mesh": ["palpate run kidney --organ ball.stl --unit mm --fused --duration 0.1"],
+    "bench": [
+        "palpate bench accuracy --quick --touch indent -o bench --method FElupe",
+        "palpate bench accuracy --quick --touch indent -o bench --method MuJoCo",
+    ],
+    "study": ["palpate study kidney-stiffness"],
+    "all": ["palpate doctor"],
+}
+"""What each extra is for. A device is not there: it is the message that tells of the package."""
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("wheel")
     subprocess.run(["git", "clone", "-q", str(ROOT), str(folder / "clone")], check=True)
-    built = subprocess.run(
-        [sys.executable, "-m", "build", "--outdir", str(folder), str(folder / "clone")], capture_output=True, text=True
-    )
+    build = [sys.executable, "-m", "build", "--wheel", "--outdir", str(folder), str(folder / "clone")]
+    built = subprocess.run(build, capture_output=True, text=True)
     if built.returncode:
         pytest.skip(f"cannot be built here: {built.stderr[-300:]}")
     return next(folder.glob("*.whl"))
 
 
-@pytest.fixture
-def install(wheel, tmp_path):
-    """Make an environment with the wheel; returns its folder."""
+def environment(folder, wheel, extra="", python=sys.executable, more=()):
+    """An environment with the wheel, in `folder`."""
+    pyenv = sorted(str(path) for path in Path.home().glob(".pyenv/versions/*/bin"))
+    made = subprocess.run(
+        [TOOLS / "uv", "venv", "-q", "--seed", "--python", python, folder], capture_output=True, text=True,
+        env={**os.environ, "PATH": os.pathsep.join([os.environ["PATH"], *pyenv])},
+    )  # fmt: skip
+    if made.returncode:
+        pytest.skip(f"no Python {python} here: {made.stderr.strip().splitlines()[-1]}")
+    what = f"palpate{f'[{extra}]' if extra else ''} @ {wheel.as_uri()}"
+    install = [TOOLS / "uv", "pip", "install", "-q", "--only-binary", ":all:", "--python", folder / "bin/python"]
+    done = subprocess.run([*install, *more, what], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return folder
 
-    def make(extra="", more=()):
-        subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "env")], check=True)
-        what = f"palpate{f'[{extra}]' if extra else ''} @ {wheel.as_uri()}"
-        pip = [str(tmp_path / "env/bin/python"), "-m", "pip", "install", "--only-binary", ":all:", *more, what]
-        done = subprocess.run(pip, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr[-2000:]
-        return tmp_path / "env"
 
-    return make
-
-
-def palpate(env, folder, *words):
+def call(env, folder, line):
     """A command in an environment that knows nothing but its own programs: no compiler, no git."""
-    folder.mkdir(exist_ok=True)
     return subprocess.run(
-        [str(env / "bin/palpate"), *words], cwd=folder, capture_output=True, text=True,
+        ["/bin/sh", "-c", line], cwd=folder, capture_output=True, text=True,
         env={"PATH": str(env / "bin"), "HOME": str(folder), "COLUMNS": "200"},
     )  # fmt: skip
 
 
 def touches_a_kidney(env, folder):
-    done = palpate(env, folder, "run", "kidney", "--fused", "--duration", "0.4", "--record", "touch.mcap")
+    done = call(env, folder, "palpate run kidney --fused --duration 0.4 --record touch.mcap")
     assert done.returncode == 0, done.stdout + done.stderr
-    checked = palpate(env, folder, "replay", "touch.mcap", "--check")
+    checked = call(env, folder, "palpate replay touch.mcap --check")
     assert checked.returncode == 0, checked.stdout + checked.stderr
     return done.stdout + done.stderr
 
 
-def test_in_an_empty_folder_it_touches_a_kidney_and_says_how_to_get_pictures(install, tmp_path):
-    env = install()
-    said = touches_a_kidney(env, tmp_path / "empty")
+@pytest.fixture(scope="module")
+def bare(wheel, tmp_path_factory):
+    """An environment without extras, and a folder with a recording and a mesh [mm]."""
+    folder = tmp_path_factory.mktemp("bare")
+    env = environment(folder / "env", wheel)
+    (folder / "empty").mkdir()
+    said = touches_a_kidney(env, folder / "empty")
+    ball = surface_mesh("sphere", 600)
+    Trimesh(1e3 * np.asarray(ball.vertices), ball.triangles).export(folder / "empty" / "ball.stl")
+    return env, folder / "empty", said
+
+
+def test_in_an_empty_folder_it_touches_a_kidney_and_says_how_to_get_pictures(bare):
+    env, folder, said = bare
     assert 'pip install "palpate[view]"' in said
-    assert palpate(env, tmp_path / "empty", "tissues").returncode == 0
+    assert call(env, folder, "palpate tissues").returncode == 0
 
 
-@pytest.mark.parametrize("extra", sorted(set(PROJECT["optional-dependencies"]) - {"all", "dev"}))
-def test_each_extra_by_itself_brings_what_it_promises(install, tmp_path, extra):
-    env = install(extra)
-    modules = [module for module in EXTRAS.get(extra, {}).values() if module != "pylsl"]  # needs a library of Debian's
-    code = "\n".join(f"import {module}" for module in modules)
-    done = subprocess.run([str(env / "bin/python"), "-c", code], cwd=tmp_path, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert palpate(env, tmp_path / "empty", "check", "kidney").returncode == 0
+@pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev"}))
+def test_each_extra_by_itself_does_what_it_is_for(wheel, bare, tmp_path, extra):
+    env = environment(tmp_path / "env", wheel, extra)
+    folder = tmp_path / "empty"
+    shutil.copytree(bare[1], folder, ignore=shutil.ignore_patterns(".*"))
+    for line in PURPOSE[extra]:
+        done = call(env, folder, line)
+        said = done.stdout + done.stderr
+        assert "Traceback" not in said, said
+        if extra == "all":
+            short = re.findall(r"note +extra (\w+)", said)
+            assert set(short) <= {"rerun", "bench"}, said
+        elif extra == "devices":
+            assert "DeviceError" in said and "is not installed" not in said, said
+        else:
+            assert done.returncode in (0, 124) and "is not installed" not in said, f"{line}\n{said}"
 
 
-def test_the_oldest_versions_that_are_allowed_do(install, tmp_path):
+@pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev", "all"}))
+def test_without_an_extra_one_line_says_which_package_is_missing_and_what_to_type(bare, extra):
+    env, folder, _ = bare
+    for line in PURPOSE[extra]:
+        done = call(env, folder, line)
+        said = done.stderr.strip().splitlines()
+        lines = [text for text in said if not text.startswith(("compiling", "start at once", "sub-"))]
+        assert done.returncode, f"{line}\n{done.stdout}"
+        if line.startswith("python"):  # a program shows where it stands, and the line last
+            lines = lines[-1:]
+        assert len(lines) == 1, f"{line}\n{done.stderr}"
+        assert re.search(rf'is not installed; pip install "palpate\[{extra}\]"$', lines[0]), lines[0]
+        named = re.search(r"([\w.-]+) is not installed", lines[0])[1].lower()
+        assert named in {re.split(r"[ >=;\[]", one)[0].lower() for one in EXTRAS[extra]}, lines[0]
+
+
+@pytest.mark.parametrize("python", ["3.12", "3.13", "3.14"])
+def test_it_touches_a_kidney_on_other_pythons(wheel, tmp_path, python):
+    assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
+    env = environment(tmp_path / "env", wheel, python=python)
+    (tmp_path / "empty").mkdir()
+    touches_a_kidney(env, tmp_path / "empty")
+
+
+def test_the_oldest_versions_that_are_allowed_do(wheel, tmp_path):
     oldest = [re.sub(r">=(.*)", r"==\1.*", one) for one in PROJECT["dependencies"]]
     (tmp_path / "oldest.txt").write_text("\n".join(oldest))
-    if sys.version_info[:2] != (3, 11):
-        pytest.skip("their wheels are of Python 3.11")
-    touches_a_kidney(install(more=["-c", str(tmp_path / "oldest.txt")]), tmp_path / "empty")
+    env = environment(tmp_path / "env", wheel, python="3.11", more=["-c", tmp_path / "oldest.txt"])
+    (tmp_path / "empty").mkdir()
+    touches_a_kidney(env, tmp_path / "empty")
 
 
-def test_every_extra_names_its_packages():
-    """What the loader tells users to install is what the extra installs."""
-    for extra, packages in EXTRAS.items():
-        told = {re.split(r"[ >=;\[]", one)[0].lower() for one in PROJECT["optional-dependencies"][extra]}
-        assert {name.lower() for name in packages} <= told, extra
+BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("block", [block for block in BLOCKS if "setup.sh" not in block])
+def test_what_the_page_says_about_installing_works(wheel, tmp_path, block):
+    shutil.copy(wheel, tmp_path)
+    (tmp_path / "tools").mkdir()
+    for tool in ("uv", "uvx", "pipx"):
+        (tmp_path / "tools" / tool).symlink_to(TOOLS / tool)
+    cache = subprocess.run([TOOLS / "uv", "cache", "dir"], capture_output=True, text=True).stdout.strip()
+    path = f"{tmp_path}/.local/bin:{tmp_path}/tools:/usr/bin:/bin"
+    done = subprocess.run(
+        ["sh", "-euc", block], cwd=tmp_path, capture_output=True, text=True,
+        env={**os.environ, "PATH": path, "HOME": str(tmp_path), "UV_CACHE_DIR": cache, "COLUMNS": "200"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert list(tmp_path.rglob("force.png")), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev"}))
+def test_the_page_says_what_each_extra_is_for(extra):
+    assert f"| `{extra}` |" in PAGE

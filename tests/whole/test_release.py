@@ -1,5 +1,6 @@
 """release/release.py: what it refuses, and a whole release that is not brought home."""
 
+import json
 import re
 import subprocess
 import sys
@@ -32,11 +33,13 @@ def test_a_version_that_cannot_be_is_refused(version, words):
 
 def test_the_version_is_written_wherever_it_stands(tmp_path):
     (tmp_path / "release").mkdir()
-    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "release/recipe.yaml"):
+    (tmp_path / "docs").mkdir()
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "release/recipe.yaml", "docs/install.md"):
         (tmp_path / name).write_text((ROOT / name).read_text())
     release.write_version(tmp_path, "7.8.9")
     assert 'version = "7.8.9"' in (tmp_path / "pyproject.toml").read_text()
     assert re.search(r"^version: 7\.8\.9\ndate-released: \d", (tmp_path / "CITATION.cff").read_text(), re.MULTILINE)
+    assert set(re.findall(r"palpate-([\d.]+)-py3", (tmp_path / "docs/install.md").read_text())) == {"7.8.9"}
     assert re.search(r"## \[Unreleased\]\n\n## \[7\.8\.9\] - \d{4}", (tmp_path / "CHANGELOG.md").read_text())
 
 
@@ -53,8 +56,41 @@ def test_the_recipe_asks_for_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe = yaml.safe_load((ROOT / "release" / "recipe.yaml").read_text())
     wanted = {one.replace(">=", " >=").lower() for one in project["dependencies"]}
-    assert set(recipe["requirements"]["run"]) == wanted | {f"python {project['requires-python']}", "__linux"}
+    assert set(recipe["requirements"]["run"]) == wanted | {"python >=${{ python_min }}", "__linux"}
+    assert f">={recipe['context']['python_min']}" == project["requires-python"]
     assert recipe["context"]["version"] == project["version"]
+
+
+RENDER = """
+import json, pathlib, sys
+from rattler_build import Stage0Recipe
+[one] = Stage0Recipe.from_yaml(pathlib.Path(sys.argv[1]).read_text()).render()
+print(json.dumps(one.recipe.to_dict()))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)
+def test_the_recipe_can_be_rendered(tmp_path):
+    (tmp_path / "render.py").write_text(RENDER)
+    uv = [
+        Path(sys.executable).with_name("uv"),
+        "run",
+        "-q",
+        "--no-project",
+        "--with",
+        "py-rattler-build>=0.73",
+        "python",
+    ]
+    done = subprocess.run(
+        [*uv, tmp_path / "render.py", ROOT / "release" / "recipe.yaml"], capture_output=True, text=True
+    )
+    if "Failed to fetch" in done.stderr:
+        pytest.skip("no package index here")
+    assert done.returncode == 0, done.stderr
+    rendered = json.loads(done.stdout)
+    assert rendered["package"]["name"] == "palpate" and rendered["build"]["noarch"] == "python"
+    assert "python >=3.11" in rendered["requirements"]["run"] and "python 3.11.*" in rendered["requirements"]["host"]
 
 
 @pytest.mark.long

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.launch.load.extras import install
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.extras import missing
 
 if TYPE_CHECKING:
     from palpate.views.page.server import PageServer
@@ -22,8 +22,8 @@ def check() -> None:
     """PageError: the package that serves the pages is missing, with what to type."""
     try:
         import websockets  # noqa: F401
-    except ImportError:
-        raise PageError(f"the page needs the package websockets: {install('page')}") from None
+    except ImportError as error:
+        raise PageError(missing("the page", error.name, "page")) from None
 
 
 def serve(source: FrameSource, port: int = 0) -> PageServer:

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.launch.load.extras import install
 from palpate.messages import Contact, Surface
 from palpate.physics.errors import PalpateError
+from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
     RecordingError: not a recording. OSError: the folder cannot be written.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        _tell(console, f"no pictures: matplotlib is not installed; {install('view')}")
+        _tell(console, missing("no pictures", "matplotlib", "view"))
         return []
     from matplotlib import rc_context
 
@@ -69,7 +69,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     step("reading")
     try:
         if importlib.util.find_spec("pyvista") is None:
-            _tell(console, f"no 3-D picture: pyvista is not installed; {install('view')}")
+            _tell(console, missing("no 3-D picture", "pyvista", "view"))
         else:
             views = deformation.Views(touch)  # it draws while the others are drawn here
             if text := views.bodies.left_out:

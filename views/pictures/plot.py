@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.launch.load.extras import install
+from palpate.physics.extras import missing
 from palpate.views.pictures import PictureError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ def plot(run: Run, names: Sequence[str], over: str | None = None) -> Figure:
     PictureError, RecordingError: what cannot be drawn.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        raise PictureError(f"plots need the package matplotlib: {install('view')}")
+        raise PictureError(missing("plots", "matplotlib", "view"))
     if not names:
         raise PictureError(
             f"nothing to plot; name fields of {run.path} as STREAM.FIELD; streams: {', '.join(run.streams)}"

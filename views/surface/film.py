@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.launch.load.extras import install
 from palpate.messages import Surface
+from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import TouchStreams
@@ -187,4 +187,4 @@ def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
 def _check_libraries(extra: str, *modules: str) -> None:
     for module in modules:
         if importlib.util.find_spec(module) is None:
-            raise PictureError(f"the package that is imported as {module} is not installed: {install(extra)}")
+            raise PictureError(missing("a film" if extra == "film" else "a picture", module, extra))

@@ -23,7 +23,8 @@ def tissues(
         if as_json:
             tell({"ok": True, "tissues": {name: record}})
         else:
-            console().print(table(("", ""), [(key, str(value)) for key, value in record.items()]))
+            record["grade"] = GRADES[found[name]["grade"]]
+            console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
         return
     if as_json:
         tell({"ok": True, "tissues": {k: {**v, "bodies": bodies(v)} for k, v in found.items()}, "left_out": left_out})
@@ -39,3 +40,9 @@ def tissues(
     for key, why in left_out.items():
         say(f"{key}: {why}", wrap=True)
     say("palpate tissues NAME shows one with its source; palpate run kidney --set scene.tissue=NAME", wrap=True)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        return "\n".join(f"{key}: {_shown(part)}" for key, part in value.items())
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -5,9 +5,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from palpate.launch.load.extras import install
 from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, table, tell
+from palpate.physics.errors import ArgumentError
+from palpate.physics.extras import missing
 
 Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in the images
 
@@ -42,7 +43,7 @@ def fingertip(
         from palpate.models.scan.rebuild import reconstruct
         from palpate.views.pictures.models.scan import draw
     except ImportError as error:
-        raise typer.BadParameter(f"{error.name} is not installed. {install('scan')}") from None
+        raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
     if phantom is not None:
         _phantom(phantom, as_json)
         return

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.load.extras import install
 from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, say, tell
+from palpate.physics.extras import missing
 
 if TYPE_CHECKING:
     from palpate.models.fit.fit import Told
@@ -77,8 +77,8 @@ def _draw(fitted: Told, folder: Path) -> list[str]:
 
     try:
         from palpate.views.pictures.models.fit import draw_choice, draw_law
-    except ImportError:
-        raise SessionError(f"--pictures: matplotlib is not installed; {install('view')}") from None
+    except ImportError as error:
+        raise SessionError(missing("--pictures", error.name, "view")) from None
     paths: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)

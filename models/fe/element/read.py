@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
+from palpate.physics.extras import missing
 
 REGION_FIELDS = ("gmsh:physical", "region", "medit:ref", "CellEntityIds")
 """Names under which files hold the region of each element, the first that is there."""
@@ -24,8 +25,8 @@ def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, i
     """
     try:
         import meshio
-    except ModuleNotFoundError:
-        raise MeshError(f'{path}: meshio is not installed, which reads it. pip install "palpate[mesh]"') from None
+    except ModuleNotFoundError as error:
+        raise MeshError(missing(f"{path}", error.name, "mesh")) from None
     if not Path(path).is_file():
         raise MeshError(f"{path}: no such file")
     try:

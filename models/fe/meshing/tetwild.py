@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic, turned_out
+from palpate.physics.extras import missing
 from palpate.physics.geometry.mesh import Mesh
 
 
@@ -21,11 +22,9 @@ def solid(surface: Mesh) -> tuple[TetMesh, Mesh]:
     """
     try:
         from pytetwild import tetrahedralize
-    except ModuleNotFoundError:
-        raise MeshError(
-            "surface: no point inside sees all of its triangles; such a surface is meshed by the package pytetwild: "
-            "pip install 'palpate[mesh]'"
-        ) from None
+    except ModuleNotFoundError as error:
+        what = "surface: no point inside sees all of its triangles, and what meshes such a surface is missing"
+        raise MeshError(missing(what, error.name, "mesh")) from None
     corner = surface.vertices[surface.triangles]
     edge = float(np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean())
     middle, size = surface.vertices.mean(axis=0), float(np.ptp(surface.vertices))

@@ -73,8 +73,8 @@ class Support:
         at = point_text(self.mesh.points[own[:, :4]].mean(axis=(0, 1)))
         return (
             f"nothing holds the piece of {len(own)} elements round {at} against {goes}: {why}. Fix some of its nodes, "
-            "lay it on an `ElasticFoundation` (palpate.models.fe.contact.bed), or press it from all sides, with friction "
-            "where it may slide"
+            "lay it on an `ElasticFoundation` (palpate.models.fe.contact.bed), or press it from all sides, with "
+            "friction where it may slide"
         )
 
 

@@ -101,7 +101,9 @@ def test_a_missing_package_is_named_with_its_extra(mine, monkeypatch, package, t
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
     over = {"ball.young": {"uniform": [1, 2]}, "ball.depth": {"uniform": [1, 2]}}
-    with pytest.raises(palpate.PalpateError, match=rf'package {package}: pip install "palpate\[study\]"'):
+    with pytest.raises(
+        palpate.PalpateError, match=rf'package {package} is not installed; pip install "palpate\[study\]"'
+    ):
         mine()
         study = palpate.Study(tmp_path / "ball.yaml", over, ["peak ball.force"], samples=2, sensitivity="morris")
         study.folder = tmp_path

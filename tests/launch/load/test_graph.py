@@ -338,7 +338,7 @@ def test_a_package_that_is_not_installed_is_told_with_its_extra(whole, write, mo
     monkeypatch.setattr(sys, "path", [*sys.path])
     for use, words in {
         "needs.Node": ["cannot be imported", "skfem_that_is_missing"],
-        "needs_scan.Node": ["needs the package 'pydicom'", 'pip install "palpate[scan]"'],
+        "needs_scan.Node": ["the package pydicom is not installed", 'pip install "palpate[scan]"'],
         "broken.Node": ["importing 'broken' failed", "ZeroDivisionError", "broken.py:1"],
         "wrong.Node": ["SyntaxError", "wrong.py:1"],
     }.items():

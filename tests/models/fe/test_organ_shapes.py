@@ -104,5 +104,5 @@ def test_what_cannot_be_filled_is_refused(monkeypatch):
     with pytest.raises(MeshError, match="capsule: expected a surface that one point inside sees all of"):
         Organ(ring, capsule=Capsule(1e-3))
     monkeypatch.setitem(sys.modules, "pytetwild", None)
-    with pytest.raises(MeshError, match=r"pip install 'palpate\[mesh\]'"):
+    with pytest.raises(MeshError, match=r'pytetwild is not installed; pip install "palpate\[mesh\]"'):
         Organ(ring)

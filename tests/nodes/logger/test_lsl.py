@@ -140,7 +140,7 @@ def test_fields_that_cannot_be_sent_are_told(pylsl, sender, fields, stream, word
 
 def test_a_missing_library_is_told_with_what_to_install(sender, monkeypatch):
     monkeypatch.setitem(sys.modules, "pylsl", None)
-    with pytest.raises(SettingError, match=r"pip install 'palpate\[lsl\]'"):
+    with pytest.raises(SettingError, match=r'pylsl is not installed; pip install "palpate\[lsl\]"'):
         sender(("force",), CONTACT)
 
 

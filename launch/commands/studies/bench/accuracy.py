@@ -10,6 +10,7 @@ import typer
 from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, say, table, tell
 from palpate.launch.terminal.progress import steps
+from palpate.physics.errors import RunError
 
 if TYPE_CHECKING:
     from palpate.studies.accuracy.cells import Cell
@@ -57,6 +58,9 @@ def accuracy(
     title = f"bench accuracy: {len(todo)} cells, each a model on a touch"
     with steps(title, len(todo), silent=as_json) as done:
         cells = compute(todo, 1 if quick else 3, fresh, str(about["processor"]), done)
+    if not any(cell.status == "ok" for cell in cells):
+        why = dict.fromkeys(f"{cell.title}, {cell.touch}: {cell.why}" for cell in cells)
+        raise RunError(f"none of these methods computes any of these touches ({'; '.join(why)})")
     told_apart(cells)
     files = written(cells, about, out)
     if as_json:
@@ -80,8 +84,8 @@ def _rebuild(about: dict[str, Any], wanted: list[BenchCase], silent: bool) -> No
 
 
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
-    from palpate.launch.load.extras import install
     from palpate.launch.run.busy import busy
+    from palpate.physics import extras
     from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.output.page import LEGEND, default_costs
     from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
@@ -108,6 +112,6 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     for text in missing():
         say(f"not installed  {text}")
     if "overview" not in files:
-        say(f"no pictures: they need matplotlib ({install('view')})")
+        say(extras.missing("no pictures", "matplotlib", "view"))
     for name, file in files.items():
         say(f"{name:14} {file}")

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from palpate.launch.terminal.options import Json
-from palpate.launch.terminal.output import console, table, tell
+from palpate.launch.terminal.output import console, say, table, tell
 from palpate.launch.terminal.progress import steps
+from palpate.physics.extras import missing
 
 PER_SECOND = 1e-3  # [s] that a loop takes for each Hz of its rate: some 200 simulated walls
 
@@ -64,7 +65,9 @@ def stability(
     _print(told["rows"], device)
     if body:
         _print_bodies(told["bodies"])
-    typer.echo(", ".join(filter(None, files)) + ("" if files[1] else "; no pictures without matplotlib: palpate[view]"))
+    typer.echo(", ".join(filter(None, files)))
+    if not files[1]:
+        say(missing("no pictures", "matplotlib", "view"), err=True)
 
 
 def _print(rows: list[dict[str, Any]], device: Any) -> None:

@@ -1,4 +1,8 @@
-"""Which optional packages belong to which extra of palpate's installation."""
+"""Which optional packages belong to which extra of palpate's installation, and what to type for one."""
+
+import sys
+from importlib.util import find_spec
+from pathlib import Path
 
 EXTRAS = {
     "devices": {"pyusb": "usb", "hidapi": "hid", "pyserial": "serial", "websockets": "websockets"},
@@ -35,6 +39,24 @@ def extra_of(module: str) -> str | None:
     return next((extra for extra, packages in EXTRAS.items() if top in packages.values()), None)
 
 
+def missing(what: str, module: str | None, extra: str) -> str:
+    """The line for users who lack a package: what needs it, its name on the index, and what to type.
+
+    module  that could not be imported, as `ImportError.name` has it
+    """
+    top = (module or "").partition(".")[0]
+    names = {top: package for packages in EXTRAS.values() for package, top in packages.items()}
+    return f"{what}: the package {names.get(top, top or extra)} is not installed; {install(extra)}"
+
+
 def install(extra: str) -> str:
-    """What to type for an extra."""
-    return f'pip install "palpate[{extra}]"'
+    """What to type for an extra, by what installed palpate."""
+    wanted, prefix = f'"palpate[{extra}]"', Path(sys.prefix)
+    if (prefix / "pipx_metadata.json").exists():
+        kept = prefix.parent.name == "venvs"  # `pipx run` has its environments elsewhere
+        return f"pipx runpip palpate install {wanted}" if kept else f"pipx run --spec {wanted} palpate ..."
+    if (prefix / "uv-receipt.toml").exists():
+        return f"uv tool install {wanted}"
+    if prefix.parent.name.startswith("archive-v"):  # the cache of uv
+        return f"uvx --from {wanted} palpate ..."
+    return f"{'uv ' if find_spec('pip') is None else ''}pip install {wanted}"

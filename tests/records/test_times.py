@@ -1,0 +1,24 @@
+"""Step times for `palpate plan` and `--place auto`: of the newest recording that ran the same classes."""
+
+from graphs_for_runs import write_graph
+from typer.testing import CliRunner
+
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import find
+from palpate.records.times import step_times
+
+
+def test_times_of_another_class_are_not_those_of_this_one(tmp_path, monkeypatch):
+    graph = write_graph(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    run = ["run", str(graph), "--fused", "-q", "--no-pictures", "--duration", "0.05"]
+    for folder, swap in (("first", []), ("second", ["--set", "spread.use=nodes_for_runs.Swell"])):
+        file = tmp_path / "runs" / folder / "loop.mcap"
+        assert CliRunner().invoke(app, [*run, "--record", str(file), *swap]).exit_code == 0
+    times, source = step_times(find(str(graph)).plan(), None)
+    assert source.parent.name == "first" and {"spread", "drag"} <= set(times)
+    assert (
+        step_times(find(str(graph)).but(overrides=["spread.use=nodes_for_runs.Swell"]).plan(), None)[1].parent.name
+        == "second"
+    )
+    assert step_times(find(str(graph)).but(overrides=["drag.use=nodes_for_runs.FaultyDrag"]).plan(), None) == ({}, None)
