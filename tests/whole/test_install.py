@@ -46,14 +46,18 @@ PURPOSE = {
     "export": ["palpate export touch.mcap --to parquet"],
     "table": [f"python -c {shlex.quote(FRAME)}"],
     "rerun": ["palpate export touch.mcap --to rerun"],
-    "lsl": ["palpate run kidney --fused --duration 0.1 " + " ".join(f"--set {shlex.quote(one)}" for one in LOG)],
+    "lsl": [
+        "palpate run kidney --fused --no-pictures --duration 0.1 "
+        + " ".join(f"--set {shlex.quote(one)}" for one in LOG)
+    ],
     "film": ["palpate film touch.mcap -o touch.gif", "palpate film touch.mcap -o touch.mp4"],
-    "mesh": ["palpate run kidney --organ ball.stl --unit mm --fused --duration 0.1"],
+    "mesh": ["palpate run kidney --organ ball.stl --unit mm --fused --no-pictures --duration 0.1"],
     "bench": [
         "palpate bench accuracy --quick --touch indent -o bench --method FElupe",
         "palpate bench accuracy --quick --touch indent -o bench --method MuJoCo",
     ],
-    "study": ["palpate study kidney-stiffness"],
+    # The first run compiles, which the time limit of a point is not made for.
+    "study": ["palpate run kidney --fused -q --no-record --duration 0.01 && palpate study kidney-stiffness"],
     "all": ["palpate doctor"],
 }
 """What each extra is for. A device is not there: it is the message that tells of the package."""
