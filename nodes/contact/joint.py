@@ -1,7 +1,7 @@
 """Several fingertips on one body."""
 
 from collections.abc import Sequence
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 
@@ -10,8 +10,6 @@ from palpate.nodes.base import InputError, Node, Wants, settings
 from palpate.nodes.contact.series import BODY, Heard, Series
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.joint import joint_step
-
-SHARED = ("force", "compression", "indentation", "compression_rate", "indentation_rate")  # numbers of each contact
 
 
 class Joint(Series):
@@ -77,12 +75,15 @@ class Joint(Series):
             finger.contact(proximity[i], seen[i], None if length is None else tuple(self._solved[i].tolist()), dt)
             for i, finger in enumerate(self._fingers)
         ]
-        shared: dict[str, Any] = {name: tuple([getattr(c, name) for c in answers]) for name in SHARED}
         return Contacts(
             fingers=" ".join([each.source for each in proximity]),
+            force=tuple([c.force for c in answers]),
+            compression=tuple([c.compression for c in answers]),
+            indentation=tuple([c.indentation for c in answers]),
+            compression_rate=tuple([c.compression_rate for c in answers]),
+            indentation_rate=tuple([c.indentation_rate for c in answers]),
             lateral_force=np.array([c.lateral_force for c in answers]),
             stored=tuple([c.stored[0] for c in answers if c.stored]),
-            **shared,
         )
 
     def rests(self, proximity: list[Proximity], body: Surface | None) -> bool:  # type: ignore[override]
@@ -111,7 +112,11 @@ class Share(Node):
         return Contact(
             foot=proximity.foot,
             normal=proximity.normal,
+            force=contacts.force[i],
+            compression=contacts.compression[i],
+            indentation=contacts.indentation[i],
+            compression_rate=contacts.compression_rate[i],
+            indentation_rate=contacts.indentation_rate[i],
             lateral_force=tuple(contacts.lateral_force[i].tolist()),
             stored=contacts.stored[i : i + 1],
-            **{name: getattr(contacts, name)[i] for name in SHARED},
         )

@@ -21,7 +21,8 @@ from palpate.physics.bodies.condensed_contacts import CondensedContacts, _mean_i
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, _load, graded, stuck
+from palpate.studies.accuracy import continuum
+from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, Block, graded
 
 UP = (0.0, 0.0, 1.0)
 
@@ -161,8 +162,8 @@ def cut(apart, cells):
     fixed[mesh.points[:, 1] < 1e-9, 1] = True
     units = []
     for place in (-apart / 2, apart / 2):
-        fixed[stuck(mesh.points, place, RADIUS), :2] = True
-        units.append(_load(mesh.points, top, place, RADIUS))
+        fixed[continuum.stuck(mesh.points, place, RADIUS), :2] = True
+        units.append(continuum.on_triangles(mesh.points, top, Block(place=place).pressure))
     return mesh, fixed, under, units
 
 
