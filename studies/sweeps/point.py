@@ -4,6 +4,7 @@ A process of its own computes with pinned arithmetic whatever Dask's worker has 
 a point takes too long or takes its process down.
 """
 
+import contextlib
 import fcntl
 import hashlib
 import os
@@ -16,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -30,6 +31,7 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.descendants import die_with_parent
 from palpate.launch.run.execute import execute
+from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
 from palpate.physics import arithmetic, kernel_cache
 from palpate.physics.errors import PalpateError
@@ -107,8 +109,9 @@ def overrides(values: dict[str, Any], key: str = "over") -> list[Override]:
     ]
 
 
-def compute(task: Task, point: Point, begun: Callable[[], None] = lambda: None) -> Computed:
-    """Run a point in this process. `begun` is called when all kernels that it needs are there."""
+def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None) -> Computed:
+    """Run a point in this process. `begins` is called again and again while kernels are compiled, by this process or
+    another one, and when all are there: what was before does not count."""
     since = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="palpate-point-") as folder:
         file = Path(folder) / "point.mcap" if point.recording is None else point.recording.with_suffix(".part")
@@ -117,8 +120,8 @@ def compute(task: Task, point: Point, begun: Callable[[], None] = lambda: None) 
             graph = launch.load()
             if point.recording is None:
                 _only(graph, file, {one.stream for one in task.keep})
-            _warm(launch, graph)
-            begun()
+            _warm(launch, graph, begins)
+            begins()
             since = time.monotonic()
             outcome = execute(launch, graph)
             died = {death.node: str(death) for death in outcome.result.deaths}
@@ -162,20 +165,35 @@ def _kept(task: Task, run: Run) -> Computed:
     return done
 
 
-def _warm(launch: LaunchFile, graph: Graph, seen: set[str] = set()) -> None:  # noqa: B006 - of this process
+_warmed: set[str] = set()
+"""Sets of classes whose kernels this process has."""
+
+
+def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:
     """Compile what this graph's nodes need, once on this machine: the processes of a machine wait for the first."""
     classes = hashlib.sha256(" ".join(sorted(full_name(spec.cls) for spec in graph.nodes.values())).encode())
     name = f"warm-{classes.hexdigest()[:16]}"
     folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
-    if name in seen or kernel_cache.PREFIX not in folder.name:
+    if name in _warmed or kernel_cache.PREFIX not in folder.name:
         return
-    seen.add(name)
+    _warmed.add(name)
+    own = os.getpid()  # a second process compiles, too
     with open(folder / "warm.lock", "a") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        while not _locked(lock):
+            begins()
+            time.sleep(0.1)
         if not (folder / name).exists():
             first = launch.load()
-            execute(replace(launch, record=None, duration=1.0 / first.rate), first)
+            with compiling(lambda count: begins() if os.getpid() == own else None):
+                execute(replace(launch, record=None, duration=1.0 / first.rate), first)
             (folder / name).touch()
+
+
+def _locked(file: TextIO) -> bool:
+    with contextlib.suppress(BlockingIOError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    return False
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """Studies on real workers of Dask: what is stored, and what becomes of it when something goes wrong."""
 
+import fcntl
 import json
 import math
 import os
@@ -9,14 +10,17 @@ import subprocess
 import sys
 import time
 
+import numba
 import numpy as np
 import psutil
 import pyarrow.parquet
 import pytest
 
 import palpate
+from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.errors import PalpateError, RunError
 from palpate.studies.sweeps import cluster
+from palpate.studies.sweeps import point as point_process
 from palpate.studies.sweeps.file import load
 from palpate.studies.sweeps.point import Task, compute, fingerprint
 from palpate.studies.sweeps.store import Store
@@ -153,6 +157,29 @@ def test_other_code_of_a_class_of_ones_own_makes_other_points(write, monkeypatch
     assert palpate.Study(graph, OVER, KEEP).points == first.points
     write("mylab_sweep.py", "from nodes_for_studies import Ball as _Ball\nclass Ball(_Ball):\n    poisson = 0.4\n")
     assert not {point.key for point in palpate.Study(graph, OVER, KEEP).points} & {point.key for point in first.points}
+
+
+def test_kernels_that_are_compiled_first_do_not_count(ball, tmp_path, monkeypatch):
+    """Neither while this process compiles them nor while it waits for another one that does."""
+    folder = tmp_path / "kernels-of-this-test"
+    folder.mkdir()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    monkeypatch.setattr(point_process, "_warmed", set())
+    monkeypatch.setattr(point_process, "execute", lambda *_: numba.njit(lambda x: x + 1.0)(1.0))
+    graph = LaunchFile(graph=ball)
+    told = []
+    with open(folder / "warm.lock", "a") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+
+        def begins():
+            told.append(time.monotonic())
+            if len(told) == 3:
+                fcntl.flock(held, fcntl.LOCK_UN)
+
+        point_process._warm(graph, graph.load(), begins)
+    assert len(told) == 4 and [file.name for file in folder.glob("warm-*")]
+    point_process._warm(graph, graph.load(), begins)
+    assert len(told) == 4
 
 
 def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
