@@ -26,9 +26,14 @@ def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
         table.add_column(escape(name), justify="right")
     for row in rows:
         cells = ["" if row.get(name) is None else row[name] for name in names]
-        table.add_row(*(f"{cell:.{digits}g}" if isinstance(cell, float) else str(cell) for cell in cells))
+        table.add_row(*(figure(cell, digits) if isinstance(cell, float) else str(cell) for cell in cells))
     out = Console()
     (out if out.is_terminal else Console(width=200)).print(table)  # a file has no edge to cut figures at
+
+
+def figure(value: float, digits: int) -> str:
+    """So many digits, and no power of ten where they would have to be rounded away."""
+    return f"{value:.0f}" if 10 ** (digits - 1) <= abs(value) < 1e9 else f"{value:.{digits}g}"
 
 
 def tell(tables: dict[str, list[dict[str, object]]], as_json: bool, digits: int = 4) -> None:

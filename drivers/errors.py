@@ -23,4 +23,4 @@ def package(module: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        raise DeviceError(missing("the driver", error.name, "devices")) from None
+        raise DeviceError(missing("the driver", error.name or module, "devices")) from None

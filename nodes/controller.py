@@ -9,14 +9,15 @@ from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
 from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost, Pace
 from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE, SLEW, WALL, WITHHELD, buffers, haptic
-from palpate.physics.device.rendered import CUT, stiffest
+from palpate.physics.device.rendered import stiffest
 from palpate.physics.entry_point import entry_point
 
 ZERO = (0.0, 0.0, 0.0)
 GENTLE = 500.0  # [N/s] by which the force of the added damping rises at most after an outage, until contact ends
 SETTLE = 1.0  # [s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`
 LENT = 0.5e-3  # [J] of debt that the display may make after an outage before the force stops rising
-STEEP = 0.25  # [s] over which the time is averaged in which the contact is too steep to be shown as it is
+STEEP = 0.25  # [s] of contact over which the share is averaged that is withheld of a force too steep to be shown
+MOST_WITHHELD = 0.01  # [1] beyond which it is told
 YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
 
 
@@ -40,8 +41,8 @@ class Haptic(Node):
     the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let go, it
     comes in from zero, never above limit/ramp times the time since and, with `passivity`, over a second while it pushes
     the hand out. A step that comes late changes the force by no more than one in time. When a ledger trips the force
-    goes to zero within `ramp`, and stays there. A contact that is too steep to be shown as it is for half of a quarter
-    of a second is told once.
+    goes to zero within `ramp`, and stays there. A contact that is too steep to be shown, so that more than a hundredth
+    of its force is withheld, is told once.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -69,7 +70,7 @@ class Haptic(Node):
         self._energy, self._least = 0.0, -LENT
         """[J] Of the display: at the last step, and the least at which the force still comes back."""
         self._open, self._tripped = 1.0, False
-        self._steep, self._cautioned = 0.0, False
+        self._withheld, self._cautioned = 0.0, False
         self._notes = []
         self.state, self.past = buffers(self.delay)
         self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
@@ -160,7 +161,9 @@ class Haptic(Node):
             self.gains, self.state, self.past, *pressing, pose.position, pose.velocity, dt
         )
         if touching and not self._cautioned:
-            self._steep += (self.state[WALL, CUT] - self._steep) * usual / STEEP
-            if self._steep > 0.5:
+            line, law, cut, _ = self.state[WALL].tolist()
+            withheld = max(1.0 - line / law, 0.0) if cut and law > 0.0 else 0.0
+            self._withheld += (withheld - self._withheld) * usual / STEEP
+            if self._withheld > MOST_WITHHELD:
                 self._caution(usual)
         return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

@@ -40,10 +40,13 @@ def extra_of(module: str) -> str | None:
 
 
 def missing(what: str, module: str | None, extra: str) -> str:
-    """The line for users who lack a package: what needs it, its name on the index, and what to type.
+    """The line for users who lack a package, or have a broken one: what needs it, its name on the index, what to type.
 
-    module  that could not be imported, as `ImportError.name` has it
+    module  that could not be imported, as `ImportError.name` has it. The error that is being handled says which it is
     """
+    error = sys.exception()
+    if isinstance(error, ImportError) and not isinstance(error, ModuleNotFoundError):
+        return f"{what}: a package of palpate[{extra}] is there and cannot be imported: {error}; {install(extra)}"
     top = (module or "").partition(".")[0]
     names = {top: package for packages in EXTRAS.values() for package, top in packages.items()}
     return f"{what}: the package {names.get(top, top or extra)} is not installed; {install(extra)}"

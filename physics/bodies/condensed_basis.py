@@ -30,9 +30,9 @@ class Basis:
         pack; and a text that says what it was made from."""
         step = float(np.abs(self.compliance).max()) / 32767
         lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
-        with replacing(path) as part:
+        with replacing(path) as part, part.open("wb") as file:
             np.savez_compressed(
-                part, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
+                file, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
                 lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T),
                 dents=self.dents.astype(np.float32), about=np.array(about),
             )  # fmt: skip

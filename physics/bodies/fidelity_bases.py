@@ -94,8 +94,8 @@ class FidelityBases:
     def save(self, path: Path, about: dict[str, Any]) -> None:
         """Write them, and what they were made from."""
         own = {name: getattr(self, name) for name in FIELDS}
-        with replacing(path) as part:
-            np.savez_compressed(part, **own, about=np.array(json.dumps(about)))
+        with replacing(path) as part, part.open("wb") as file:
+            np.savez_compressed(file, **own, about=np.array(json.dumps(about)))
 
     @classmethod
     def load(cls, path: Path) -> tuple[FidelityBases, dict[str, Any]]:

@@ -10,10 +10,9 @@ def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nd
 
     Triangles that only touch, lie in one plane or share a corner do not cross.
     """
-    points = np.array(points, dtype=np.float64)
-    middle = points.mean(axis=0)
+    points, triangles = np.array(points, dtype=np.float64), np.ascontiguousarray(triangles, dtype=np.int64)
+    middle = points[triangles].mean(axis=(0, 1))
     points -= middle  # far from the origin a scanner's numbers would be rounded to more than the filter allows for
-    triangles = np.ascontiguousarray(triangles, dtype=np.int64)
     corner = points[triangles]
     order = np.argsort(corner[:, :, 0].min(axis=1))
     low, high = corner[order].min(axis=1), corner[order].max(axis=1)

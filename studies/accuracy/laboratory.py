@@ -58,7 +58,7 @@ def check(method: str) -> None:
     """MissingError: a method whose solver is not installed."""
     for one in OUTSIDE:
         if one.method == method and one.version() is None:
-            raise MissingError(f"method: {one.method} is not installed; {one.install}")
+            raise MissingError(f"method: {one.method} is not installed, or too old; {one.install}")
 
 
 def methods() -> list[Method]:

@@ -56,10 +56,12 @@ def version() -> str | None:
 
 def library() -> Any:
     """Its module. MissingError: it is not installed, or too old."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingError(missing("MuJoCo 4", error.name, "bench")) from None
     if version() is None:
-        raise MissingError(missing("MuJoCo 4", "mujoco", "bench"))
-    import mujoco
-
+        raise MissingError(f"MuJoCo: found {mujoco.__version__}, expected 4 or newer; {INSTALL}")
     return mujoco
 
 

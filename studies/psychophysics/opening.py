@@ -41,7 +41,7 @@ class Sitting:
             )
 
     def send_markers(self) -> None:
-        """Events go to LSL. SettingError: pylsl or its library is missing."""
+        """Events go to LSL. ArgumentError: pylsl or its library is missing."""
         self.mark = markers(self.stimuli.experiment.task, self.participant)
 
     def run(self, presenter: Any) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
+from palpate.nodes.base import SettingError
 from palpate.nodes.logger.lsl import library
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
@@ -52,9 +53,12 @@ Mark = Callable[[str, float | None], object]
 def markers(task: str, participant: str) -> Mark:
     """Sends events to the Lab Streaming Layer, in the stream `palpate.TASK`.
 
-    SettingError: pylsl or its library is missing.
+    ArgumentError: pylsl or its library is missing.
     """
-    pylsl = library()
+    try:
+        pylsl = library()
+    except SettingError as error:
+        raise ArgumentError(f"{error}; or leave out `lsl`") from None
     name = f"palpate.{task}"
     info = pylsl.StreamInfo(name, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
                             f"{name} sub-{participant} on {socket.gethostname()}")  # fmt: skip

@@ -35,3 +35,11 @@ def test_a_package_goes_by_its_name_on_the_index():
     assert missing("images", "skimage.filters", "scan").startswith("images: the package scikit-image is not installed;")
     assert missing("a device", "usb.core", "devices").startswith("a device: the package pyusb is not installed;")
     assert extra_of("skimage.filters") == "scan" and extra_of("numpy") is None
+
+
+def test_a_package_that_is_there_and_broken_is_not_said_to_be_missing():
+    try:
+        raise ImportError("cannot import name 'x' from 'scipy'", name="scipy")
+    except ImportError as error:
+        told = missing("FElupe", error.name, "bench")
+    assert "cannot import name 'x' from 'scipy'" in told and "not installed" not in told and "palpate[bench]" in told

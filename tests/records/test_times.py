@@ -22,3 +22,14 @@ def test_times_of_another_class_are_not_those_of_this_one(tmp_path, monkeypatch)
         == "second"
     )
     assert step_times(find(str(graph)).but(overrides=["drag.use=nodes_for_runs.FaultyDrag"]).plan(), None) == ({}, None)
+
+
+def test_the_logger_that_a_recording_brings_is_no_other_class(tmp_path, monkeypatch):
+    graph = write_graph(tmp_path)
+    bare = "\n".join(line for line in graph.read_text().splitlines() if "logger.Mcap" not in line)
+    graph.write_text(bare)
+    monkeypatch.chdir(tmp_path)
+    run = ["run", str(graph), "--fused", "-q", "--no-pictures", "--duration", "0.05", "--record", "runs/a/loop.mcap"]
+    assert CliRunner().invoke(app, run).exit_code == 0
+    assert "log" not in find(str(graph)).plan().graph.nodes
+    assert step_times(find(str(graph)).plan(), None)[1] is not None

@@ -67,7 +67,7 @@ class Counting(SlowDrag):
     def step(self, pose: Pose, force: Force, *, dt: float) -> Friction:
         if not self.steps:
             self.first = pose.tick
-        if self.steps + 1 == self.at and self.first < self.at // 2:
+        if self.steps + 1 == self.at and self.first < self.at:
             os.kill(os.getpid(), 9)
         return super().step(pose, force, dt=dt)
 

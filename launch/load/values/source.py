@@ -28,7 +28,8 @@ _WORDS = {
 }  # fmt: skip
 _TOO_MANY = 200_000
 _DEEPEST = 100  # levels inside one another: the scanner in Python looks at all brackets at each word
-_SHORT = 10_000  # characters, each of which may be a bracket
+_SHORT = 20_000  # characters: by indentation alone they nest 200 levels
+_SHALLOW = 400  # brackets and dashes, each of which may nest
 
 
 @dataclass
@@ -119,9 +120,11 @@ def merge(base: YamlSource, top: YamlSource) -> YamlSource:
 
 
 def _compose(text: str | bytes) -> yaml.Node | None:
-    """By libyaml, six times as fast, unless so long a text could nest deeper than its stack bears; what it refuses is
-    told by the scanner in Python, which says it better."""
-    if len(text) < _SHORT and hasattr(yaml, "CSafeLoader"):
+    """By libyaml, six times as fast, unless the text may nest deeper than the stack of a small thread bears, or has a
+    tab, of which libyaml takes more; what it refuses is told by the scanner in Python, which says it better."""
+    plain = text if isinstance(text, str) else text.decode("latin-1")
+    nests = sum(map(plain.count, ("[", "{", "- ", "? "))) if len(plain) < _SHORT else _SHALLOW
+    if nests < _SHALLOW and "\t" not in plain and hasattr(yaml, "CSafeLoader"):
         with contextlib.suppress(yaml.YAMLError):
             return yaml.compose(text, Loader=yaml.CSafeLoader)
     return yaml.compose(text, Loader=_Loader)

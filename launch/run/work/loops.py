@@ -17,6 +17,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     NodeError: a node failed.
     """
     worker.begin(origin)
+    collects = gc.isenabled()
     freezes = gc.get_freeze_count() == 0  # else who called has set aside what was there before
     if worker.job.clock == "real":
         gc.collect()
@@ -33,7 +34,8 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     except EndedError:
         pass
     finally:
-        gc.enable()
+        if collects:
+            gc.enable()
         if freezes:
             gc.unfreeze()
         worker.finish()

@@ -1,5 +1,7 @@
 """YAML as data with places: what is read, what is refused."""
 
+import threading
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -64,10 +66,22 @@ def test_all_that_ships_is_read_the_same_by_both(monkeypatch):
 
 
 def test_brackets_that_libyaml_could_not_bear_are_refused(write):
+    """Its scanner calls itself for each level: in a thread of 256 kB some thousands end the process."""
     with pytest.raises(GraphError, match="nested too deeply"):
         load(write("g.yaml", "[" * 200_000))
     with pytest.raises(GraphError, match="nested too deeply: more than 100 levels"):
         load(write("g.yaml", "[" * 120 + "]" * 120))
+    deep = "\n".join(" " * i + "a:" for i in range(180)) + " " + "[" * 390
+    before = threading.stack_size(256 * 1024)
+    try:
+        for text in (deep, "[" * 9999, "- " * 5000 + "1", "? " * 5000):
+            told = []
+            thread = threading.Thread(target=lambda text=text, told=told: told.append(outcome(text)))
+            thread.start()
+            thread.join()
+            assert len(told) == 1 and isinstance(told[0], str)
+    finally:
+        threading.stack_size(before)
 
 
 @pytest.mark.parametrize(

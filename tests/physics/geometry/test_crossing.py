@@ -35,3 +35,9 @@ def test_a_needle_through_a_flat_face_is_found_where_it_passes(offset):
         first, second, at = crossing(turn.apply(both[0]) + shift, both[1])
         assert {len(triangles)} < {first, second}
         assert turn.inv().apply(at - shift) == pytest.approx(where, abs=1e-4)
+
+
+def test_a_vertex_that_no_triangle_uses_does_not_matter():
+    points, triangles = flat(np.random.default_rng(0))
+    needle = np.array([[0.4, 0.5, 1e-2], [0.41, 0.5, -1e-2], [0.4, 0.51, -1e-2], [np.nan] * 3])
+    assert crossing(np.concatenate([points, needle]), np.concatenate([triangles, [[40, 41, 42]]])) is not None
