@@ -90,7 +90,8 @@ def test_a_client_sees_the_organ_give_way_and_may_steer_the_hand(server):
         shown = until(page, lambda head: head["kind"] == "mesh")
         mesh = frame = None
         number = 0
-        while frame is None or frame["load"][0] < 0.3:
+        # pressed, and the surface has had the time to give way
+        while frame is None or frame["load"][0] < 0.3 or frame["moved"][:, 2].min() > -5e-4:
             number += 1
             client.send(f'{{"point": [{number}, {list(PRESSED)}, 1]}}')
             data = client.recv(timeout=WAIT)
@@ -102,7 +103,6 @@ def test_a_client_sees_the_organ_give_way_and_may_steer_the_hand(server):
     np.testing.assert_array_equal(mesh["corners"].ravel(), shown[1])
     deepest = mesh["vertices"][frame["nodes"][np.linalg.norm(frame["moved"], axis=1).argmax()]]
     assert np.linalg.norm((deepest - PRESSED)[:2]) < 0.006
-    assert frame["moved"][:, 2].min() < -5e-4
     assert frame["state"][0] & 7 == 7
     assert frame["force"][0, 2] > 0.1
     assert np.linalg.norm(frame["tip"][0] - frame["foot"][0]) < 0.01

@@ -76,7 +76,7 @@ def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
 
 def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
     def stopped(file, **arrays):
-        file.write_bytes(b"half")
+        file.write(b"half")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(np, "savez_compressed", stopped)
