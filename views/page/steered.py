@@ -99,7 +99,9 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
         data["scene"] = launch.scene if isinstance(launch.scene, dict) else str(Path(launch.scene).absolute())
     file = folder / f"{launch.graph.stem}.yaml"
     file.write_text(yaml.safe_dump(data))
-    return LaunchFile(graph=file, clock="real", overrides=launch.overrides), sockets
+    # What an organ of one's own says of the hand has been taken from the devices: no other node reads it.
+    overrides = tuple(o for o in launch.overrides if isinstance(o, str) or o.keys[:2] != ("scene", "hand"))
+    return LaunchFile(graph=file, clock="real", overrides=overrides), sockets
 
 
 def _ports(feeds: dict[type[Message], str]) -> dict[str, type[Message]]:

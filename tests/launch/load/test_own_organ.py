@@ -15,6 +15,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.heights import heights, summit
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.records.samples import Run
+from palpate.views.page.steered import steered
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -224,3 +225,12 @@ def test_the_unit_of_a_file_is_a_value_of_the_scene(tmp_path):
         overrides=(f"scene.surface.surface={file}", "collision.use=collision.Mesh", "scene.surface.file_unit=mm")
     )
     assert launch.load().nodes["collision"].settings["file_unit"] == "mm"
+
+
+def test_the_mouse_feels_an_organ_of_ones_own(tmp_path):
+    """The path that follows the organ is of the simulated hand, which the page replaces."""
+    launch, _ = with_organ(find("kidney"), OrganFile(saved(tmp_path, liver()), "mm"))
+    planned = steered(launch, tmp_path)[0].plan()
+    begin = launch.plan().graph.nodes["device"].settings["begin"]
+    assert planned.graph.nodes["device"].settings["begin"] == begin
+    assert str(tmp_path / "liver.stl") in str(planned.graph.nodes["collision"].settings["surface"])
