@@ -113,9 +113,8 @@ def main() -> None:
                 hops[name].append(value)
     best = {name: min(values) for name, values in hops.items() if values}
     base = best.get("C", best["pyzmq"])
-    rows = [
-        {"": name, "us a hop": value, "ratio": value / base, "load": os.getloadavg()[0]} for name, value in best.items()
-    ]
+    load = os.getloadavg()[0]
+    rows = [{"": name, "us a hop": value, "ratio": value / base, "load": load} for name, value in best.items()]
     tell({"one hop between two processes on one core; load of the machine": rows}, given.json, digits=3)
 
 

@@ -73,9 +73,20 @@ class HealthCounters:
 
     def report(self, forces: dict[str, float] | None = None) -> Counters:
         """The counters as they travel, with the forces that the node sent last."""
-        steps = self.step.count + self.asleep
-        counts = self.tick, steps, self.late, self.lost, self.held, self.asleep
-        return Counters(*counts, self.state, self.step.report(), self.age.report(), forces or {}, self.overdue)
+        step, age = self.step.report(), self.age.report()
+        return Counters(
+            self.tick,
+            self.step.count + self.asleep,
+            self.late,
+            self.lost,
+            self.held,
+            self.asleep,
+            self.state,
+            step,
+            age,
+            forces or {},
+            self.overdue,
+        )
 
 
 class Counters(msgspec.Struct, frozen=True):
@@ -96,10 +107,19 @@ class Counters(msgspec.Struct, frozen=True):
 
 def message(node: str, time: int, since: int, counters: Counters) -> messages.Health:
     """A report as observers get it. `time` [ns] on the graph's clock; `since`: tick at which its worker began."""
-    names = ("tick", "steps", "late", "lost", "held", "asleep", "state")
-    counted = {name: getattr(counters, name) for name in names}
-    step, age = counters.step, counters.age["p50"]
     return messages.Health(
-        time=time, source=node, since=since, median=step["p50"], p99=step["p99"], longest=step["longest"], age=age,
-        **counted,
-    )  # fmt: skip
+        tick=counters.tick,
+        time=time,
+        source=node,
+        since=since,
+        steps=counters.steps,
+        late=counters.late,
+        lost=counters.lost,
+        held=counters.held,
+        asleep=counters.asleep,
+        state=counters.state,
+        median=counters.step["p50"],
+        p99=counters.step["p99"],
+        longest=counters.step["longest"],
+        age=counters.age["p50"],
+    )

@@ -156,10 +156,10 @@ class Haptic(Node):
         self.state[MODE, WITHHELD] = 1.0 - share
         a, approach = contact.lateral_force, contact.compression + contact.indentation
         rubbing = p[0] - a[0], p[1] - a[1], p[2] - a[2]
-        pressing = contact.force, contact.normal, rubbing, approach
         fx, fy, fz, touching, energy = self._haptic(
-            self.gains, self.state, self.past, *pressing, pose.position, pose.velocity, dt
-        )
+            self.gains, self.state, self.past, contact.force, contact.normal, rubbing, approach, pose.position,
+            pose.velocity, dt,
+        )  # fmt: skip
         if touching and not self._cautioned:
             line, law, cut, _ = self.state[WALL].tolist()
             withheld = max(1.0 - line / law, 0.0) if cut and law > 0.0 else 0.0

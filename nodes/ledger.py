@@ -86,11 +86,17 @@ class Energy(Node):
 
 
 def _moment(force: Force, contact: Contact, pose: Pose, friction: Friction | None, body: Surface) -> Moment:
-    lengths = contact.compression, contact.indentation
-    rubbed, bristles = (ZERO, 0.0) if friction is None else (friction.force, _told(friction.stored))
-    stored = _told(contact.stored), _told(body.stored), bristles
-    pressed = contact.normal, contact.force, *lengths, contact.lateral_force
-    return Moment(pose.position, force.force, *pressed, rubbed, stored)
+    return Moment(
+        pose.position,
+        force.force,
+        contact.normal,
+        contact.force,
+        contact.compression,
+        contact.indentation,
+        contact.lateral_force,
+        friction.force if friction is not None else ZERO,
+        (_told(contact.stored), _told(body.stored), _told(friction.stored) if friction is not None else 0.0),
+    )
 
 
 def _told(stored: tuple[float, ...]) -> float | None:

@@ -1,4 +1,4 @@
-"""Files of arrays: written whole or not at all, and read though somebody else may have written or damaged them."""
+"""Files written whole or not at all, and arrays read though somebody else may have written or damaged them."""
 
 import math
 import os

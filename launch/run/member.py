@@ -155,6 +155,9 @@ def lost(
     """The sender of a message that somebody still waits for so many signs of life after it was sent, and what is to be
     told. Call it whenever all reports that have come were taken.
 
+    A way to another machine may break. Where a later message of the stream comes its reader sees what is missing
+    (`Input.lost`); on the simulated clock none comes, as all others wait as well, and only the launcher can see it.
+
     health  counters of the nodes by name. A sender that has stepped but is held back by another reader may not have
             sent yet: it counts where it waits for a message itself, or has stepped once more
 

@@ -9,7 +9,7 @@ import msgspec
 
 from palpate.messages import Field, Message, fields, unpack
 from palpate.nodes.base import Observer, SettingError, Stream
-from palpate.physics.extras import missing
+from palpate.physics.extras import install, missing
 
 SETTLE = 1.0
 """[s] that listeners have to fetch the last samples: recorders look twice a second, and what is under way then is lost
@@ -118,5 +118,5 @@ def library() -> Any:
     except ImportError as error:
         raise SettingError(missing("LSL", error.name, "lsl")) from None
     except (OSError, RuntimeError) as error:
-        raise SettingError(f"LSL: pylsl cannot load the library liblsl: {error}") from None
+        raise SettingError(f"LSL: pylsl cannot load the library liblsl: {error}; {install('lsl')}") from None
     return pylsl

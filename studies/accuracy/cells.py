@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.physics.archive import replacing
 from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.places import SHIPPED, cache
@@ -94,10 +94,8 @@ def compute(
         cell = None if fresh else _read(path)
         if cell is None:
             cell = one(touch, method, fidelity, repeats)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            part = path.with_suffix(f".{os.getpid()}")
-            part.write_text(json.dumps(asdict(cell)), encoding="utf-8")
-            part.replace(path)
+            with replacing(path) as part:
+                part.write_text(json.dumps(asdict(cell)), encoding="utf-8")
         computed.append(cell)
         show(f"{touch.name}: {method.title}, {fidelity.name}")
     return computed

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import MissingError, continuum, kidney
 from palpate.studies.accuracy.continuum import LEVELS, LIGHT, RADIUS, Block, ContinuumCurve, Inclusion
@@ -153,10 +154,8 @@ def computed(block: Block | Kidney, solver: str) -> ContinuumCurve:
             own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
         return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
     curve = ON_KIDNEY[solver](block) if isinstance(block, Kidney) else SOLVERS[solver](block, levels)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(f".{os.getpid()}.npz")
-    np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
-    part.replace(path)
+    with replacing(path) as part:
+        np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
     return curve
 
 
