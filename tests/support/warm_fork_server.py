@@ -60,9 +60,18 @@ class Forked:
         until = time.monotonic() + (1e9 if timeout is None else timeout)
         while self.poll() is None:
             if time.monotonic() > until:
-                raise subprocess.TimeoutExpired("fork server", timeout or 0.0)
+                raise subprocess.TimeoutExpired(f"process {self.pid}, {self._threads()}", timeout or 0.0)
             time.sleep(5e-4)
         return self.returncode
+
+    def _threads(self) -> str:
+        """State of each thread and where in the kernel it waits."""
+        told = []
+        for thread in Path(f"/proc/{self.pid}/task").glob("*"):
+            with contextlib.suppress(OSError):
+                state = (thread / "stat").read_text().rpartition(")")[2].split()[0]
+                told.append(f"{state} in {(thread / 'wchan').read_text()}")
+        return "; ".join(told)
 
     def terminate(self) -> None:
         self.send_signal(signal.SIGTERM)
