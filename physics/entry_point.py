@@ -21,4 +21,8 @@ def entry_point(kernel: Callable[..., Any], *example: Any) -> Callable[..., Any]
     example's. So this is for arguments whose types are settled, like a message's. What is not compiled is returned as
     it is.
     """
-    return kernel.compile(tuple(map(typeof, example))) if isinstance(kernel, Dispatcher) else kernel
+    if not isinstance(kernel, Dispatcher):
+        return kernel
+    types = tuple(map(typeof, example))
+    known: Any = kernel.overloads.get(types)
+    return kernel.compile(types) if known is None else known.entry_point

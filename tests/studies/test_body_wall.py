@@ -30,7 +30,9 @@ def test_the_reduced_organ_is_kelvin_voigt(period):
     assert damping == approx(0.02 * stiffness, rel=0.05)
 
 
-@pytest.mark.parametrize(("body", "delay"), [(MassSpring, 1), (MassSpring, 5), (ReducedFE, 1)])
+@pytest.mark.parametrize(
+    ("body", "delay"), [(MassSpring, 1), (MassSpring, 5), pytest.param(ReducedFE, 1, marks=pytest.mark.long)]
+)
 def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
     """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
     told = row(EXACT, body, 1000.0, delay)

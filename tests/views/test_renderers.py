@@ -133,6 +133,7 @@ def test_who_has_no_token_or_is_a_page_from_elsewhere_is_refused(server):
         client.recv(timeout=WAIT)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not (shutil.which("mcs") and shutil.which("mono")), reason="no Mono: apt install mono-mcs")
 def test_the_client_in_c_sharp_compiles_and_reads_frames(server, tmp_path):
     source, program = SAMPLES / "PalpateClient.cs", tmp_path / "client.exe"

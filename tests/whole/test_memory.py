@@ -71,7 +71,9 @@ def test_a_node_that_keeps_what_it_gets_is_seen(monkeypatch):
     assert per_tick > 1.0 and collections > 0
 
 
-@pytest.mark.parametrize(("node", "grows"), [("Blocks", False), ("Keeps", True), ("Cycles", True)])
+@pytest.mark.parametrize(
+    ("node", "grows"), [("Blocks", False), pytest.param("Keeps", True, marks=pytest.mark.long), ("Cycles", True)]
+)
 def test_a_worker_on_the_real_clock_keeps_no_memory(tmp_path, node, grows):
     """It sends, receives and reports as in any run, and never runs the collector."""
     path = tmp_path / "run.mcap"

@@ -64,7 +64,7 @@ def test_it_replays_bit_for_bit(held):
     assert report.ok and report.complete, report.first
 
 
-@pytest.mark.parametrize("body", ["MassSpring", "ReducedFE"])
+@pytest.mark.parametrize("body", ["MassSpring", pytest.param("ReducedFE", marks=pytest.mark.long)])
 def test_the_energy_balance_of_both_fingers_closes_and_no_part_generates_energy(tmp_path, body):
     quick = [f"device-{finger}.speed_factor=2" for finger in ("thumb", "index")]
     sets = "scene.energy.ledger=true", f"tissue.use=deformation.{body}", *quick

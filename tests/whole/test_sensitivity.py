@@ -95,7 +95,9 @@ def test_the_linear_body_and_one_without_friction_are_differentiated(tmp_path):
     ("body", "values", "sets"),
     [
         ("deformation.MassSpring", {"tissue.damping": 5.0}, ()),
-        ("deformation.ReducedFE", {"tissue.retardation": 0.02}, ("tissue.nodule_radius=0",)),  # that basis ships
+        pytest.param(  # that basis ships
+            "deformation.ReducedFE", {"tissue.retardation": 0.02}, ("tissue.nodule_radius=0",), marks=pytest.mark.long
+        ),
     ],
 )
 def test_a_finger_that_slides_over_a_nodule_is_differentiated(body, values, sets, tmp_path):
