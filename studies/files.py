@@ -10,6 +10,7 @@ from palpate.engine.faults import Faults
 from palpate.launch.load.files import find_file
 from palpate.launch.load.values.lines import Line, fill
 from palpate.launch.load.values.source import YamlSource, read
+from palpate.physics.archive import replacing
 
 Text = Annotated[str, msgspec.Meta(description="a text")]
 Whole = Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")]
@@ -40,14 +41,8 @@ def graph_of(path: Path, name: str) -> str:
 
 
 def replace(file: Path, content: Any) -> None:
-    """Write a file so that it is the old or the new one at any time."""
-    part = file.with_name(f".{file.name}.part")
-    try:
-        with open(part, "wb") as out:
-            out.write(content)
-            out.flush()
-            os.fsync(out.fileno())
-        part.replace(file)
-    except OSError:
-        part.unlink(missing_ok=True)
-        raise
+    """Write a file so that it is the old or the new one at any time, whatever becomes of the machine."""
+    with replacing(file) as part, part.open("wb") as out:
+        out.write(content)
+        out.flush()
+        os.fsync(out.fileno())

@@ -216,7 +216,10 @@ def estimate(problem: Problem, profiles: bool = True) -> Estimate:
     """
     count, size = problem.count, len(problem.start())
     if count < 3 * size:
-        raise SessionError(f"{count} rows for {size} numbers to find; expected at least {3 * size}")
+        raise SessionError(
+            f"{count} rows are left for {size} numbers to find; expected at least {3 * size}. Left out are rows beyond "
+            "--depth-limit and, without --relaxation, those after the deepest"
+        )
     rng = np.random.default_rng(0)
     low, high = problem.bounds()
     begin, found = problem.start(), []
