@@ -13,7 +13,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.sampled_body import SampledBody
 
 YOUNG = 2e4
-TOUCHES, HELD, MODES = 16, 4, 16
+TOUCHES, HELD, MODES = 12, 3, 16
 RADIUS = 12e-3
 UP = (0.0, 0.0, 1.0)
 
