@@ -31,12 +31,14 @@ from palpate.physics.bodies.condensed_field import add_dent, add_field
 from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
 from palpate.physics.bodies.patch import Pressed, carried
 from palpate.physics.bodies.true_patch import dent_depth
+from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
 STEP, FARTHEST = 1.0 / 32.0, 6.0
 """[1] Of the table of Y over d/R."""
 
 
+@kept
 def joint_profile() -> np.ndarray:
     """Y at rho = 0, STEP ... FARTHEST: the mean of W (`true_patch.dent_profile`) over a patch whose centre lies rho
     off, by Gauss-Legendre's rule over its radius and the trapezoidal one round it."""

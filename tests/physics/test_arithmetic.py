@@ -14,6 +14,20 @@ from palpate.physics.arithmetic import LEVEL, in_force, pinnable
 FOREIGN = {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3", "NUMBA_CPU_NAME": "nehalem"}
 GOLDEN = Path(__file__).parents[1] / "golden"
 NATIVE = {"PALPATE_NATIVE": "1"}
+PINNED = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+FIRST = """
+import json, os, sys
+
+def tell(event, arguments):
+    if event == "import" and arguments[0].partition(".")[0] in ("numpy", "scipy", "numba", "llvmlite"):
+        print(json.dumps([os.environ.get(name) for name in {}]), flush=True)
+        os._exit(0)
+
+sys.addaudithook(tell)
+import palpate.{}
+import numpy
+"""
+"""Ends at the first import of what computes, here or by the package, and prints what that is told."""
 ASK = "from palpate.physics.arithmetic import in_force; import json, numpy, scipy.linalg; print(json.dumps({}))"
 
 pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
@@ -21,19 +35,23 @@ pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks inst
 
 def told(code, **environment):
     """What a new interpreter prints, as data; it starts without what pinning has set in this one."""
-    pinned = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
-    clean = {name: value for name, value in os.environ.items() if name not in pinned}
+    clean = {name: value for name, value in os.environ.items() if name not in PINNED}
     done = subprocess.run([sys.executable, "-c", code], env=clean | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
+def test_the_pin_wins_over_the_environment():
+    code = "import palpate.physics; import numba; " + ASK.format("in_force()")
+    assert told(code, **FOREIGN)["instructions"] == LEVEL
+
+
 @pytest.mark.parametrize(
     "first", ["physics", "models.fe", "nodes", "engine", "records", "views", "launch.run.forkserver"]
 )
-def test_the_pin_wins_over_the_environment(first):
-    code = f"import palpate.{first}; import numba; " + ASK.format("in_force()")
-    assert told(code, **FOREIGN)["instructions"] == LEVEL
+def test_whatever_comes_first_pins_before_anything_that_computes_is_loaded(first):
+    """As it has in this process, where what follows from it is `test_the_tests_are_pinned`."""
+    assert told(FIRST.format(PINNED, first), **FOREIGN) == [os.environ[name] for name in PINNED]
 
 
 def test_the_tests_are_pinned():
@@ -69,7 +87,7 @@ def check(name, **environment):
     return told(code.format(["replay", str(GOLDEN / f"{name}.mcap"), "--check", "--json"]), **environment)
 
 
-@pytest.mark.parametrize("name", ["kidney", "live"])
+@pytest.mark.parametrize("name", ["kidney", pytest.param("live", marks=pytest.mark.long)])
 def test_a_golden_recording_computes_again_under_a_foreign_environment(name):
     """What is pinned gives the recorded bytes wherever it was recorded with the same versions."""
     report = check(name, **FOREIGN)
@@ -78,7 +96,7 @@ def test_a_golden_recording_computes_again_under_a_foreign_environment(name):
     assert report["tolerance"] == (1e-6 if report["computed_otherwise"] else 0.0)
 
 
-@pytest.mark.parametrize("name", ["kidney", "live"])
+@pytest.mark.parametrize("name", [pytest.param("kidney", marks=pytest.mark.long), "live"])
 def test_other_instructions_stay_within_the_tolerance(name):
     """The compiled kernels are those of x86-64-v3 here, to spare their compilation; numpy and OpenBLAS are foreign."""
     kernels = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": ""}

@@ -97,17 +97,18 @@ ARCS = {
 }
 
 
-FIRST = {("nonlinear", 0.0, 10e-3), ("nonlinear", 0.02, 4e-3), ("linear", 0.02, 10e-3)}
-PRESSES = [
-    pytest.param(*case, marks=() if case in FIRST else pytest.mark.long)
+FIRST = [("nonlinear", 0.0, 10e-3), ("nonlinear", 0.02, 4e-3), ("linear", 0.02, 10e-3)]
+STEEPEST = ("to the end", "softest to stiffest", "stiffest to softest under 4 mm")
+PRESSES = [(*case, STEEPEST) for case in FIRST] + [
+    pytest.param(*case, tuple(ARCS), marks=pytest.mark.long)
     for case in product(("nonlinear", "linear"), (0.0, 0.02), (4e-3, 10e-3))
 ]
 
 
-@pytest.mark.parametrize(("model", "retardation", "approach"), PRESSES)
-def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retardation, approach):
-    for a, b in ARCS.values():
-        way = np.linspace(a, b, 500)
+@pytest.mark.parametrize(("model", "retardation", "approach", "arcs"), PRESSES)
+def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retardation, approach, arcs):
+    for arc in arcs:
+        way = np.linspace(*ARCS[arc], 500)
         assert gained(Hand(retardation, model), way, approach) <= GAIN
 
 

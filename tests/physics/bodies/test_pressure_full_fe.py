@@ -72,7 +72,9 @@ def traction(block, force):
     return at[..., :2].reshape(-1, 2), -P[..., 2, 2].ravel(), face_rule.areas(mesh.points, face).ravel()
 
 
-@pytest.mark.parametrize(("place", "radius", "force"), [(0.0, 8e-3, 0.5), (0.025, 5e-3, 0.03)])
+@pytest.mark.parametrize(
+    ("place", "radius", "force"), [(0.0, 8e-3, 0.5), pytest.param(0.025, 5e-3, 0.03, marks=pytest.mark.long)]
+)
 def test_the_pressure_is_that_of_full_elements_under_the_patch(place, radius, force):
     """Its mean over rings, each a fifth of the radius wide; from point to point the elements' stress scatters more."""
     node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=10000, retardation=0.0)

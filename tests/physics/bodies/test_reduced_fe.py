@@ -30,9 +30,14 @@ def organ():
 
 
 @lru_cache
+def compliance():
+    return organ().compliance()
+
+
+@lru_cache
 def basis():
     mesh = organ().surface
-    return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32))
+    return Basis(mesh.vertices, mesh.triangles, compliance().astype(np.float32))
 
 
 def body(retardation=0.02, vertices=400):
@@ -86,7 +91,7 @@ def test_compliance_is_symmetric_and_positive():
 
 
 def test_a_nodule_stiffens_what_lies_over_it():
-    soft = np.trace(organ().compliance())
+    soft = np.trace(compliance())
     hard = np.trace(of_organ(Organ(organ().surface, nodule=Nodule((0, 0, 8e-3), 8e-3, 20.0))).compliance())
     assert hard < 0.99 * soft
 
@@ -103,10 +108,10 @@ def test_a_capsule_is_a_layer_of_even_thickness(surface):
 
 def test_a_capsule_stiffens_the_organ_and_one_of_its_own_modulus_is_no_capsule():
     mesh = organ().surface
-    soft = np.trace(organ().compliance())
-    traces = [np.trace(of_organ(Organ(mesh, capsule=Capsule(1e-3, r))).compliance()) for r in (1.0, 10.0, 30.0)]
+    soft = np.trace(compliance())
+    traces = [np.trace(of_organ(Organ(mesh, capsule=Capsule(1e-3, r))).compliance()) for r in (1.0, 30.0)]
     assert traces[0] == approx(soft, rel=0.02)  # the layers lie elsewhere
-    assert traces[2] < 0.9 * traces[1] < 0.8 * traces[0]
+    assert traces[1] < 0.7 * traces[0]
 
 
 def test_a_nodule_outside_the_organ_is_refused():

@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from pytest import approx
+from sampled_slab import MODES, RADIUS, YOUNG, at, basis, body, compliance, mode_shapes, pressed, slab, touches
 from scipy.optimize import brentq, nnls
 
 from palpate.launch.load.launchfile import find
@@ -16,8 +17,8 @@ from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce import snapshots
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
-from palpate.models.fe.reduce.reduction import CELLS, answers, build
-from palpate.models.fe.reduce.sampling import at_rest, bent, chosen, modes, nonnegative, points_of
+from palpate.models.fe.reduce.reduction import CELLS, answers
+from palpate.models.fe.reduce.sampling import at_rest, bent, chosen, nonnegative, points_of
 from palpate.models.fe.reduce.snapshots import MILD, mirror, press, press_from_rest, scatter
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
@@ -33,52 +34,6 @@ from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.records.reader import Recording
-
-YOUNG = 2e4
-HELD = 6
-RADIUS = 12e-3
-UP = (0.0, 0.0, 1.0)
-
-
-@lru_cache
-def slab():
-    return of_organ(Organ(surface_mesh("plane", 80)))
-
-
-@lru_cache
-def touches(count=28, seed=3):
-    surface = slab().surface
-    middle = surface.vertices[surface.triangles].mean(axis=1)
-    inner = np.abs(middle).max(axis=1) < 0.026
-    return scatter(surface, count, inner, RADIUS, 1.5 * RADIUS**2 * MILD, seed)
-
-
-@lru_cache
-def pressed():
-    return press_from_rest(slab(), touches())
-
-
-@lru_cache
-def basis(count=16):
-    return build(slab(), pressed()[:-HELD], pressed()[-HELD:], count, tolerance=3e-3)
-
-
-@lru_cache
-def compliance():
-    return slab().compliance()
-
-
-def body(retardation=0.0, count=16):
-    return SampledBody(basis(count), slab().surface, YOUNG, retardation, RADIUS, 1.0)
-
-
-def at(place=(0.0, 0.0, 0.0), radius=RADIUS, mesh=None):
-    """Foot point, normal, nodes and unit forces of a load on the slab."""
-    mesh = mesh or slab().surface
-    q = np.linalg.norm(mesh.vertices - place, axis=1) / radius
-    nodes = np.flatnonzero(q < 1).astype(np.int32)
-    share = (1 - q[nodes] ** 2) ** 2
-    return tuple(place), UP, nodes, np.outer(share / share.sum(), (0, 0, -1.0))
 
 
 def settled(it, foot, n, nodes, push, force):
@@ -181,7 +136,7 @@ def test_elements_with_one_volume_ratio_are_refused():
 
 
 def test_modes_in_single_precision_give_the_same_forces():
-    points = points_of(slab(), modes(slab(), pressed()[:6], 8)[0], 1e300)
+    points = points_of(slab(), np.ascontiguousarray(mode_shapes()[:, :, :8]), 1e300)
     q, derivatives = np.random.default_rng(3).standard_normal(8) * 1e-3, []
     for kind in (np.float64, np.float32):
         own, g, hessian = points._replace(modes=points.modes.astype(kind)), np.zeros(8), np.zeros((8, 8))
@@ -248,9 +203,9 @@ def test_the_shipped_sample_is_passive_by_its_weights_and_exact_at_rest():
 
 
 def test_modes_are_orthonormal_in_the_stiffness_at_rest():
-    phi = modes(slab(), pressed(), 8)[0].reshape(-1, 8)
+    phi = mode_shapes().reshape(-1, MODES)
     rest = slab().elastic.pattern.matrix(slab().elastic.tangent(np.zeros_like(slab().mesh.points)))
-    assert phi.T @ (rest @ phi) == approx(np.eye(8), abs=1e-9)
+    assert phi.T @ (rest @ phi) == approx(np.eye(MODES), abs=1e-9)
 
 
 def test_a_light_touch_is_the_condensed_body_at_every_place():
@@ -271,7 +226,7 @@ def missed_by(count):
     """Errors of the indentation at the greatest load of touches that were not in the snapshots."""
     errors = []
     for own in unseen():
-        it, push = body(count=count), own.touch.load
+        it, push = body(count=count, of=28), own.touch.load
         nodes = np.flatnonzero(np.abs(push).max(axis=1) > 0).astype(np.int32)
         force = float(own.touch.levels[-1]) * YOUNG
         truth = float(np.sum((slab().hats @ push) * own.solutions[-1]))
@@ -292,25 +247,24 @@ def test_touches_that_were_not_in_the_snapshots_are_met_and_more_modes_do_better
 
 
 def test_fewer_points_than_all_change_little():
-    phi, _ = modes(slab(), pressed()[:-HELD], 16)
-    surface_modes = np.einsum("nv,nia->via", slab().hats, phi).reshape(-1, 16)
+    phi = mode_shapes()
+    surface_modes = np.einsum("nv,nia->via", slab().hats, phi).reshape(-1, MODES)
     left = compliance() - surface_modes @ surface_modes.T
-    _, one, share = answers(points_of(slab(), phi, 1e300), surface_modes, left, slab(), pressed()[:4])
-    _, two, _ = answers(basis().points, surface_modes, left, slab(), pressed()[:4])
+    _, one, share = answers(points_of(slab(), phi, 1e300), surface_modes, left, slab(), pressed()[:2])
+    _, two, _ = answers(basis().points, surface_modes, left, slab(), pressed()[:2])
     assert one * share == approx(two * share, abs=0.02)  # of the indentation
 
 
 def test_all_weights_of_one_leave_the_points_as_they_are():
-    whole = points_of(slab(), modes(slab(), pressed(), 6)[0], 1.0)
+    whole = points_of(slab(), np.ascontiguousarray(mode_shapes()[:, :, :6]), 1.0)
     every = at_rest(chosen(whole, np.arange(len(whole.kinds)), np.ones(len(whole.kinds))))
-    assert every.modes == approx(whole.modes, abs=1e-9 * np.abs(whole.modes).max())
+    assert np.abs(every.modes - whole.modes).max() < 1e-9 * np.abs(whole.modes).max()
 
 
 def test_the_iteration_from_rest_agrees_with_newton():
-    touch = touches()[:1]
-    (one,), (two,) = press_from_rest(slab(), touch), press(slab(), touch)
+    (one,), (two,) = pressed()[:1], press(slab(), touches()[:1])
     for a, b in zip(one.solutions, two.solutions, strict=True):
-        assert a == approx(b, abs=3e-3 * np.abs(b).max())
+        assert np.abs(a - b).max() < 3e-3 * np.abs(b).max()
 
 
 def test_half_the_modulus_under_half_the_force_indents_the_same():

@@ -4,6 +4,7 @@ levels."""
 import numpy as np
 import pytest
 from pytest import approx
+from sampled_slab import UP, YOUNG, at, body, compliance, slab
 
 from palpate.models.fe.reduce.snapshots import LoadPath, press_from_rest
 from palpate.physics.bodies.sampled.energy import forces as energies
@@ -11,7 +12,6 @@ from palpate.physics.bodies.sampled.energy import tangent
 from palpate.physics.bodies.sampled.step import ENERGY, gamma
 from tests.physics.bodies.test_fidelity_levels import load as finger_load
 from tests.physics.bodies.test_fidelity_levels import switched
-from tests.physics.bodies.test_sampled import UP, YOUNG, at, body, compliance, slab
 
 PLACES = ((-0.012, 0.004, 0.0), (0.011, -0.003, 0.0))
 
@@ -98,10 +98,10 @@ def test_two_that_press_hard_are_met_as_one_that_does():
     both = LoadPath(np.zeros(3), np.array(UP), 2.0 * push[0] + push[1], levels)
     first = LoadPath(np.zeros(3), np.array(UP), 2.0 * push[0], levels)
     full, alone = press_from_rest(slab(), [both, first])
-    found = [law[3] for law in held(body(count=22), forces)]
+    found = [law[3] for law in held(body(count=22, of=28), forces)]
     truth = [np.sum((slab().hats @ one) * full.solutions[-1]) for one in push]
     assert found == approx(truth, rel=0.025)
-    (law,) = held(body(count=22), forces[:1], PLACES[:1])
+    (law,) = held(body(count=22, of=28), forces[:1], PLACES[:1])
     assert law[3] == approx(np.sum((slab().hats @ push[0]) * alone.solutions[-1]), rel=0.025)
     assert truth[0] > 1.02 * law[3]  # the second finger presses the ground away from under the first
 

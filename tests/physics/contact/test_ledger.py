@@ -49,16 +49,16 @@ def test_a_conservative_spring_has_no_balance_and_the_sampled_one_makes_what_the
 
 
 def test_a_body_that_gives_out_more_than_it_took_is_told_by_name():
-    books = spring(there_and_back(20000), gain=0.05)
+    books = spring(there_and_back(10000), gain=0.05)
     work = 0.5 * 500.0 * 5e-3**2
     assert books.worst()[0] in ("tissue", "display") and books.tissue.generated == approx(0.05 * work, rel=0.02)
 
 
 def test_a_debt_is_not_hidden_by_what_was_dissipated_before():
     """Ten presses that lose a tenth each, then one that gives out a fifth."""
-    lossy = [s for _ in range(10) for s in there_and_back(10000)]
+    lossy = [s for _ in range(10) for s in there_and_back(3000)]
     books, last = EnergyAccount(), 0.0
-    for k, s in enumerate([*lossy, *there_and_back(10000)]):
+    for k, s in enumerate([*lossy, *there_and_back(3000)]):
         gain = -0.1 if k < len(lossy) else 0.2
         f = 500.0 * s * (1.0 + gain * (s < last))
         books.book(Moment((0, 0, -s), (0, 0, f), UP, f, 0.0, s, NONE, NONE, (0.0, 250.0 * s * s, 0.0)))

@@ -1,5 +1,7 @@
 """The anatomical fingertip and its filling with beams, against the closed shape and brute force."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -85,9 +87,15 @@ STRAIGHT = Anatomy(bulge=0.0, palmar=7.4e-3)
 """A pulp that goes on straight towards the hand, as deep as the default one at its bulge."""
 
 
+@cache
+def sampled(anatomy):
+    return anatomy.fingertip()
+
+
+@cache
 def drawn_back(anatomy, degrees, dt=1e-2):
     """Contact [m²], friction when all slides [N], time to it [s], and mu F_n / (k v) [s]: 2 mm deep, 2 mm/s."""
-    body = fill(anatomy.fingertip(), 2e-3, pitch=0.8e-3, angle=np.radians(degrees))
+    body = fill(sampled(anatomy), 2e-3, pitch=0.8e-3, angle=np.radians(degrees))
     state = BundleState(body)
     for _ in range(40):
         force = step(body, state, 2e-3, (0, 0), 0.7, 1.0)
@@ -99,7 +107,7 @@ def drawn_back(anatomy, degrees, dt=1e-2):
 
 
 def test_a_smaller_angle_gives_more_contact_friction_and_stick_from_45_degrees_on():
-    area, friction, stick, _ = np.array([drawn_back(SHAPE, degrees) for degrees in (40, 50, 60, 75)]).T
+    area, friction, stick, _ = np.array([drawn_back(SHAPE, degrees) for degrees in (45, 60, 75)]).T
     assert np.all(np.diff(area) < 0) and np.all(np.diff(friction) < 0) and np.all(np.diff(stick) < 0)
 
 

@@ -24,13 +24,17 @@ def slide(folder, *sets, duration=3.0):
 @pytest.mark.parametrize(
     ("speed", "depth"),
     [
-        *((1.0, 2.0), (2.0, 0.5), (2.0, 2.5), (20.0, 1.0)),
-        *(pytest.param(*case, marks=pytest.mark.long) for case in ((2.0, 1.0), (2.0, 1.5), (2.0, 2.0), (10.0, 2.0))),
+        *((2.0, 0.5), (2.0, 2.5), (20.0, 1.0)),
+        *(
+            pytest.param(*case, marks=pytest.mark.long)
+            for case in ((1.0, 2.0), (2.0, 1.0), (2.0, 1.5), (2.0, 2.0), (10.0, 2.0))
+        ),
     ],
 )
 def test_the_warning_leads_gross_slip_by_the_stated_travel_at_any_speed_and_force(tmp_path, speed, depth):
     sets = f"speed='{speed} mm/s'", f"depth='{depth} mm'", "lift=0", "hold='0.5 s'"
-    contact, _, _, at = slides(slide(tmp_path, *sets, duration=1.5 + 2.5 / speed))
+    # it goes down at 4 mm/s, holds, and has slid grossly before it has travelled as far as it is deep
+    contact, _, _, at = slides(slide(tmp_path, *sets, duration=0.6 + depth / 4.0 + depth / speed))
     assert at.begin < at.warned < at.gross
     lead = (contact["time"][at.gross] - contact["time"][at.warned]) * speed
     assert lead > LEAD * depth
@@ -48,5 +52,5 @@ def test_no_slide_no_warning(tmp_path):
 
 @pytest.mark.parametrize("angle", [0, pytest.param(40, marks=pytest.mark.long), 75])
 def test_the_warning_comes_first_at_other_angles_of_the_finger(tmp_path, angle):
-    *_, at = slides(slide(tmp_path, f"angle='{angle} deg'", "hold='0.5 s'"))
+    *_, at = slides(slide(tmp_path, f"angle='{angle} deg'", "hold='0.5 s'", duration=2.0))
     assert at.begin < at.warned < at.gross - 200
