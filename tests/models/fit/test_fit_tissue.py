@@ -244,8 +244,8 @@ def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, ex
 
 
 def test_data_of_every_fit_are_plain():
-    for depth in (0.6e-3, 15e-3):
-        told = data(pressed_cylinder(depth))
+    for fitted in (pressed_cylinder(0.6e-3), fit_tissue([shallow(6e-3)], CYLINDER, "demiray")):
+        told = data(fitted)
         assert json.loads(json.dumps(told)) == told
 
 
