@@ -194,7 +194,10 @@ def distance(curve: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Signed distance [m] (n) of points (n,2) to a closed curve (m,2), negative inside."""
     dense = np.concatenate([curve + t * (np.roll(curve, -1, axis=0) - curve) for t in (0, 0.25, 0.5, 0.75)])
     away, _ = cKDTree(dense).query(points)
-    return np.where(points_in_poly(points, curve), -away, away)
+    within = np.flatnonzero(((points >= curve.min(axis=0)) & (points <= curve.max(axis=0))).all(axis=1))
+    within = within[points_in_poly(points[within], curve)]
+    away[within] *= -1
+    return away
 
 
 def enclosed(curve: np.ndarray) -> float:

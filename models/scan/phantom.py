@@ -48,18 +48,23 @@ def scan(
     def fine(count, step, split, origin):
         return origin + step * ((np.arange(count * split) + 0.5) / split - 0.5)
 
+    low = np.array([[-anatomy.width / 2], [0.0], [-anatomy.palmar - anatomy.bulge]])
+    high = np.array([[anatomy.width / 2], [np.inf], [anatomy.dorsal]])
     turn = Rotation.from_euler("yxz", [roll, tilt, lean]).as_matrix()
     z = -fine(pixels, spacing[1], parts[1], -(pixels - 1) / 2 * spacing[1]) + centre[1]
     x = fine(pixels, spacing[2], parts[2], -(pixels - 1) / 2 * spacing[2]) + centre[0]
     volume = np.empty((slices, pixels, pixels), dtype=np.float32)
     for k in range(slices):
         y = fine(1, spacing[0], parts[0], start + k * spacing[0])
-        points = np.stack(np.meshgrid(x, y, z, indexing="ij"), -1)
-        points = (points - MIDDLE) @ turn + MIDDLE
-        light = np.full(points.shape[:-1], BRIGHTNESS["air"])
-        for name in ("skin", "tissue", "bone"):
-            light[anatomy.level(name, points) < 0] = BRIGHTNESS[name]
-        volume[k] = light.mean(axis=1).T.reshape(pixels, parts[1], pixels, parts[2]).mean(axis=(1, 3))
+        points = np.stack(np.meshgrid(x, y, z, indexing="ij")).reshape(3, -1)
+        points = turn.T @ (points - MIDDLE[:, None]) + MIDDLE[:, None]
+        light = np.full(points.shape[1], BRIGHTNESS["air"])
+        inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=0))
+        for name in ("skin", "tissue", "bone"):  # each lies in the one before
+            inside = inside[anatomy.level(name, points[:, inside].T) < 0]
+            light[inside] = BRIGHTNESS[name]
+        light = light.reshape(len(x), len(y), len(z)).mean(axis=1)
+        volume[k] = light.T.reshape(pixels, parts[1], pixels, parts[2]).mean(axis=(1, 3))
     volume *= 1 + shading * (0.5 - np.linspace(0, 1, pixels))
     random = np.random.default_rng(seed)
     both = random.normal(scale=noise, size=(2, *volume.shape))

@@ -77,7 +77,7 @@ def test_the_header_is_described():
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(data=st.data())
 def test_what_is_sent_arrives(kind, data):
     message = data.draw(messages(kind))
@@ -88,7 +88,7 @@ def test_what_is_sent_arrives(kind, data):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=5, deadline=None)
 @given(data=st.data())
 def test_any_msgpack_reader_can_read_it(kind, data):
     message = data.draw(messages(kind))
@@ -104,14 +104,14 @@ def test_any_msgpack_reader_can_read_it(kind, data):
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(data=st.data())
 def test_rubbish_is_refused_or_read_but_never_breaks(kind, data):
     rubbish(kind, data)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(data=st.data())
 def test_a_damaged_message_is_refused_or_read_but_never_breaks(kind, data):
     damaged(kind, data)
@@ -162,7 +162,7 @@ def nested():
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=6, deadline=None)
 @given(data=st.data(), bad=st.sampled_from([math.nan, math.inf, -math.inf]))
 def test_a_number_that_is_not_finite_is_told_by_field(kind, data, bad):
     message = data.draw(messages(kind))

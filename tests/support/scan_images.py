@@ -1,10 +1,17 @@
 """Images of a finger as files, as a scanner's program exports them."""
 
+from functools import cache
 from pathlib import Path
 
 from skimage.io import imsave
 
 from palpate.models.scan import phantom
+
+
+@cache
+def coarse():
+    """As few images of as few pixels as tell each side of a finger from every other: for tests that only read."""
+    return phantom.scan(slices=9, pixels=37, spacing=(3e-3, 0.7e-3, 0.7e-3))
 
 
 def write_images(stack, folder: Path, kind: str = "png") -> Path:

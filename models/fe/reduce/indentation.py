@@ -30,7 +30,6 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from palpate.models.fe.reduce.reducible import Reducible
-from palpate.models.fe.sparse.cholesky import Cholesky
 
 TOLERANCE = 1e-3
 """Unbalanced force over that of the load, both as the displacements that they would cause at rest (energy norm)."""
@@ -74,8 +73,7 @@ class OrganPress:
     def __init__(self, model: Reducible) -> None:
         self.body = model.elastic
         self._blocks = np.zeros((len(self.body.pattern.indices), 3, 3))
-        pattern = self.body.pattern
-        self._factor = Cholesky(model.mesh.points, pattern.indptr, pattern.indices, single=True)
+        self._factor = model.cholesky.alike(single=True)
         self._factor.factor(self.body.tangent(np.zeros_like(model.mesh.points)))
 
     def tangent(self, u: np.ndarray) -> Any:

@@ -39,6 +39,13 @@ def example(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def fitted(example):
+    """What is told of the example, and the file it goes into."""
+    out = example.parent / "model.yaml"
+    return json.loads(run(example, "--json", "--out", out).stdout), out
+
+
 def test_the_example_is_marked_as_synthetic_and_can_be_fitted(example):
     assert example.read_text().startswith("# Synthetic sessions, not measurements")
     result = run(example)
@@ -49,9 +56,8 @@ def test_the_example_is_marked_as_synthetic_and_can_be_fitted(example):
     assert all(row.count("*") == 1 for row in rows[:5])  # the smallest is marked in each of the five tables
 
 
-def test_the_file_it_writes_is_what_the_node_takes(example, tmp_path):
-    out = tmp_path / "model.yaml"
-    data = json.loads(run(example, "--json", "--out", out).stdout)
+def test_the_file_it_writes_is_what_the_node_takes(fitted):
+    data, out = fitted
     for subject in ("A", "B"):
         node = Probabilistic(model=str(out), subject=subject)
         told = data["subjects"][subject]
@@ -60,8 +66,8 @@ def test_the_file_it_writes_is_what_the_node_takes(example, tmp_path):
         assert list(yaml.safe_load(out.read_text())["subjects"]) == ["A", "B"]
 
 
-def test_json_holds_folds_errors_and_intervals(example):
-    data = json.loads(run(example, "--json").stdout)["subjects"]["A"]
+def test_json_holds_folds_errors_and_intervals(fitted):
+    data = fitted[0]["subjects"]["A"]
     assert len(data["folds"]) == 9
     assert [len(data["folds"][0][k]) for k in ("train", "validation", "test")] == [14, 3, 3]
     assert data["protocol"] == "whole" and data["dropped_sessions"] == {} and data["band"]["freedom"] >= 19
@@ -79,10 +85,9 @@ def test_noise_free_sessions_give_the_coefficients_back(tmp_path):
     assert node.mean_parameters == approx(known, rel=1e-6) and node.deviation_parameters == (0.0, 0.0)
 
 
-def test_two_runs_write_the_same_bytes(example, tmp_path):
-    for name in ("one.yaml", "two.yaml"):
-        assert run(example, "--out", tmp_path / name).exit_code == 0
-    assert (tmp_path / "one.yaml").read_bytes() == (tmp_path / "two.yaml").read_bytes()
+def test_two_runs_write_the_same_bytes(example, fitted, tmp_path):
+    assert run(example, "--out", tmp_path / "two.yaml").exit_code == 0
+    assert (tmp_path / "two.yaml").read_bytes() == fitted[1].read_bytes()
 
 
 def test_a_subject_and_its_models_can_be_named(example, tmp_path):
@@ -94,7 +99,7 @@ def test_a_subject_and_its_models_can_be_named(example, tmp_path):
 
 
 def test_pictures_of_fit_and_density_are_drawn(example, tmp_path):
-    assert run(example, "--pictures", tmp_path / "p", "--out", tmp_path / "m.yaml").exit_code == 0
+    assert run(example, "--folds", "3", "--pictures", tmp_path / "p", "--out", tmp_path / "m.yaml").exit_code == 0
     drawn = sorted(p.name for p in (tmp_path / "p").iterdir())
     assert drawn == [f"subject-{n}-{kind}.png" for n in (1, 2) for kind in ("density", "fit", "models", "surface")]
     assert all(p.stat().st_size > 10_000 for p in (tmp_path / "p").iterdir())
@@ -102,7 +107,8 @@ def test_pictures_of_fit_and_density_are_drawn(example, tmp_path):
 
 def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_path):
     out = tmp_path / "m.yaml"
-    data = json.loads(run(example, "--protocol", "published", "--json", "--out", out).stdout)["subjects"]["A"]
+    words = ["--subject", "A", "--protocol", "published", "--json", "--out", out]
+    data = json.loads(run(example, *words).stdout)["subjects"]["A"]
     assert [len(data["folds"][0][k]) for k in ("train", "validation", "test")] == [14, 2, 2]
     assert set(data["dropped_sessions"]) == {"smallest", "largest"}
     node = Probabilistic(model=str(out), subject="A")
@@ -110,10 +116,9 @@ def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_pa
     assert node.freedom == 0 and node.deviation_parameters == approx(told, rel=1e-15)
 
 
-def test_the_node_gives_the_band_that_the_fit_tells(example, tmp_path):
+def test_the_node_gives_the_band_that_the_fit_tells(fitted):
     """Quantiles of the file's law at 3 mm, from the fit's own numbers."""
-    out = tmp_path / "m.yaml"
-    data = json.loads(run(example, "--json", "--out", out).stdout)["subjects"]["B"]
+    data, out = fitted[0]["subjects"]["B"], fitted[1]
     mean, scatter = (
         float(MODELS[data[k]["model"]](3e-3, [p["value"] for p in data[k]["parameters"].values()]))
         for k in ("mean", "deviation")
@@ -131,7 +136,7 @@ def test_newtons_under_millinewtons_are_questioned_and_can_be_accepted(example, 
     path = tmp_path / "s.csv"
     path.write_text(example.read_text().replace("force [N]", "force [mN]"))
     assert "'force [N]'" in refused(path) and "--any-stiffness" in refused(path)
-    assert run(path, "--any-stiffness").exit_code == 0
+    assert run(path, "--any-stiffness", "--subject", "A").exit_code == 0
 
 
 # --- contact laws ----------------------------------------------------------------------------------------------------
@@ -220,7 +225,7 @@ def test_a_negative_force_and_a_missing_depth(tmp_path):
         (["--deviation", "x"], "--deviation: found 'x'"),
         (["--protocol", "half"], "--protocol: found 'half', expected one of whole, published"),
         (["--depth-limit", "-1"], "--depth-limit: found -1, expected a depth > 0"),
-        (["--out", "/nix/x.yaml"], "/nix/x.yaml: cannot be written"),
+        (["--subject", "A", "--folds", "3", "--out", "/nix/x.yaml"], "/nix/x.yaml: cannot be written"),
     ],
 )
 def test_wrong_options_are_refused_with_what_would_work(example, arguments, text):
@@ -251,6 +256,6 @@ def test_no_file_and_a_missing_file():
 
 
 def test_the_tables_of_a_narrow_terminal_keep_every_number(example):
-    words = ["fit", str(example), "--out", str(example.parent / "narrow.yaml")]
+    words = ["fit", str(example), "--subject", "A", "--folds", "3", "--out", str(example.parent / "narrow.yaml")]
     result = CliRunner(env={"COLUMNS": "80"}).invoke(app, words)
     assert "…" not in result.stdout and max(map(len, result.stdout.splitlines())) <= 80

@@ -2,6 +2,7 @@
 
 import json
 import math
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -134,10 +135,15 @@ def shallow(depth, alpha=6.0):
     return press(CYLINDER, "ogden", {"young": 2e4, "alpha": alpha}, depth=depth, noise=0.005, offset=0.0)
 
 
+@cache
+def pressed_cylinder(depth):
+    return fit_tissue([shallow(depth)], CYLINDER, "ogden")
+
+
 def test_stiffening_that_the_depth_does_not_show_is_said():
-    told = fit_tissue([shallow(0.6e-3)], CYLINDER, "ogden").open_
+    told = pressed_cylinder(0.6e-3).open_
     assert any(text.startswith("alpha:") and "the data show no stiffening" in text for text in told)
-    deep = fit_tissue([shallow(15e-3)], CYLINDER, "ogden")
+    deep = pressed_cylinder(15e-3)
     assert not any(text.startswith("alpha:") for text in deep.open_)
     own = deep.estimate.intervals["alpha"]
     assert own.low < 6.0 < own.high < 8.0
@@ -237,13 +243,14 @@ def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, ex
     assert expected in " ".join(str(result.exception or result.output).split()) + result.output
 
 
-def test_data_of_every_fit_are_plain(tmp_path):
-    told = data(fit_tissue([shallow(6e-3)], CYLINDER, "demiray"))
-    assert json.loads(json.dumps(told)) == told
+def test_data_of_every_fit_are_plain():
+    for fitted in (pressed_cylinder(0.6e-3), fit_tissue([shallow(6e-3)], CYLINDER, "demiray")):
+        told = data(fitted)
+        assert json.loads(json.dumps(told)) == told
 
 
 def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_path):
-    sets = ["scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.1105]", "tissue.damping=0",
+    sets = ["scene.surface.vertices=200", "scene.hand.begin=[0, 0, 0.1105]", "tissue.damping=0",
             "contact.finger_damping=0", "scene.hand.path=[{to: [0, 0, 0.095], time: 0.6}, {hold: 0.1}]"]  # fmt: skip
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=0.7).path
     for rig in ("ball", "fingertip"):
@@ -307,7 +314,8 @@ def test_a_table_of_record_indentation_gives_a_press_of_each_session(tmp_path):
 
 
 def test_a_recording_without_one_press_is_refused(tmp_path):
-    recording = palpate.run("palpate-two", record=tmp_path / "two.mcap", duration=0.01)
+    small = ["scene.surface.vertices=100"]
+    recording = palpate.run("palpate-two", record=tmp_path / "two.mcap", duration=0.01, sets=small)
     words = ["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "-o", str(tmp_path / "out")]
     result = CliRunner().invoke(app, ["fit-tissue", str(recording.path), *words])
     assert result.exit_code == 2

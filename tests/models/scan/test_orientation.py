@@ -15,7 +15,7 @@ pytest.importorskip("nibabel")
 
 import nibabel
 import typer
-from scan_images import write_images
+from scan_images import coarse, write_images
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -35,15 +35,13 @@ def long_but(short, cases):
     return [pytest.param(*case, marks=() if k in short else pytest.mark.long) for k, case in enumerate(cases)]
 
 
+SIZE = {"pixels": 64, "spacing": (1.2e-3, 0.4e-3, 0.4e-3)}
+"""Of images that hold each pixel of the plain ones, in another order; turned by any angle, finer ones are needed."""
+
+
 @cache
 def imaged():
-    return phantom.scan()
-
-
-@cache
-def coarse():
-    """Of the finger as few images of as few pixels as tell each side from every other: for tests that only read."""
-    return phantom.scan(slices=9, pixels=37, spacing=(3e-3, 0.7e-3, 0.7e-3))
+    return phantom.scan(**SIZE)
 
 
 def forces(tip, angles=(0, 20, 45)):
@@ -69,6 +67,11 @@ def plain():
     tip = rebuild(segment(imaged()))
     assert thumb_side(tip) < -0.4e-3
     return forces(tip)
+
+
+@pytest.fixture(scope="module")
+def finely():
+    return forces(rebuild(segment(phantom.scan())))
 
 
 def stored(order, flips, images=imaged):
@@ -106,7 +109,7 @@ def test_every_order_and_direction_of_the_axes_of_nifti_gives_the_same_finger(tm
     assert stack.spacing == approx(coarse().spacing) and stack.handed == "header"
 
 
-@pytest.mark.parametrize(("order", "flips"), long_but([0, 3], [ALL[k] for k in (5, 11, 18, 29, 36, 47)]))
+@pytest.mark.parametrize(("order", "flips"), long_but([3], [ALL[k] for k in (5, 11, 18, 29, 36, 47)]))
 def test_the_forces_are_those_of_the_finger_however_nifti_stores_it(tmp_path, plain, order, flips):
     image = nibabel.load(phantom.write_nifti(imaged(), tmp_path / "v.nii"))
     turn = np.eye(4)
@@ -137,7 +140,7 @@ def test_a_finger_turned_half_round_its_vertical_is_not_mirrored(plain):
 def test_a_mirror_image_is_the_finger_of_the_other_hand(plain):
     tip = rebuild(segment(dataclasses.replace(imaged(), volume=imaged().volume[:, :, ::-1])))
     assert thumb_side(tip) > 0.4e-3
-    other = rebuild(segment(phantom.scan(Anatomy(bone_shift=-Anatomy().bone_shift))))
+    other = rebuild(segment(phantom.scan(Anatomy(bone_shift=-Anatomy().bone_shift), **SIZE)))
     assert forces(tip) == approx(forces(other), rel=0.05)
 
 
@@ -147,10 +150,10 @@ TURNS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("turn", long_but([3, 5, 8], [(turn,) for turn in TURNS]), ids=str)
-def test_a_finger_that_lay_rolled_or_tilted_has_the_same_forces(plain, turn):
+@pytest.mark.parametrize("turn", long_but([3, 8], [(turn,) for turn in TURNS]), ids=str)
+def test_a_finger_that_lay_rolled_or_tilted_has_the_same_forces(finely, turn):
     tip, frame = reconstruct(segment(phantom.scan(**{name: np.radians(angle) for name, angle in turn.items()})))
-    assert forces(tip) == approx(plain, rel=0.05)
+    assert forces(tip) == approx(finely, rel=0.05)
     tilt = np.degrees(np.arccos(np.prod([np.cos(np.radians(turn.get(k, 0))) for k in ("tilt", "lean")])))
     assert np.degrees(frame.tilt) == approx(tilt, abs=0.4)
     if set(turn) == {"roll"}:
@@ -252,10 +255,10 @@ def test_nifti_whose_header_says_nothing_of_space_is_taken_as_images_are(tmp_pat
 def test_the_command_says_how_the_finger_lay_and_whether_left_and_right_are_known(tmp_path):
     app = typer.Typer()
     app.command()(fingertip)
-    folder = write_images(phantom.scan(tilt=np.radians(10)), tmp_path / "i")
+    folder = write_images(phantom.scan(**SIZE, tilt=np.radians(10)), tmp_path / "i")
     told = {}
     for axes in ("", "hpr"):
-        options = ["--spacing", "1.2,0.23,0.23", "-o", str(tmp_path / "f.npz"), "--json", "--axes", axes]
+        options = ["--spacing", "1.2,0.4,0.4", "-o", str(tmp_path / "f.npz"), "--json", "--axes", axes]
         result = CliRunner().invoke(app, [str(folder), *options])
         assert result.exit_code == 0, result.output
         told[axes] = json.loads(result.output)

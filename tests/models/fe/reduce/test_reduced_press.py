@@ -29,7 +29,7 @@ from palpate.physics.geometry.mesh import plane
 
 YOUNG, POISSON = 2e4, 0.45
 RADIUS, NARROW = 12e-3, 8e-3
-PRESSED = 16
+PRESSED = 8
 DEPTHS = (2e-3, 6e-3)
 
 

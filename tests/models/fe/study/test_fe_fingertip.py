@@ -24,7 +24,7 @@ from palpate.physics.materials.hyperelastic import rest_moduli
 @lru_cache
 def pressed():
     press = Pressing(FingertipDimensions(cells=3), "steel", "cortical")
-    curve = record(press, 2.5e-4)
+    curve = record(press, 1.5e-4)
     return press, curve
 
 
