@@ -170,9 +170,9 @@ def test_fingers_that_cross_stay_finite_and_change_places(kind):
 @pytest.mark.parametrize("kind", BODIES)
 def test_five_fingers_press_lift_and_come_to_rest(kind):
     hand, places = Hand(kind, 5), [(-0.03, 6e-3), (-0.015, 7e-3), (0.0, 7e-3), (0.015, 6e-3), (0.03, 5e-3)]
-    forces = hand.hold([bone(*place) for place in places], 200)
+    forces = hand.hold([bone(*place) for place in places], 100)
     assert (forces > 0.1).all()
-    hand.hold([bone(x, -5e-3) for x, _ in places], 600)
+    hand.hold([bone(x, -5e-3) for x, _ in places], 450)
     assert hand.joint.slot.health.asleep > 0
     if kind is not Rigid:
         assert hand.body.slot.health.asleep > 0
