@@ -141,8 +141,8 @@ def test_a_finger_that_hovers_changes_nothing_and_one_over_a_dent_touches_later(
 @pytest.mark.parametrize("kind", BODIES)
 def test_one_lifts_while_the_other_presses(kind):
     hand = Hand(kind, 2)
-    hand.hold([bone(-6e-3, 6e-3), bone(6e-3, 6e-3)], 200)
-    for tick in range(400):
+    hand.hold([bone(-6e-3, 6e-3), bone(6e-3, 6e-3)], 100)
+    for tick in range(300):
         contacts = hand.step([bone(-6e-3, 6e-3 - 10e-3 * min(tick / 100, 1.0)), bone(6e-3, 6e-3)])
         assert all(np.isfinite(c.force) and c.force >= 0.0 for c in contacts)
     alone = lone(kind, 6e-3, 6e-3)
@@ -301,7 +301,7 @@ def test_two_fingers_on_a_body_in_modes_feel_one_another(kind):
     assert (both > 0.3 * alone).all() and (both < 0.95 * alone).all()
     a = hand.surface.coupling / hand.surface.laws[:, :1]
     assert a[0, 1] == approx(a[1, 0], rel=1e-12) and 0.0 < hand.surface.coupling[0, 1] < 1.0
-    hand.hold([over_pulp(-3e-3, -2e-3), over_pulp(3e-3, -2e-3)], 400)
+    hand.hold([over_pulp(-3e-3, -2e-3), over_pulp(3e-3, -2e-3)], 250)
     again = hand.hold([over_pulp(-3e-3, 4e-3), over_pulp(3e-3, -2e-3)])
     assert again == approx([alone, 0.0], rel=5e-3)
 
