@@ -68,25 +68,29 @@ def _onset(forces: np.ndarray) -> int:
     return int(quiet[-1])
 
 
-def add_session(file: Path, subject: str, session: str, press: Press) -> int:
-    """Add rows to a CSV; its head is written where there is none. The number of sessions that the subject then has.
+def rows_before(file: Path, subject: str, session: str) -> list[list[str]]:
+    """Rows of a CSV, its head included, to which this session can be added.
 
     SessionError: the file is another kind, or has this session already.
     """
-    rows: list[list[str]] = []
-    ended = True
-    if file.is_file():
-        ended = file.read_bytes()[-1:] in (b"\n", b"")
-        with file.open(encoding="utf-8", newline="") as text:
-            rows = [row for row in csv.reader(text) if row]
-        if rows and rows[0] != HEAD:
-            raise SessionError(
-                f"{file}: its head is {','.join(rows[0])}, expected {','.join(HEAD)}. Take another file."
-            )
-        if any(row[:2] == [subject, session] for row in rows[1:]):
-            raise SessionError(
-                f"{file}: subject {subject}, session {session} is there already. Take another --session."
-            )
+    if not file.is_file():
+        return []
+    with file.open(encoding="utf-8", newline="") as text:
+        rows = [row for row in csv.reader(text) if row]
+    if rows and rows[0] != HEAD:
+        raise SessionError(f"{file}: its head is {','.join(rows[0])}, expected {','.join(HEAD)}. Take another file.")
+    if any(row[:2] == [subject, session] for row in rows[1:]):
+        raise SessionError(f"{file}: subject {subject}, session {session} is there already. Take another --session.")
+    return rows
+
+
+def add_session(file: Path, subject: str, session: str, press: Press) -> int:
+    """Add rows to a CSV; its head is written where there is none. The number of sessions that the subject then has.
+
+    SessionError: as `rows_before`.
+    """
+    rows = rows_before(file, subject, session)
+    ended = not file.is_file() or file.read_bytes()[-1:] in (b"\n", b"")
     with file.open("a", encoding="utf-8", newline="") as text:
         writer = csv.writer(text)
         if not ended:  # an editor has left its last line without an end

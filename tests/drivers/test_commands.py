@@ -101,8 +101,11 @@ def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sa
     out = tmp_path / "press.csv"
     recorded = run("record-indentation", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert recorded.exit_code == 0, recorded.output
+    recording = tmp_path / "press-gel-1.mcap"
+    whole = recording.read_bytes()
     again = run("record-indentation", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert again.exit_code == 2 and "is there already" in again.stderr
+    assert recording.read_bytes() == whole, "refused before the first press was written over"
     lines = [line for line in recorded.stdout.splitlines() if line.startswith("next: ")]
     assert lines == [f"next: palpate fit {out} --law hunt-crossley"]
     assert "8 more sessions" in recorded.stdout

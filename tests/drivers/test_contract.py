@@ -90,8 +90,10 @@ def test_a_silent_device_gets_no_force(name, made):
 @pytest.mark.parametrize("name", HAPTIC)
 def test_a_released_dead_man_button_gives_no_force(name, made):
     node, bus = made(name, ramp=0.0, deadman=0x8000)
-    run(bus, 1.5)
-    assert node.exchange.guard.gain == 0.0
+    assert run(bus, 30.0, lambda m: m.homed).homed, "from here on nothing but the button keeps the force away"
+    answers = node.exchange.answers
+    run(bus, 30.0, lambda m: node.exchange.answers > answers + 20)
+    assert node.exchange.answers > answers + 20 and node.exchange.guard.gain == 0.0
 
 
 @pytest.mark.parametrize("name", [n for n in KINDS if n != "netft"])  # a datagram knows of no plug

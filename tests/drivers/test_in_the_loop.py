@@ -109,7 +109,11 @@ def test_faults_that_are_none_are_told(tmp_path, faults):
         touch(tmp_path, f"device.faults={faults}")
 
 
-@pytest.mark.parametrize("use", ["device.Inverse3", "device.RawHid", "device.Haply2Diy"])
+OTHERS = [pytest.param(use, marks=pytest.mark.long) for use in ("device.Inverse3", "device.Haply2Diy")]
+"""That these give way to a force over a real line, test_haply tells sooner."""
+
+
+@pytest.mark.parametrize("use", ["device.RawHid", *OTHERS])
 def test_devices_that_take_a_force_touch_the_kidney(tmp_path, use):
     outcome, messages = touch(tmp_path, PRESS, use=use, graph="cartesian")
     assert outcome.result.ok, outcome.result.deaths

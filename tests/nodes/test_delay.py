@@ -22,6 +22,10 @@ from palpate.records.verify import verify
 REMOTE = ("scene.network.delay=10 ms", "scene.network.jitter=5 ms", "scene.network.loss=0.2", "controller.delay=20")
 
 
+def _long(*given: float):
+    return pytest.param(*given, marks=pytest.mark.long)
+
+
 def arrived(count, **settings):
     """Number of the message that is sent on at each tick, of messages numbered from 0."""
     bus = FakeBus(Delay.of(Pose)(**settings))
@@ -132,7 +136,7 @@ def test_placement_changes_no_byte_and_a_replay_computes_the_same(tmp_path):
     files = {}
     for place in ("fused", None):
         files[place] = tmp_path / f"{place}.mcap"
-        launch = find("remote").but(record=files[place], place=place, duration=0.5, overrides=REMOTE)
+        launch = find("remote").but(record=files[place], place=place, duration=0.3, overrides=REMOTE)
         assert execute(launch).result.ok
     one, other = (Recording(file) for file in files.values())
     for stream in ("there", "back", "controller"):
@@ -207,7 +211,8 @@ def felt(delay, jitter, loss, known=True, passivity=True, drag=2.0):
 
 
 @pytest.mark.parametrize(
-    ("delay", "jitter", "loss"), [(0.1, 0.0, 0.2), (0.1, 0.05, 0.9), (0.1, 0.1, 0.3), (0.02, 0.02, 0.3)]
+    ("delay", "jitter", "loss"),
+    [_long(0.1, 0.0, 0.2), (0.1, 0.05, 0.9), (0.1, 0.1, 0.3), _long(0.02, 0.02, 0.3)],
 )
 def test_over_100_ms_with_losses_the_hand_comes_to_rest_and_is_given_no_energy(delay, jitter, loss):
     generated, beyond, swing, force = felt(delay, jitter, loss)
@@ -218,7 +223,7 @@ def test_over_100_ms_with_losses_the_hand_comes_to_rest_and_is_given_no_energy(d
     assert np.abs(np.diff(force, axis=0)).max() <= 5.0 + 1e-9
 
 
-@pytest.mark.parametrize("delay", [0.005, 0.02, 0.1])
+@pytest.mark.parametrize("delay", [_long(0.005), 0.02, _long(0.1)])
 def test_with_the_drag_of_the_device_alone_the_display_generates_nothing(delay):
     generated, *_ = felt(delay, 0.0, 0.0, drag=0.2)
     assert generated < 1e-6

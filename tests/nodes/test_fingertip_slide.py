@@ -75,8 +75,10 @@ def test_the_law_of_the_finger_is_the_tangent_of_its_next_step():
 
 
 def test_friction_acts_along_the_slide_and_never_passes_its_limit():
-    for direction in (0.0, 2.0, 4.0):
-        for contact, friction, _, _ in run(BundleContact(), 2.5, direction=direction)[::50]:
+    for direction in (0.0, 2.0):
+        slid = run(BundleContact(), 1.6, direction=direction)[::50]
+        assert np.hypot(*slid[-1][1].force[:2]) > 0.1
+        for contact, friction, _, _ in slid:
             size = np.hypot(*friction.force[:2])
             assert size <= 0.7 * contact.force * (1 + 1e-9)
             if size > 0.1:

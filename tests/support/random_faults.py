@@ -37,7 +37,7 @@ from palpate.records.stored import RecordingError  # noqa: E402
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIGHUP")
 LONGEST = 150.0
 """[s] after which a run that has not ended hangs: more than a node has for its start."""
-RUN = 3.0
+RUN = 2.0
 """[s] of the graph's clock: all faults come before its end on the real clock, and those of a step on either."""
 LIMITED, FUSED, APART = 9.0, 40.0, 20.0
 """[s] on the simulated clock, where not the step says when but a limit, or the time on the wall, which goes at most 27

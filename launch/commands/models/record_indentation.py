@@ -34,10 +34,11 @@ def record_indentation(
     from palpate.launch.run.execute import execute
     from palpate.launch.run.screen import tell as fault
     from palpate.messages import Contact, Pose
-    from palpate.models.fit.press import add_session, press_of
+    from palpate.models.fit.press import add_session, press_of, rows_before
     from palpate.models.fit.sessions import SessionError
     from palpate.records.reader import Recording
 
+    rows_before(sessions, subject, session)  # refused before anybody presses, and before its recording is written over
     file = sessions.with_name(f"{sessions.stem}-{subject}-{session}.mcap")
     launch = find(graph).but(overrides=sets or (), duration=duration, record=file, clock="real")
     outcome = execute(launch, console=None if as_json else console())

@@ -46,6 +46,12 @@ def cache(monkeypatch, tmp_path):
     return tmp_path / "palpate/bases"
 
 
+@lru_cache
+def slab():
+    """What bases of another version would be built of."""
+    return of_organ(Organ(surface_mesh("plane", 80)))
+
+
 def node_of(command):
     """The node that a command of `palpate reduce` builds a basis for."""
     words = shlex.split(command)[2:]
@@ -145,7 +151,7 @@ def test_the_constants_of_a_builder_are_seen(monkeypatch):
 
 
 def test_other_numbers_of_a_basis_of_dents_ask_for_another_version():
-    body = of_organ(Organ(surface_mesh("plane", 80)))
+    body = slab()
     table = indentation_table.dent_table(body, places=2, levels=3)
     assert basis_store.BUILDERS["dents"] == 4
     assert np.trace(body.compliance()) == approx(28157.1478336, rel=1e-6), RAISE
@@ -153,7 +159,7 @@ def test_other_numbers_of_a_basis_of_dents_ask_for_another_version():
 
 
 def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
-    body = of_organ(Organ(surface_mesh("plane", 80)))
+    body = slab()
     presses = snapshots.press_from_rest(body, reduction.organ_touches(body, 4))
     basis = reduction.build(body, presses[:3], presses[3:], 6, tolerance=3e-2)
     assert basis_store.BUILDERS["sampled"] == 4

@@ -2,6 +2,7 @@
 that answers every tick."""
 
 import math
+from functools import cache
 
 import msgspec
 import numpy as np
@@ -56,6 +57,11 @@ def forces(kind, path, every=1, held=()):
     return np.array([loop.press(float(e)).force for e in path])
 
 
+@cache
+def fine_forces(name, path):
+    return forces(named(name), PATHS[path])
+
+
 def named(name):
     return next(kind for kind in BODIES if kind.__name__ == name)
 
@@ -64,13 +70,13 @@ def named(name):
 @pytest.mark.parametrize("every", [2, 3, 10, 40])
 @pytest.mark.parametrize("name", ["MassSpring", "Rigid"])
 def test_a_law_that_does_not_change_gives_the_same_force_at_any_divisor(name, every, path):
-    fine, coarse = (forces(named(name), PATHS[path], one) for one in (1, every))
+    fine, coarse = fine_forces(name, path), forces(named(name), PATHS[path], every)
     assert coarse == pytest.approx(fine, rel=1e-7, abs=1e-9 * fine.max())
 
 
 @pytest.mark.parametrize(("path", "most"), [("press", 0.03), ("hold", 0.01), ("tap", 0.15)])
 def test_the_reduced_body_comes_to_the_fine_force_with_the_divisor(path, most):
-    fine = forces(named("ReducedFE"), PATHS[path])
+    fine = fine_forces("ReducedFE", path)
     errors = [np.abs(forces(named("ReducedFE"), PATHS[path], every) - fine).max() / fine.max() for every in (10, 5, 2)]
     assert errors[0] < most
     assert errors[1] < 0.7 * errors[0] and errors[2] < 0.6 * errors[1]
@@ -78,7 +84,7 @@ def test_the_reduced_body_comes_to_the_fine_force_with_the_divisor(path, most):
 
 @pytest.mark.parametrize(("path", "most"), [("press", 0.12), ("hold", 0.05)])
 def test_beams_come_to_the_fine_force_with_the_divisor(path, most):
-    fine = forces(named("BeamBundle"), PATHS[path])
+    fine = fine_forces("BeamBundle", path)
     errors = [np.abs(forces(named("BeamBundle"), PATHS[path], every) - fine).max() / fine.max() for every in (10, 2)]
     assert errors[0] < most and errors[1] < 0.6 * errors[0]
 

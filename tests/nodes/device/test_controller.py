@@ -296,8 +296,17 @@ def test_the_published_bounce_grows_without_the_controller_and_dies_down_with_it
     assert on.energy.min() > -0.5e-3 and on.true_energy.min() > -0.5e-3
 
 
-@pytest.mark.parametrize("delay", range(6))
-@pytest.mark.parametrize("stiffness", [440.0, 1000.0, 3000.0])
+FIRST = ((440.0, 0), (440.0, 5), (1000.0, 2), (3000.0, 0), (3000.0, 1), (3000.0, 5))
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "delay"),
+    [
+        pytest.param(stiffness, delay, marks=() if (stiffness, delay) in FIRST else pytest.mark.long)
+        for stiffness in (440.0, 1000.0, 3000.0)
+        for delay in range(6)
+    ],
+)
 def test_no_growing_oscillation_with_delay(stiffness, delay):
     on = press(Haptic(delay=delay), stiffness, delay=delay)
     assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
@@ -306,7 +315,7 @@ def test_no_growing_oscillation_with_delay(stiffness, delay):
     assert off.swing(0.75) > on.swing(0.75) and off.true_energy.min() < on.true_energy.min()
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3, 5])
+@pytest.mark.parametrize("delay", [0, *(pytest.param(delay, marks=pytest.mark.long) for delay in (1, 3)), 5])
 def test_no_growing_oscillation_on_a_bad_day(delay):
     day = {"delay": delay, "count": 60e-6, "jitter": True, "lost": 0.01}
     on = press(Haptic(delay=delay), 440.0, **day)
@@ -317,7 +326,7 @@ def test_no_growing_oscillation_on_a_bad_day(delay):
 
 
 def test_a_delay_set_too_large_is_safe():
-    for delay in range(6):
+    for delay in (0, 2, 4):
         on = press(Haptic(delay=5), 1000.0, delay=delay)
         assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
 

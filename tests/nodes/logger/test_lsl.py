@@ -1,7 +1,7 @@
 """logger.LSL as the library of the Lab Streaming Layer receives it, on this machine alone."""
 
+import contextlib
 import os
-import subprocess
 import sys
 import time
 import uuid
@@ -12,6 +12,7 @@ import graphs_for_runs
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+from warm_fork_server import palpate
 
 from palpate.launch.__main__ import app
 from palpate.messages import Contact, Force, Surface, pack
@@ -71,6 +72,24 @@ def received(inlet, count: int) -> tuple[np.ndarray, np.ndarray]:
         samples += list(more)
         times += list(at)
     return np.array(samples), np.array(times)
+
+
+@contextlib.contextmanager
+def started(folder: Path, *words: object):
+    """A command as from a shell, which ends well by itself."""
+    paths = os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])
+    told = folder / "told"
+    with told.open("wb") as out:
+        process = palpate(
+            [str(word) for word in words], cwd=folder, env={**os.environ, "PYTHONPATH": paths}, stdout=out, stderr=out
+        )
+    try:
+        yield
+        assert process.wait(120) == 0, told.read_text()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
 
 
 def contact(tick: int, force: float) -> bytes:
@@ -152,16 +171,11 @@ def test_a_graph_names_its_fields():
 def test_a_run_sends_what_it_records_at_the_times_of_its_ticks(pylsl, write, tmp_path):
     name = f"palpate-{uuid.uuid4().hex[:8]}"
     graph, file = write("loop.yaml", GRAPH.replace("NAME", name)), tmp_path / "a.mcap"
-    paths = os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])
-    command = [sys.executable, "-m", "palpate.launch", "run", str(graph), "--clock", "real", "--record", str(file)]
     before = pylsl.local_clock()
-    with subprocess.Popen(
-        [*command, "--duration", "4"], env={**os.environ, "PYTHONPATH": paths}, stdout=subprocess.DEVNULL
-    ) as process:
+    with started(tmp_path, "run", graph, "--clock", "real", "--record", file, "--duration", 4):
         inlet = receiver(pylsl, f"{name}.spring")
         samples, times = received(inlet, 500)
         after = pylsl.local_clock()
-        assert process.wait(60) == 0
     recorded = Recording(file).columns("spring")
     begin = int(np.flatnonzero(recorded["force"][:, 0] == samples[0, 0])[0])
     told = times - times[0] + recorded["time"][begin]
@@ -175,17 +189,12 @@ def test_a_run_sends_what_it_records_at_the_times_of_its_ticks(pylsl, write, tmp
 def test_a_replay_sends_the_recorded_numbers_again(pylsl, write, tmp_path):
     name = f"palpate-{uuid.uuid4().hex[:8]}"
     graph, file = write("loop.yaml", GRAPH.replace("NAME", name)), tmp_path / "a.mcap"
-    paths = os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])
-    palpate, env = [sys.executable, "-m", "palpate.launch"], {**os.environ, "PYTHONPATH": paths}
-    run = [*palpate, "run", str(graph), "--fused", "--duration", "6", "--record", str(file)]
-    subprocess.run(run, env=env, stdout=subprocess.DEVNULL, check=True)
+    with started(tmp_path, "run", graph, "--fused", "--duration", 6, "--record", file):
+        pass
     recorded = Recording(file).columns("spring")
-    with subprocess.Popen(
-        [*palpate, "replay", str(file), "--speed", "1", "--trust", "nodes_for_runs"], env=env, stdout=subprocess.DEVNULL
-    ) as process:
+    with started(tmp_path, "replay", file, "--speed", 1, "--trust", "nodes_for_runs"):
         inlet = receiver(pylsl, f"{name}.spring")
         samples, times = received(inlet, 200)
-        assert process.wait(60) == 0
     begin = int(np.flatnonzero(recorded["force"][:, 0] == samples[0, 0])[0])
     own = slice(begin, begin + len(samples))
     assert np.array_equal(samples, recorded["force"][own])
