@@ -1,8 +1,13 @@
 """A small graph of processes for the tests of the launcher: five nodes in a loop, one logger."""
 
+import os
+import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import nodes_for_runs  # noqa: F401  a recording of these graphs imports nothing that is not imported already
+
+from palpate.launch.run.launcher import Launcher
 
 GRAPH = """
 nodes:
@@ -28,3 +33,19 @@ def write_place(folder: Path, groups: list[list[str]]) -> Path:
     path = folder / "place.yaml"
     path.write_text("\n".join(f"g{i}: {{nodes: [{', '.join(g)}]}}" for i, g in enumerate(groups)))
     return path
+
+
+def until_it_is_back(node: str, ticks: int = 200) -> Callable[[Launcher], None]:
+    """A `watch` that interrupts a run so many ticks after a node has died and was started again."""
+    died: list[int] = []
+    asked: list[int] = []
+
+    def watch(running: Launcher) -> None:
+        reached = {name: told["tick"] for name, told in running.result.health.items()}
+        if running.result.deaths and not died:
+            died.append(max(reached.values()))
+        if died and not asked and reached[node] > died[0] + ticks:
+            asked.append(reached[node])
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return watch

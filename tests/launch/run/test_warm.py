@@ -53,7 +53,9 @@ for name, duration, *overrides in json.loads(sys.argv[1]):
 
 
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("graphs", [GRAPHS, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["each kernel", "others"])
+@pytest.mark.parametrize(
+    "graphs", [GRAPHS, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["each kernel", "others"]
+)
 def test_graphs_compile_nothing_after_their_start(graphs):
     """Until after the first touch, each in a process of its own: what a test, or a graph, before has compiled would
     hide it."""
