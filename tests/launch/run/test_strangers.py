@@ -141,9 +141,9 @@ def test_over_tcp_only_those_who_hold_the_key_hear_anything(tmp_path):
     port = free_port()
     place = tmp_path / "place.yaml"
     place.write_text(f"a: {{nodes: [source, sum], host: '127.0.0.1:{port}'}}\n")
-    launch = LaunchFile(graph=write_graph(tmp_path), place=place)
+    launch = LaunchFile(graph=write_graph(tmp_path, f"rate: 100\n{GRAPH}"), place=place)
     plan = launch.plan()
-    work = jobs(plan, launch.placement(plan), clock="real", ticks=1000)
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=300)  # three seconds
 
     def listen(launcher: Launcher) -> None:
         other = keys.Key.make()
