@@ -35,17 +35,17 @@ def write_place(folder: Path, groups: list[list[str]]) -> Path:
     return path
 
 
-def until_it_is_back(node: str, ticks: int = 200) -> Callable[[Launcher], None]:
-    """A `watch` that interrupts a run so many ticks after a node has died and was started again."""
+def until_it_is_back(node: str, steps: int = 60) -> Callable[[Launcher], None]:
+    """A `watch` that interrupts a run so many steps after a node has died and was started again."""
     died: list[int] = []
     asked: list[int] = []
 
     def watch(running: Launcher) -> None:
-        reached = {name: told["tick"] for name, told in running.result.health.items()}
+        health = running.result.health
         if running.result.deaths and not died:
-            died.append(max(reached.values()))
-        if died and not asked and reached[node] > died[0] + ticks:
-            asked.append(reached[node])
+            died.append(max(told["tick"] for told in health.values()))
+        if died and not asked and health[node]["tick"] > died[0] and health[node]["steps"] >= steps:
+            asked.append(health[node]["tick"])
             os.kill(os.getpid(), signal.SIGINT)
 
     return watch

@@ -23,6 +23,7 @@ ENV = {
     **os.environ,
     "PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")]),
 }
+RATE = 250  # [Hz]
 RUN = """
 import sys
 from pathlib import Path
@@ -40,7 +41,7 @@ def say(*args):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A graph that runs until the tests are done; gives the name of its run."""
-    graph = write_graph(tmp_path_factory.mktemp("run"), GRAPH)
+    graph = write_graph(tmp_path_factory.mktemp("run"), f"rate: {RATE}\n{GRAPH}")
     with subprocess.Popen([sys.executable, "-c", RUN, str(graph)], env=ENV) as process:
         until = time.monotonic() + 120
         while time.monotonic() < until:
@@ -81,7 +82,7 @@ def test_the_example_in_c_reads_a_stream(run, tmp_path):
     matches = [re.fullmatch(r"sum tick (\d+) time ([\d.]+) s, \d+ bytes", line) for line in done.stdout.splitlines()]
     assert len(matches) == 5
     for match in matches:
-        assert abs(float(match[2]) - int(match[1]) * 1e-3) < 0.1
+        assert abs(float(match[2]) - int(match[1]) / RATE) < 0.1
 
 
 def test_echo_prints_values_with_units(run):

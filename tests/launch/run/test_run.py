@@ -293,11 +293,11 @@ def test_a_port_in_use_is_one_clear_line(tmp_path):
 
 
 def test_a_node_with_restart_comes_back(tmp_path):
-    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 200, restart: true,")
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 500, restart: true,")
     outcome = go(tmp_path, text, clock="real", ticks=0, watch=until_it_is_back("spring"))
-    assert [death.node for death in outcome.result.deaths] == ["spring"]
+    assert {death.node for death in outcome.result.deaths} == {"spring"}
     recording = Recording(tmp_path / "run.mcap")
-    (begun,) = recording.restarted["spring"]
+    begun, *_ = recording.restarted["spring"]  # a busy machine may let it come to its 500th step anew
     assert max(m.tick for m in recording.messages("spring")) > begun
 
 
