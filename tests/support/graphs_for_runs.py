@@ -36,16 +36,17 @@ def write_place(folder: Path, groups: list[list[str]]) -> Path:
 
 
 def until_it_is_back(node: str, steps: int = 60) -> Callable[[Launcher], None]:
-    """A `watch` that interrupts a run so many steps after a node has died and was started again."""
-    died: list[int] = []
+    """A `watch` that interrupts a run when a node that has died and was started again has made so many steps."""
+    told = [0]
+    began_anew: list[bool] = []
     asked: list[int] = []
 
     def watch(running: Launcher) -> None:
-        health = running.result.health
-        if running.result.deaths and not died:
-            died.append(max(told["tick"] for told in health.values()))
-        if died and not asked and health[node]["tick"] > died[0] and health[node]["steps"] >= steps:
-            asked.append(health[node]["tick"])
+        told.append(running.result.health.get(node, {}).get("steps", 0))
+        if told[-1] < told[-2]:
+            began_anew.append(True)
+        if began_anew and not asked and told[-1] >= steps:
+            asked.append(told[-1])
             os.kill(os.getpid(), signal.SIGINT)
 
     return watch
