@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from graphs_for_runs import GRAPH, NODES, write_graph, write_place
 from nodes_for_runs import Spring
+from short_touch import QUICK
 from typer.testing import CliRunner
 
 from palpate.engine.faults import GraphError
@@ -25,7 +26,8 @@ from palpate.records.stored import RecordingError, Stored
 from palpate.records.verify import verify
 
 runner = CliRunner()
-TICKS = 700
+TICKS = 450
+BEGIN = QUICK[1]  # near the surface, which is as fine as it ships
 
 
 def say(*args):
@@ -61,7 +63,7 @@ def test_what_is_computed_is_byte_for_byte_what_would_have_been_recorded(tmp_pat
     kept = [row for row in rows(sources, stored=True) if row[0] != "source"]
     assert {row[0] for row in kept} == set(NODES) - {"source"} and all(row in rows(whole) for row in kept)
     counts = Stored(sources).counts
-    assert counts["source"] == {"count": TICKS, "lost": 0} and counts["spring"] == {"count": 4, "lost": 0}
+    assert counts["source"] == {"count": TICKS, "lost": 0} and counts["spring"] == {"count": 3, "lost": 0}
     assert all(own["lost"] == 0 for own in counts.values())
     assert sources.stat().st_size < whole.stat().st_size / 4
 
@@ -82,7 +84,7 @@ def test_the_kidney_computes_nothing_for_the_recording_and_the_recording_has_it_
     path = {}
     for only in ("sources", "all"):
         path[only] = tmp_path / f"{only}.mcap"
-        launch = find("kidney").but(duration=0.9, place="fused", record=path[only], only=only)
+        launch = find("kidney").but(duration=0.3, place="fused", record=path[only], only=only, overrides=(BEGIN,))
         outcome = execute(launch)
         assert outcome.ok and (outcome.plan.wanted["tissue"] >= {"displacement"}) == (only == "all")
     assert rows(path["sources"]) == rows(path["all"])
@@ -111,9 +113,9 @@ def test_every_reader_gets_the_computed_messages(tmp_path):
 def test_the_check_says_how_the_kept_messages_came_out(tmp_path):
     path = record(tmp_path)
     report = verify(Recording(path), plan_of(Recording(path)))
-    assert report.ok and {name: own.checked for name, own in report.nodes.items()} == dict.fromkeys(NODES[1:], 4)
+    assert report.ok and {name: own.checked for name, own in report.nodes.items()} == dict.fromkeys(NODES[1:], 3)
     code, out, _ = say("replay", path, "--check")
-    assert code == 0 and "16 messages of 4 nodes computed again: bit-equal" in out
+    assert code == 0 and "12 messages of 4 nodes computed again: bit-equal" in out
 
 
 def test_the_source_can_be_played_without_computing(tmp_path, monkeypatch):
@@ -167,7 +169,7 @@ def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
     begin = data.index(b"msgpack") if b"msgpack" in data else 8000
     draw = random.Random(3)
     found = []
-    for k, end in enumerate(draw.randrange(begin, len(data) - 8) for _ in range(8)):
+    for k, end in enumerate(draw.randrange(begin, len(data) - 8) for _ in range(5)):
         cut = tmp_path / f"{k}.mcap"
         cut.write_bytes(data[:end])
         try:

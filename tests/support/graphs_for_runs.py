@@ -1,8 +1,13 @@
 """A small graph of processes for the tests of the launcher: five nodes in a loop, one logger."""
 
+import os
+import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import nodes_for_runs  # noqa: F401  a recording of these graphs imports nothing that is not imported already
+
+from palpate.launch.run.launcher import Launcher
 
 GRAPH = """
 nodes:
@@ -28,3 +33,20 @@ def write_place(folder: Path, groups: list[list[str]]) -> Path:
     path = folder / "place.yaml"
     path.write_text("\n".join(f"g{i}: {{nodes: [{', '.join(g)}]}}" for i, g in enumerate(groups)))
     return path
+
+
+def until_it_is_back(node: str, steps: int = 60) -> Callable[[Launcher], None]:
+    """A `watch` that interrupts a run when a node that has died and was started again has made so many steps."""
+    told = [0]
+    began_anew: list[bool] = []
+    asked: list[int] = []
+
+    def watch(running: Launcher) -> None:
+        told.append(running.result.health.get(node, {}).get("steps", 0))
+        if told[-1] < told[-2]:
+            began_anew.append(True)
+        if began_anew and not asked and told[-1] >= steps:
+            asked.append(told[-1])
+            os.kill(os.getpid(), signal.SIGINT)
+
+    return watch

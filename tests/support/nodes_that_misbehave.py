@@ -133,7 +133,7 @@ def _do(what: str) -> None:
             while True:
                 pass
         case "long":
-            sum(range(60_000_000))  # one call, in which no signal is heard
+            sum(range(25_000_000))  # one call, in which no signal is heard
         case "fork":
             if os.fork() == 0:
                 time.sleep(1000)

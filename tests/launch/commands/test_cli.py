@@ -175,15 +175,20 @@ def test_messages_have_units_and_shapes():
     assert result.exit_code == 2 and "Did you mean 'Contact'" in result.stderr
 
 
-@pytest.mark.parametrize(
-    "args", [[], ["--takes", "Load", "--sends", "Surface"], ["--takes", "DeviceState", "--sends", "Load"]]
-)
-def test_a_new_node_comes_with_a_test_that_runs(tmp_path, args):
-    result = run("new", "node", "my drag", "--folder", tmp_path, *args)
-    assert result.exit_code == 0 and "my_drag.MyDrag" in result.stdout
-    test = subprocess.run(
-        [sys.executable, "-m", "pytest", "-q", "test_my_drag.py"], cwd=tmp_path, capture_output=True, text=True
-    )
+def test_new_nodes_come_with_tests_that_run(tmp_path):
+    ports = {
+        "my drag": [],
+        "my body": ["--takes", "Load", "--sends", "Surface"],
+        "my hand": ["--takes", "DeviceState", "--sends", "Load"],
+    }
+    for name, args in ports.items():
+        result = run("new", "node", name, "--folder", tmp_path, *args)
+        word = name.removeprefix("my ")
+        assert result.exit_code == 0 and f"my_{word}.My{word.title()}" in result.stdout
+    files = sorted(path.name for path in tmp_path.glob("test_*.py"))
+    assert files == ["test_my_body.py", "test_my_drag.py", "test_my_hand.py"]
+    command = [sys.executable, "-m", "pytest", "-q", *files]
+    test = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert test.returncode == 0, test.stdout
     again = run("new", "node", "MyDrag", "--folder", tmp_path)
     assert again.exit_code == 2 and "exists" in again.stderr
@@ -229,11 +234,12 @@ QUICK = ["--fused", "-q", "--set", "scene.surface.vertices=600", "--set", "scene
 def test_a_graph_of_ones_own_is_recorded_and_drawn_and_pictures_are_beside_the_recording(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text("extends: kidney\nnodes: {tissue: {stiffness: 2e3}}\n")
-    assert run("run", "mine.yaml", "--duration", "0.05", *QUICK).exit_code == 0
+    few = ["--set", "log.in=[contact, collision]"]  # whose pictures are soon drawn
+    assert run("run", "mine.yaml", "--duration", "0.05", *QUICK, *few).exit_code == 0
     (folder,) = (tmp_path / "runs").iterdir()
-    assert {"mine.mcap", "device.png"} <= {file.name for file in folder.iterdir()}
-    assert run("run", "kidney", "--duration", "0.05", *QUICK, "--record", "here/x.mcap").exit_code == 0
-    assert {"x.mcap", "device.png"} <= {file.name for file in (tmp_path / "here").iterdir()}
+    assert {"mine.mcap", "compression.png"} <= {file.name for file in folder.iterdir()}
+    assert run("run", "kidney", "--duration", "0.05", *QUICK, *few, "--record", "here/x.mcap").exit_code == 0
+    assert {"x.mcap", "compression.png"} <= {file.name for file in (tmp_path / "here").iterdir()}
     assert len(list((tmp_path / "runs").iterdir())) == 1
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import builtins
+import functools
 import json
 import re
 from pathlib import Path
@@ -27,6 +28,7 @@ APART = {"MessageError"}
 """Of `palpate.messages`, which imports nothing of ours."""
 
 
+@functools.cache
 def declared() -> dict[str, list[str]]:
     """The first base of every class of an error in the sources, by its name: one for each declaration."""
     bases: dict[str, list[str]] = {}

@@ -19,6 +19,7 @@ from palpate.studies.psychophysics.stimuli import Stimuli
 
 TEXT = """\
 graph: kidney
+set: {scene.surface.vertices: 600}
 duration: 0.6 s
 vary: tissue.stiffness
 reference: 3e3

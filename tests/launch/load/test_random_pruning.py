@@ -45,7 +45,7 @@ def test_what_is_wanted_is_the_same_as_in_the_whole_graph(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pruned")
     touched = []
 
-    @settings(max_examples=8, deadline=None, suppress_health_check=list(HealthCheck))
+    @settings(max_examples=5, deadline=None, suppress_health_check=list(HealthCheck))
     @given(graphs(), st.sets(st.sampled_from(STREAMS), min_size=1, max_size=3))
     def check(sets, wanted):
         whole, steps = run(folder, "whole", (*sets, "effects.band=on", "log.fields=all"))

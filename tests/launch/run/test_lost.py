@@ -1,7 +1,7 @@
 """A message that was sent and does not come: on the simulated clock its reader would wait for ever."""
 
 import random_faults
-from pytest import mark
+from pytest import mark, param
 from random_faults import Fault
 
 from palpate.engine.job import Job, NodeJob
@@ -60,7 +60,7 @@ def test_a_run_ends_and_names_the_sender(tmp_path, what):
         assert "node 'spring', stream 'spring': MessageError" in said, said
 
 
-@mark.parametrize("what", ["sends a frame twice", "floods"])
+@mark.parametrize("what", ["sends a frame twice", param("floods", marks=mark.long)])
 def test_frames_that_come_again_are_dropped(tmp_path, what):
     fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
     assert random_faults.run(fault, tmp_path) == []

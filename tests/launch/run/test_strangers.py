@@ -26,8 +26,8 @@ from palpate.launch.run.wire.wires import ControlChannel
 
 
 def run(folder: Path, during) -> Result:
-    """A run of 1000 ticks of real time; `during` gets the launcher once, in a thread, when it has begun."""
-    launch = LaunchFile(graph=write_graph(folder, GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow")))
+    """A run of a second of real time; `during` gets the launcher once, in a thread, when it has begun."""
+    launch = LaunchFile(graph=write_graph(folder, f"rate: 200\n{GRAPH}".replace("logger.Mcap", "nodes_for_runs.Slow")))
     plan = launch.plan()
     threads: list[threading.Thread] = []
 
@@ -36,7 +36,7 @@ def run(folder: Path, during) -> Result:
             threads.append(threading.Thread(target=during, args=(launcher,)))
             threads[0].start()
 
-    work = jobs(plan, launch.placement(plan), clock="real", ticks=1000)
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=200)
     result = Launcher(work, show=look).run()
     threads[0].join()
     return result
@@ -141,9 +141,9 @@ def test_over_tcp_only_those_who_hold_the_key_hear_anything(tmp_path):
     port = free_port()
     place = tmp_path / "place.yaml"
     place.write_text(f"a: {{nodes: [source, sum], host: '127.0.0.1:{port}'}}\n")
-    launch = LaunchFile(graph=write_graph(tmp_path), place=place)
+    launch = LaunchFile(graph=write_graph(tmp_path, f"rate: 100\n{GRAPH}"), place=place)
     plan = launch.plan()
-    work = jobs(plan, launch.placement(plan), clock="real", ticks=1000)
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=300)  # three seconds
 
     def listen(launcher: Launcher) -> None:
         other = keys.Key.make()
