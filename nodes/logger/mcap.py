@@ -40,18 +40,19 @@ class _Recorded:
     skip     ticks between two that it takes, on the simulated clock; 1: it takes each
     heads    of messages that are not kept their heads are written
     next     tick at which its next message is expected; due: from which on one is written
+    first    tick of its first message
     heard    messages that came; count: that were written; gaps: that are missing between those that came
     last     ticks of the last ones
     """
 
-    __slots__ = ("channel", "count", "due", "every", "gaps", "heads", "heard", "keep", "last", "next", "skip")
+    __slots__ = ("channel", "count", "due", "every", "first", "gaps", "heads", "heard", "keep", "last", "next", "skip")
 
     def __init__(self, channel: int, every: int, thin: int, simulated: bool, heads: bool) -> None:
         self.channel, self.heads = channel, heads
         self.keep = every * thin if thin > 1 else 1
         self.skip = self.keep if simulated else 1
         self.every = every * thin if simulated else every
-        self.next = self.due = self.heard = self.count = self.gaps = 0
+        self.next = self.due = self.first = self.heard = self.count = self.gaps = 0
         self.last: deque[int] = deque(maxlen=LATEST)
 
 
@@ -128,6 +129,8 @@ class Mcap(Observer):
             own.gaps += max(0, (tick - own.next) // own.every)
         own.next = tick + own.every
         own.heard += 1
+        if own.heard == 1:
+            own.first = tick
         own.last.append(tick)
         if own.keep > 1:
             if tick >= own.due:
@@ -154,7 +157,7 @@ class Mcap(Observer):
 
     def health(self, message: Health) -> None:
         node = message.source
-        since = self._since.setdefault(node, message.since)
+        since = self._since.get(node, 0)
         if message.since < since:
             return  # a late word of one that is dead
         if message.since > since:
@@ -169,6 +172,7 @@ class Mcap(Observer):
         may have come before the word of it, which takes another way."""
         streams = [stream.name for stream in self.streams if stream.producer == node]
         known = [self._recorded[name] for name in streams if name in self._recorded]
+        known = [own for own in known if own.heard and own.first < since]  # else its first life, of a late beginning
         heard = (own.heard - sum(tick >= since for tick in own.last) for own in known)
         before = max(heard, default=0)
         if self._file is None or before <= self._before.get(node, 0):

@@ -211,6 +211,20 @@ def test_word_of_a_beginning_that_comes_late_marks_no_other_place(tmp_path):
     assert recording.counts["device"] == {"count": 9, "lost": 1}, "of the new life; what the dead one sent nobody knows"
 
 
+@pytest.mark.parametrize(("first", "since", "marked"), [(0, 1500, {"device": [1500]}), (7, 7, {}), (2000, 1500, {})])
+def test_the_first_word_of_a_node_may_be_that_of_its_second_life(tmp_path, first, since, marked):
+    """What it said when it first began was lost, or it died before: messages from before that beginning tell."""
+    node = logger(tmp_path / "a.mcap")
+    for tick in range(first, 3500):
+        node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
+    node.health(health("device", 3500 - max(first, since), since=since))
+    node.stop()
+    recording = Recording(tmp_path / "a.mcap")
+    assert recording.restarted == marked
+    if (first, since) != (0, 1500):  # 2000 came after it, more than are remembered: what the first life lacks is open
+        assert recording.counts["device"]["lost"] == 0
+
+
 def test_word_of_a_dead_node_that_comes_last_counts_for_nothing(tmp_path):
     node = logger(tmp_path / "a.mcap")
     node.health(health("device", 0))
