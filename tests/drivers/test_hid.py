@@ -172,7 +172,7 @@ class Process:
 
     def close(self):
         self.run.stdin.close()
-        self.run.wait(5)
+        self.run.wait(60)
         self.run.stdout.close()
 
 
@@ -189,7 +189,7 @@ def firmware(tmp_path_factory):
 
 
 def homed(driver):
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while time.monotonic() < end:
         sample = driver.cycle((0.0, 0.0, 0.0))
         if sample is not None and sample.homed:

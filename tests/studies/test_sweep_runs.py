@@ -263,7 +263,7 @@ def test_a_worker_that_is_killed_is_made_up_for(ball, client, tmp_path):
 
     study.run(tmp_path, client, done=kill)
     assert killed and not study.table()["error"].any()
-    client.wait_for_workers(2, timeout=30)
+    client.wait_for_workers(2, timeout=120)
 
 
 @pytest.mark.long
@@ -277,8 +277,8 @@ def test_a_process_of_points_ends_with_its_worker(ball, client, tmp_path):
     child = psutil.Process(int(flag.read_text()))
     point.cancel()
     os.kill(child.ppid(), signal.SIGKILL)
-    child.wait(10)
-    client.wait_for_workers(2, timeout=30)
+    child.wait(60)
+    client.wait_for_workers(2, timeout=120)
 
 
 def test_two_studies_do_not_write_one_folder(ball, client, tmp_path):

@@ -203,7 +203,7 @@ def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: in
     """Wait for the moment, and do it; whether it reached anything."""
     if fault.kind in ("node", "limit", "wire", "busy"):
         return True
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + 60.0
     while child.poll() is None and time.monotonic() < until and not file.exists():
         time.sleep(0.01)
     time.sleep(fault.moment)
@@ -253,7 +253,7 @@ def _sweep(folder: Path, mark: str) -> None:
 
 def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, own: Path) -> list[str]:
     wrong = []
-    until = time.monotonic() + 20.0  # who was killed may wait for a processor that others hold
+    until = time.monotonic() + 60.0  # who was killed may wait for a processor that others hold
     while (left := started_in(own.parent, mark)) and time.monotonic() < until:
         time.sleep(0.05)
     if left:

@@ -137,6 +137,6 @@ def test_ctrl_c_ends_with_its_code_and_keeps_what_is_done(mine, tmp_path):
         time.sleep(0.05)
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=30)
+    _, said = process.communicate(timeout=120)
     stored = len(Store(tmp_path / "out", write=False).rows)
     assert process.returncode == 130 and f"stopped; {stored} of 40 points are stored" in said and stored >= 4

@@ -34,7 +34,7 @@ def late(port: int, told: list[Order]) -> None:
         said.send(msgspec.msgpack.encode(Addressed("b", Ready({"force": [], "observers": []}))))
         time.sleep(0.5)
         heard.subscribe(b"~b\0")
-        if heard.poll(3000):
+        if heard.poll(60_000):
             told.append(ORDERS.decode(split(heard.recv())[1]))
         said.send(msgspec.msgpack.encode(Addressed("b", NodesEnded(True))))
 

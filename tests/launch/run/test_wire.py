@@ -79,7 +79,7 @@ class End:
 
     def serve(self, until: Callable[[], bool]) -> None:
         """Serve readers until this holds."""
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + 60.0
         while not until():
             assert time.monotonic() < end
             self.watch.poll(5)
@@ -89,7 +89,7 @@ class End:
         """The next payload."""
         if not hasattr(self, "came"):
             self.came: list[bytes] = []
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + 60.0
         while not self.came:
             assert time.monotonic() < end
             for inlet in tuple(self.apart):
@@ -100,7 +100,7 @@ class End:
 
 def link(writer: End, reader: End) -> None:
     """Bring both to the point where messages go."""
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while not (reader.inlet.linked and writer.outlet.linked("pose")):
         assert time.monotonic() < end
         writer.watch.poll()
@@ -139,7 +139,7 @@ def test_a_full_wire_holds_its_sender_back_and_loses_nothing(ends):
     count = 30_000
     sender = threading.Thread(target=lambda: [writer.send(b"%d" % i + bytes(300)) for i in range(count)])
     sender.start()
-    until = time.monotonic() + 10.0
+    until = time.monotonic() + 60.0
     while not writer.held and time.monotonic() < until:
         time.sleep(0.01)
     assert writer.held and sender.is_alive()
@@ -230,7 +230,7 @@ def test_a_stock_subscriber_reads_every_message(tmp_path, kind, loaded):
         heard.connect(f"ipc://{writer.path}")
         writer.serve(lambda: bool(writer.sender.readers))
         writer.send(pack(message))
-        assert heard.poll(2000)
+        assert heard.poll(60_000)
         assert heard.recv() == b"pose\0" + pack(message)
     writer.outlet.close()
 
@@ -239,7 +239,7 @@ def follow(reader: End, out: zmq.Socket) -> None:
     """Link a reader to a stock publisher."""
     out.bind(f"ipc://{reader.path}")
     reader.read_from()
-    until = time.monotonic() + 5.0
+    until = time.monotonic() + 60.0
     while not reader.inlet.linked:
         assert time.monotonic() < until
         reader.inlet.take()
@@ -251,7 +251,7 @@ def test_a_stock_publisher_sends_every_message(tmp_path, kind, loaded):
     reader = End(tmp_path / "out")
     with zmq.Context() as context, context.socket(zmq.XPUB) as out:
         follow(reader, out)
-        assert out.poll(2000) and out.recv() == b"\1pose\0"
+        assert out.poll(60_000) and out.recv() == b"\1pose\0"
         out.send(b"other\0" + b"not asked for")
         out.send(b"pose\0" + pack(kind.example(loaded)))
         assert pack(unpack(reader.next(), kind)) == pack(kind.example(loaded))
@@ -269,9 +269,9 @@ def test_stock_sockets_and_ours_agree_on_frames_of_any_size(tmp_path, size):
         writer.serve(lambda: bool(writer.sender.readers))
         writer.send(data)
         writer.serve(lambda: not writer.outlet._unfinished)
-        assert heard.poll(2000) and heard.recv() == b"pose\0" + data
+        assert heard.poll(60_000) and heard.recv() == b"pose\0" + data
         reader.read_from()
-        until = time.monotonic() + 5.0
+        until = time.monotonic() + 60.0
         while not reader.inlet.take():
             assert time.monotonic() < until
             out.send(b"pose\0first")
@@ -308,7 +308,7 @@ def test_messages_of_several_frames_and_of_other_streams_are_dropped_and_counted
     reader = End(tmp_path / "out")
     with zmq.Context() as context, context.socket(zmq.XPUB) as out:
         follow(reader, out)
-        assert out.poll(2000)
+        assert out.poll(60_000)
         out.send_multipart([b"pose\0", b"pose\0payload", b"pose\0end"])
         out.send(b"pose\0good")
         assert reader.next() == b"good" and reader.inlet.foreign == 1
@@ -324,7 +324,7 @@ def stranger(writer: End, *said: bytes) -> socket.socket:
     end.connect(writer.path)
     for data in said:
         end.sendall(data)
-    end.settimeout(2.0)
+    end.settimeout(60.0)
     return end
 
 
@@ -408,7 +408,7 @@ def test_a_writer_that_announces_too_much_is_left_and_tried_again(tmp_path):
         listener.listen()
         reader.read_from()
         for turn in (1, 2):
-            until = time.monotonic() + 2.0
+            until = time.monotonic() + 60.0
             while not reader.inlet._socket and time.monotonic() < until:
                 reader.inlet.reach()
             with listener.accept()[0] as end:
@@ -464,7 +464,7 @@ def test_a_hop_is_one_write_and_one_read(tmp_path):
     other = subprocess.Popen([sys.executable, "-c", PASS_ON, b, a, "first"], stdout=subprocess.DEVNULL)
     command = [strace, "-qq", "-e", "signal=none", "-o", log, sys.executable, "-c", PASS_ON, a, b, "second"]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, timeout=60)
-    other.wait(20)
+    other.wait(60)
     lines = log.read_text().splitlines()
     begin, end = (next(i for i, line in enumerate(lines) if f'write(1, "{mark}"' in line) for mark in ("begin", "end"))
     calls = [line.partition("(")[0] for line in lines[begin + 1 : end]]

@@ -58,15 +58,15 @@ def sender():
 
 def receiver(pylsl, name: str):
     """An inlet that is connected. The name is a new one: the outlet is the test's."""
-    (found,) = pylsl.resolve_byprop("name", name, timeout=20)
+    (found,) = pylsl.resolve_byprop("name", name, timeout=60)
     inlet = pylsl.StreamInlet(found, recover=False)
-    inlet.open_stream(timeout=20)
+    inlet.open_stream(timeout=60)
     return inlet
 
 
 def received(inlet, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Samples (count,c) and their times [s]."""
-    samples, times, until = [], [], time.monotonic() + 20
+    samples, times, until = [], [], time.monotonic() + 60
     while len(samples) < count and time.monotonic() < until:
         more, at = inlet.pull_chunk(timeout=0.5)
         samples += list(more)
@@ -98,14 +98,14 @@ def contact(tick: int, force: float) -> bytes:
 
 def test_a_stream_has_the_labels_units_and_rate_of_its_fields(pylsl, sender):
     node = sender(("force", "foot"), CONTACT, HAND)
-    told = receiver(pylsl, f"{node.name}.contact").info(timeout=20)
+    told = receiver(pylsl, f"{node.name}.contact").info(timeout=60)
     channels, found = told.desc().child("channels").child("channel"), []
     for _ in range(told.channel_count()):
         found.append((channels.child_value("label"), channels.child_value("unit")))
         channels = channels.next_sibling("channel")
     assert found == [("foot[0]", "m"), ("foot[1]", "m"), ("foot[2]", "m"), ("force", "N")]
     assert (told.type(), told.nominal_srate()) == ("Contact", 1000.0)
-    hand = receiver(pylsl, f"{node.name}.controller").info(timeout=20)
+    hand = receiver(pylsl, f"{node.name}.controller").info(timeout=60)
     assert (hand.type(), hand.nominal_srate(), hand.channel_count()) == ("Force", 500.0, 3)
 
 

@@ -22,14 +22,14 @@ def test_events_come_with_their_times(pylsl):
 
     task = f"t{uuid.uuid4().hex[:8]}"
     mark = markers(task, "01")
-    (found,) = pylsl.resolve_byprop("name", f"palpate.{task}", timeout=20)
+    (found,) = pylsl.resolve_byprop("name", f"palpate.{task}", timeout=60)
     inlet = pylsl.StreamInlet(found, recover=False)
-    inlet.open_stream(timeout=20)
+    inlet.open_stream(timeout=60)
     mark("trial 1 interval 1 begin level 4000.0", time.monotonic() - 2.0)
     mark("trial 1 response first", None)
     now = pylsl.local_clock()
-    (first,), early = inlet.pull_sample(timeout=20)
-    (second,), late = inlet.pull_sample(timeout=20)
+    (first,), early = inlet.pull_sample(timeout=60)
+    (second,), late = inlet.pull_sample(timeout=60)
     assert (first, second) == ("trial 1 interval 1 begin level 4000.0", "trial 1 response first")
     assert early == pytest.approx(now - 2.0, abs=0.5) and late == pytest.approx(now, abs=0.5)
-    assert inlet.info(timeout=20).desc().child_value("participant") == "01"
+    assert inlet.info(timeout=60).desc().child_value("participant") == "01"
