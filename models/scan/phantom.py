@@ -48,7 +48,7 @@ def scan(
     def fine(count, step, split, origin):
         return origin + step * ((np.arange(count * split) + 0.5) / split - 0.5)
 
-    low = np.array([[-anatomy.width / 2], [0.0], [-anatomy.palmar - anatomy.bulge]])
+    low = np.array([[-anatomy.width / 2], [0.0], [-anatomy.palmar - max(anatomy.bulge, 0.0)]])
     high = np.array([[anatomy.width / 2], [np.inf], [anatomy.dorsal]])
     turn = Rotation.from_euler("yxz", [roll, tilt, lean]).as_matrix()
     z = -fine(pixels, spacing[1], parts[1], -(pixels - 1) / 2 * spacing[1]) + centre[1]
@@ -60,9 +60,8 @@ def scan(
         points = turn.T @ (points - MIDDLE[:, None]) + MIDDLE[:, None]
         light = np.full(points.shape[1], BRIGHTNESS["air"])
         inside = np.flatnonzero(((points >= low) & (points <= high)).all(axis=0))
-        for name in ("skin", "tissue", "bone"):  # each lies in the one before
-            inside = inside[anatomy.level(name, points[:, inside].T) < 0]
-            light[inside] = BRIGHTNESS[name]
+        for name in ("skin", "tissue", "bone"):
+            light[inside[anatomy.level(name, points[:, inside].T) < 0]] = BRIGHTNESS[name]
         light = light.reshape(len(x), len(y), len(z)).mean(axis=1)
         volume[k] = light.T.reshape(pixels, parts[1], pixels, parts[2]).mean(axis=(1, 3))
     volume *= 1 + shading * (0.5 - np.linspace(0, 1, pixels))

@@ -162,18 +162,20 @@ class Mcap(Observer):
             return  # a late word of one that is dead
         if message.since > since:
             self._since[node] = message.since
-            self._begun_anew(node, message.since)
+            self._begun_anew(node, message.since, message.steps)
         self._steps[node] = message.steps
         if message.median > 0.0:  # a replay tells none
             self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
-    def _begun_anew(self, node: str, since: int) -> None:
+    def _begun_anew(self, node: str, since: int, steps: int) -> None:
         """A node has begun anew, with a new state: a replay has to do so at the same place. Messages of its new life
-        may have come before the word of it, which takes another way."""
+        may have come before the word of it, which takes another way: `steps` of them where more came than are
+        remembered."""
         streams = [stream.name for stream in self.streams if stream.producer == node]
         known = [self._recorded[name] for name in streams if name in self._recorded]
         known = [own for own in known if own.heard and own.first < since]  # else its first life, of a late beginning
-        heard = (own.heard - sum(tick >= since for tick in own.last) for own in known)
+        new = (steps if own.last[0] >= since else sum(tick >= since for tick in own.last) for own in known)
+        heard = (own.heard - own_new for own, own_new in zip(known, new, strict=True))
         before = max(heard, default=0)
         if self._file is None or before <= self._before.get(node, 0):
             return

@@ -133,8 +133,8 @@ def test_after_a_death_the_inputs_that_were_absent_are_absent_again(tmp_path):
 @pytest.mark.parametrize(("source", "at"), [("nodes_for_runs.Source", 300), ("nodes_for_recording.Behind", 100)])
 def test_a_node_that_was_started_again_begins_anew_in_the_check_too(tmp_path, source, at):
     """The first message that reaches the new one may be of a tick from before it began: that one it does not answer."""
-    text = GRAPH.replace("nodes_for_runs.Drag,", f"nodes_for_recording.Counting, how: kill, at: {at}, restart: true,")
-    path = tmp_path / "run.mcap"
+    node = f"nodes_for_recording.Counting, at: {at}, note: {tmp_path}/killed, restart: true,"
+    text, path = GRAPH.replace("nodes_for_runs.Drag,", node), tmp_path / "run.mcap"
     graph = write_graph(tmp_path, text.replace("nodes_for_runs.Source", source))
     execute(LaunchFile(graph=graph, duration=60.0, record=path, clock="real"), watch=until_it_is_back("drag"))
     recording = Recording(path)

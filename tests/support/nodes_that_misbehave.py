@@ -133,7 +133,10 @@ def _do(what: str) -> None:
             while True:
                 pass
         case "long":
-            sum(range(25_000_000))  # one call, in which no signal is heard
+            until = time.monotonic() + 0.1
+            while time.monotonic() < until:  # the watchdog looks once
+                pass
+            sum(range(60_000_000))  # one call, in which no signal is heard
         case "fork":
             if os.fork() == 0:
                 time.sleep(1000)

@@ -67,15 +67,15 @@ class Run:
 
     def running(self) -> bool:
         """Wait until the recording has something in it."""
-        for _ in range(400):
+        for _ in range(2400):
             if self.record.is_file() and self.record.stat().st_size > 12_000:
                 return self.process.pid in started_in(self.folder, self.mark)
             time.sleep(0.05)
         return False
 
     def left(self) -> list[int]:
-        """Processes that this run has left behind, after at most two seconds for the kernel to end them."""
-        for _ in range(40):
+        """Processes that this run has left behind, after at most a minute for the kernel to end them."""
+        for _ in range(1200):
             if not (processes := started_in(self.folder, self.mark)):
                 break
             time.sleep(0.05)

@@ -326,7 +326,7 @@ def test_no_growing_oscillation_on_a_bad_day(delay):
 
 
 def test_a_delay_set_too_large_is_safe():
-    for delay in (0, 2, 4):
+    for delay in range(6):
         on = press(Haptic(delay=5), 1000.0, delay=delay)
         assert on.swing(0.75) <= 1.02 * on.swing(0.25) + 1e-6
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import signal
 import sys
 import time
 import uuid
@@ -75,8 +76,8 @@ def received(inlet, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @contextlib.contextmanager
-def started(folder: Path, *words: object):
-    """A command as from a shell, which ends well by itself."""
+def started(folder: Path, *words: object, interrupted: bool = False):
+    """A command as from a shell, which ends well by itself, or by Ctrl-C."""
     paths = os.pathsep.join([str(SUPPORT), os.environ.get("PYTHONPATH", "")])
     told = folder / "told"
     with told.open("wb") as out:
@@ -85,7 +86,9 @@ def started(folder: Path, *words: object):
         )
     try:
         yield
-        assert process.wait(120) == 0, told.read_text()
+        if interrupted:
+            process.send_signal(signal.SIGINT)
+        assert process.wait(120) == (130 if interrupted else 0), told.read_text()
     finally:
         if process.poll() is None:
             process.kill()
@@ -172,7 +175,7 @@ def test_a_run_sends_what_it_records_at_the_times_of_its_ticks(pylsl, write, tmp
     name = f"palpate-{uuid.uuid4().hex[:8]}"
     graph, file = write("loop.yaml", GRAPH.replace("NAME", name)), tmp_path / "a.mcap"
     before = pylsl.local_clock()
-    with started(tmp_path, "run", graph, "--clock", "real", "--record", file, "--duration", 4):
+    with started(tmp_path, "run", graph, "--clock", "real", "--record", file, interrupted=True):
         inlet = receiver(pylsl, f"{name}.spring")
         samples, times = received(inlet, 500)
         after = pylsl.local_clock()
