@@ -13,7 +13,9 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.sampled_body import SampledBody
 
 YOUNG = 2e4
-TOUCHES, HELD, MODES = 12, 3, 16
+TOUCHES, MODES = 12, 16
+HELD = {12: 3, 28: 6}
+"""How many of so many touches no basis is made of."""
 RADIUS = 12e-3
 UP = (0.0, 0.0, 1.0)
 
@@ -43,12 +45,12 @@ def pressed(count=TOUCHES):
 @cache
 def mode_shapes():
     """The modes (N,3,r) of the basis."""
-    return modes(slab(), pressed()[:-HELD], MODES)[0]
+    return modes(slab(), pressed()[: -HELD[TOUCHES]], MODES)[0]
 
 
 @cache
 def _basis(count, of):
-    return build(slab(), pressed(of)[:-HELD], pressed(of)[-HELD:], count, tolerance=3e-3)
+    return build(slab(), pressed(of)[: -HELD[of]], pressed(of)[-HELD[of] :], count, tolerance=3e-3)
 
 
 def basis(count=MODES, of=TOUCHES):

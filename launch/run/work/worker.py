@@ -110,7 +110,7 @@ class Worker:
         try:
             start()
         except BaseException:
-            with contextlib.suppress(Exception):
+            with contextlib.suppress(BaseException):  # SystemExit, too, which would take the place of the fault
                 node.stop()
             raise
         self._started.append((name, node))
