@@ -174,8 +174,10 @@ class Mcap(Observer):
         streams = [stream.name for stream in self.streams if stream.producer == node]
         known = [self._recorded[name] for name in streams if name in self._recorded]
         known = [own for own in known if own.heard and own.first < since]  # else its first life, of a late beginning
-        new = (steps if own.last[0] >= since else sum(tick >= since for tick in own.last) for own in known)
-        heard = (own.heard - own_new for own, own_new in zip(known, new, strict=True))
+        heard = (
+            max(1, own.heard - steps) if own.last[0] >= since else own.heard - sum(tick >= since for tick in own.last)
+            for own in known
+        )
         before = max(heard, default=0)
         if self._file is None or before <= self._before.get(node, 0):
             return

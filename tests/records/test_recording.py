@@ -224,6 +224,16 @@ def test_the_first_word_of_a_node_may_be_that_of_its_second_life(tmp_path, first
     assert recording.counts["device"] == {"count": 3500 - first, "lost": 0}
 
 
+def test_a_second_life_is_marked_though_more_of_it_is_lost_than_the_first_one_sent(tmp_path):
+    node = logger(tmp_path / "a.mcap")
+    for tick in (0, *range(1500, 3500)):
+        node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
+    node.health(health("device", 2010, since=1500))
+    node.stop()
+    recording = Recording(tmp_path / "a.mcap")
+    assert recording.restarted == {"device": [1500]} and recording.counts["device"]["lost"] == 10
+
+
 def test_word_of_a_dead_node_that_comes_last_counts_for_nothing(tmp_path):
     node = logger(tmp_path / "a.mcap")
     node.health(health("device", 0))
