@@ -14,7 +14,7 @@ from palpate.physics.bodies.sampled_body import SampledBody
 
 YOUNG = 2e4
 TOUCHES, MODES = 12, 16
-HELD = {12: 3, 28: 6}
+HELD = {12: 3, 28: 6, 42: 6}
 """How many of so many touches no basis is made of."""
 RADIUS = 12e-3
 UP = (0.0, 0.0, 1.0)

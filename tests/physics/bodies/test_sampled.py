@@ -226,7 +226,7 @@ def missed_by(count):
     """Errors of the indentation at the greatest load of touches that were not in the snapshots."""
     errors = []
     for own in unseen():
-        it, push = body(count=count, of=28), own.touch.load
+        it, push = body(count=count, of=42), own.touch.load
         nodes = np.flatnonzero(np.abs(push).max(axis=1) > 0).astype(np.int32)
         force = float(own.touch.levels[-1]) * YOUNG
         truth = float(np.sum((slab().hats @ push) * own.solutions[-1]))
