@@ -65,23 +65,16 @@ def single_step(model, patch, pull, share, normal, dt, fields, marks, curve, num
 
 
 @kernel
-def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
-    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
-    how many the patch touches.
-
-    fields  (F,V,3)    h [N]; the load; shares of the normal force, of the true patch and drawn together; room; what the
-                       shares change by as the patch moves [1/m]
-    marks   [1] (3,V)  the vertices that hold load; 1 for each of these; the vertices of the patch
-    """
-    young = model.young
+def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count):
+    """The load and the patch on the vertices of the coarse mesh, and the history h of the load. Returns the first two
+    numbers of `take_load`."""
     held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
     active, marked, order = marks[0], marks[1], marks[2]
-    # the load, and the patch weights m, on the vertices of the coarse mesh
+    # the load, and the patch weights m
     for k in range(count):
         load[active[k]] = 0.0
         measure[active[k], 0] = 0.0
     touched = 0
-    total = normal_force(pull, normal)
     for k in range(len(patch)):
         p = patch[k]
         part = share_of(k, pull, normal, total)
@@ -124,7 +117,24 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
         else:
             active[kept] = v
             kept += 1
-    count = kept
+    return kept, touched
+
+
+@kernel
+def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
+    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
+    how many the patch touches.
+
+    fields  (F,V,3)    h [N]; the load; shares of the normal force, of the true patch and drawn together; room; what the
+                       shares change by as the patch moves [1/m]
+    marks   [1] (3,V)  the vertices that hold load; 1 for each of these; the vertices of the patch
+    """
+    young = model.young
+    held, load, measure = fields[0], fields[1], fields[2]
+    active, marked, order = marks[0], marks[1], marks[2]
+    keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
+    total = normal_force(pull, normal)
+    count, touched = _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count)
     # the patch as small as the load is: a half-space's correction to the compliance
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)

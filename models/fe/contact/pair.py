@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
+from palpate.models.fe.contact.friction import add_tangent, cut_to_cone
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
 
@@ -88,7 +89,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
     multiplier, sliding = given
     traction, shear, gap, normals, slip = traces
     hits, feet = met
-    n, best_n, x, s, q = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    n, best_n, x, q = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     m, slope, best_m, block = np.zeros(6), np.zeros((6, 2)), np.zeros(6), np.zeros((3, 3))
     share, spot = np.zeros(12), np.zeros(12, dtype=np.int64)
     total[:] = 0.0
@@ -121,10 +122,8 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             t = multiplier[f, k] - penalty * best_gap
             if not t > 0.0:
                 continue
-            traction[f, k] = t
-            normals[f, k] = best_n
-            feet[f, k] = best_m
-            hits[f, k] = hit
+            traction[f, k], hits[f, k] = t, hit
+            normals[f, k], feet[f, k] = best_n, best_m
             # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their place in the clique
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]
@@ -133,22 +132,16 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                         spot[a] = b
                     if cliques[c, b] == master[hit, a]:
                         spot[6 + a] = b
-            # Coulomb's return map: the trial traction q of the slip s since the step began, cut to mu t
+            # the trial traction q of the slip since the step began, cut to mu t
             cut, length = 0.0, 0.0
             if friction > 0.0:
                 for i in range(3):
-                    s[i] = 0.0
+                    moved = 0.0
                     for a in range(12):
                         node = cliques[c, spot[a]]
-                        s[i] += share[a] * (points[node, i] - start[node, i])
-                q[:] = sliding[f, k] - penalty * s
-                q -= np.dot(q, best_n) * best_n
-                length = np.sqrt(np.dot(q, q))
-                cut = 1.0
-                if length > friction * t:
-                    cut = friction * t / length
-                    slip[f, k] = True
-                shear[f, k] = cut * q
+                        moved += share[a] * (points[node, i] - start[node, i])
+                    q[i] = sliding[f, k, i] - penalty * moved
+                cut, length, slip[f, k] = cut_to_cone(q, best_n, friction * t, shear[f, k])
             # forces on both surfaces, equal and opposite
             w = area[f, k]
             for i in range(3):
@@ -158,16 +151,8 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                     force[cliques[c, spot[a]], i] -= share[a] * pull
             if not tangent:
                 continue
-            # tangent of both: penalty n x n, and along the surface penalty (1 - n x n), less q x q where it slips
-            for i in range(3):
-                for j in range(3):
-                    square = best_n[i] * best_n[j]
-                    block[i, j] = penalty * square
-                    if friction > 0.0:
-                        part = (1.0 if i == j else 0.0) - square
-                        if slip[f, k]:
-                            part -= q[i] * q[j] / (length * length)
-                        block[i, j] += penalty * cut * part
+            block[:] = 0.0
+            add_tangent(penalty, best_n, q, cut, length, slip[f, k], block)
             for a in range(12):
                 for b in range(12):
                     scale = w * share[a] * share[b]

@@ -19,6 +19,7 @@ from numba import types
 from scipy.sparse import csr_array
 
 from palpate.models.fe.contact.augmented import SMOOTH, STIFF, Augmented, stiffness_per_area
+from palpate.models.fe.contact.friction import add_tangent, cut_to_cone
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element.mesh import point_text
 from palpate.models.fe.sparse.pattern import Pattern
@@ -80,7 +81,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
     multiplier, sliding, bend, before = given
     traction, shear, gap, normals, slip = traces
     normal, curvature, x, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    d, q, pull, block, half = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    q, pull, block, half = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     total[:] = 0.0
     # points of the faces: x from the rigid body's centre, y the same in its frame, where `shape` gives the gap
     for f in range(len(faces)):
@@ -104,22 +105,12 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
             traction[f, k] = max(t, 0.0)
             if not t > 0.0:
                 continue
-            # Coulomb's return map: the trial traction q of the slip d since the step began, cut to mu t
+            # the trial traction q of the slip since the step began, cut to mu t
             cut = length = 0.0
             if friction > 0.0:
                 for i in range(3):
-                    d[i] = y[i] - before[f, k, i]
-                    q[i] = sliding[f, k, i] - penalty * d[i]
-                along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
-                for i in range(3):
-                    q[i] -= along * normal[i]
-                length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
-                cut = 1.0
-                if length > friction * t:
-                    cut = friction * t / length
-                    slip[f, k] = True
-                for i in range(3):
-                    shear[f, k, i] = cut * q[i]
+                    q[i] = sliding[f, k, i] - penalty * (y[i] - before[f, k, i])
+                cut, length, slip[f, k] = cut_to_cone(q, normal, friction * t, shear[f, k])
             # force and moment on the rigid body, and the opposite force on the face's nodes
             w = area[f, k]
             for i in range(3):
@@ -138,13 +129,8 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
             bent = t if np.isnan(bend[f, k]) else bend[f, k]
             for i in range(3):
                 for j in range(3):
-                    square = normal[i] * normal[j]
-                    block[i, j] = penalty * square - bent * curvature[i, j]
-                    if friction > 0.0:
-                        part = (1.0 if i == j else 0.0) - square
-                        if slip[f, k]:
-                            part -= q[i] * q[j] / (length * length)
-                        block[i, j] += penalty * cut * part
+                    block[i, j] = -bent * curvature[i, j]
+            add_tangent(penalty, normal, q, cut, length, slip[f, k], block)
             # from the rigid body's frame into the world: R block R'
             for i in range(3):
                 for j in range(3):

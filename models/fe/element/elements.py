@@ -36,6 +36,99 @@ def gradients(points: np.ndarray, elements: np.ndarray, at: np.ndarray = POINTS)
 
 
 @numba.njit(cache=True)
+def _deformation(u, slope, small, F, C):
+    """F = 1 + du/dX and C = cof F = dJ/dF at a point, from the displacements (10,3) of the element's nodes and the
+    gradients (10,3) of its shape functions; returns J = det F."""
+    for i in range(3):
+        for j in range(3):
+            x = 1.0 if i == j else 0.0
+            for a in range(10):
+                x += u[a, i] * slope[a, j]
+            F[i, j] = x
+    if small:
+        for i in range(3):
+            C[i, i] = 1.0
+        return F[0, 0] + F[1, 1] + F[2, 2] - 2.0
+    for i in range(3):
+        i1, i2 = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            j1, j2 = (j + 1) % 3, (j + 2) % 3
+            C[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
+    return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
+
+
+@numba.njit(cache=True)
+def _add_forces(P, C, slope, w, f, V):
+    """Internal forces f_a += w P grad N_a; V_a += w cof F grad N_a, how the volume grows with a node."""
+    for a in range(10):
+        for i in range(3):
+            x, y = 0.0, 0.0
+            for j in range(3):
+                x += P[i, j] * slope[a, j]
+                y += C[i, j] * slope[a, j]
+            f[a, i] += w * x
+            V[a, i] += w * y
+
+
+@numba.njit(cache=True)
+def _add_second_of_volume(F, dU, A):
+    """A += U' d2J/dF dF, with d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn."""
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            l, n = (j + 1) % 3, (j + 2) % 3
+            A[3 * i + j, 3 * k + l] += dU * F[m, n]
+            A[3 * k + l, 3 * i + j] += dU * F[m, n]
+            A[3 * i + l, 3 * k + j] -= dU * F[m, n]
+            A[3 * k + j, 3 * i + l] -= dU * F[m, n]
+
+
+@numba.njit(cache=True)
+def _add_bulk(C, ddU, A):
+    """A += U'' cof F x cof F."""
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for l in range(3):
+                    A[3 * i + j, 3 * k + l] += ddU * C[i, j] * C[k, l]
+
+
+@numba.njit(cache=True)
+def _add_stiffness(A, slope, w, T, K):
+    """K_ab += w grad N_a A grad N_b, in two products (the first in T) and for b <= a alone: it is symmetric."""
+    for a in range(10):
+        for i in range(3):
+            for s in range(9):
+                x = 0.0
+                for j in range(3):
+                    x += slope[a, j] * A[3 * i + j, s]
+                T[a, i, s] = w * x
+    for a in range(10):
+        for i in range(3):
+            for b in range(a + 1):
+                for k in range(3):
+                    x = 0.0
+                    for l in range(3):
+                        x += T[a, i, 3 * k + l] * slope[b, l]
+                    K[a, i, b, k] += x
+
+
+@numba.njit(cache=True)
+def _scatter(K, V, bulk, where, data):
+    """Add the element's tangent to the blocks of its nodes, with bulk V x V of its mean volume ratio."""
+    for a in range(10):
+        for b in range(a + 1):
+            for i in range(3):
+                for k in range(3):
+                    x = K[a, i, b, k]
+                    if bulk != 0.0:
+                        x += bulk * V[a, i] * V[b, k]
+                    data[where[a, b], i, k] += x
+                    if a != b:
+                        data[where[b, a], k, i] += x
+
+
+@numba.njit(cache=True)
 def integrate(law, gradient, weight, elements, displacement, p, mixed, small, tangent, where, force, data):
     """Energy, forces and tangent of elements of one material; returns the energy and the first element with a volume
     ratio that is not positive, or -1.
@@ -52,32 +145,15 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
     C, J = np.zeros((many, 3, 3)), np.zeros(many)
     u, f = np.zeros((10, 3)), np.zeros((10, 3))
     K, T, V = np.zeros((10, 3, 10, 3)), np.zeros((10, 3, 9)), np.zeros((10, 3))
-    # u: displacements of the element's nodes; F = 1 + du/dX, C = cof F = dJ/dF, J = det F, at each point
     for e in range(len(elements)):
         for a in range(10):
             for i in range(3):
                 u[a, i] = displacement[elements[e, a], i]
         volume, mean = 0.0, 0.0
         for q in range(many):
-            for i in range(3):
-                for j in range(3):
-                    x = 1.0 if i == j else 0.0
-                    for a in range(10):
-                        x += u[a, i] * gradient[e, q, a, j]
-                    F[q, i, j] = x
-            if small:
-                J[q] = F[q, 0, 0] + F[q, 1, 1] + F[q, 2, 2] - 2.0
-                for i in range(3):
-                    C[q, i, i] = 1.0
-            else:
-                for i in range(3):
-                    i1, i2 = (i + 1) % 3, (i + 2) % 3
-                    for j in range(3):
-                        j1, j2 = (j + 1) % 3, (j + 2) % 3
-                        C[q, i, j] = F[q, i1, j1] * F[q, i2, j2] - F[q, i1, j2] * F[q, i2, j1]
-                J[q] = F[q, 0, 0] * C[q, 0, 0] + F[q, 0, 1] * C[q, 0, 1] + F[q, 0, 2] * C[q, 0, 2]
-                if not J[q] > 0.0:
-                    return total, e
+            J[q] = _deformation(u, gradient[e, q], small, F[q], C[q])
+            if not (small or J[q] > 0.0):
+                return total, e
             volume += weight[e, q]
             mean += weight[e, q] * J[q]
         # mean dilatation (Simo, Taylor, Pister 1985): with `mixed`, U is a function of the element's mean J alone
@@ -94,66 +170,24 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
                 A[0, 0] = np.nan
             W, U, dU, ddU = law(F[q], mean if mixed else J[q], p, P, A)
             total += w * (W + U)
-            curve = ddU
             # first Piola-Kirchhoff stress: P = dW/dF + U' cof F
             for i in range(3):
                 for j in range(3):
                     P[i, j] += dU * C[q, i, j]
-            # internal forces f_a = sum w P grad N_a; V_a = sum w cof F grad N_a, how the volume grows with a node
-            for a in range(10):
-                for i in range(3):
-                    x, y = 0.0, 0.0
-                    for j in range(3):
-                        x += P[i, j] * gradient[e, q, a, j]
-                        y += C[q, i, j] * gradient[e, q, a, j]
-                    f[a, i] += w * x
-                    V[a, i] += w * y
+            _add_forces(P, C[q], gradient[e, q], w, f, V)
             if not tangent:
                 continue
             if not small:
-                for i in range(3):  # second derivative of J: d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn
-                    k, m = (i + 1) % 3, (i + 2) % 3
-                    for j in range(3):
-                        l, n = (j + 1) % 3, (j + 2) % 3
-                        A[3 * i + j, 3 * k + l] += dU * F[q, m, n]
-                        A[3 * k + l, 3 * i + j] += dU * F[q, m, n]
-                        A[3 * i + l, 3 * k + j] -= dU * F[q, m, n]
-                        A[3 * k + j, 3 * i + l] -= dU * F[q, m, n]
+                _add_second_of_volume(F[q], dU, A)
             # the volumetric part U'' cof F x cof F is local here, and of the whole element below where J is its mean
-            if not mixed:
-                for i in range(3):
-                    for j in range(3):
-                        for k in range(3):
-                            for l in range(3):
-                                A[3 * i + j, 3 * k + l] += ddU * C[q, i, j] * C[q, k, l]
-            # K_ab = sum w grad N_a A grad N_b, in two products and for b <= a alone: it is symmetric
-            for a in range(10):
-                for i in range(3):
-                    for s in range(9):
-                        x = 0.0
-                        for j in range(3):
-                            x += gradient[e, q, a, j] * A[3 * i + j, s]
-                        T[a, i, s] = w * x
-            for a in range(10):
-                for i in range(3):
-                    for b in range(a + 1):
-                        for k in range(3):
-                            x = 0.0
-                            for l in range(3):
-                                x += T[a, i, 3 * k + l] * gradient[e, q, b, l]
-                            K[a, i, b, k] += x
+            if mixed:
+                curve = ddU
+            else:
+                _add_bulk(C[q], ddU, A)
+            _add_stiffness(A, gradient[e, q], w, T, K)
         for a in range(10):
             for i in range(3):
                 force[elements[e, a], i] += f[a, i]
         if tangent:
-            for a in range(10):
-                for b in range(a + 1):
-                    for i in range(3):
-                        for k in range(3):
-                            x = K[a, i, b, k]
-                            if mixed:
-                                x += curve / volume * V[a, i] * V[b, k]
-                            data[where[e, a, b], i, k] += x
-                            if a != b:
-                                data[where[e, b, a], k, i] += x
+            _scatter(K, V, curve / volume, where[e], data)
     return total, -1

@@ -1,0 +1,34 @@
+"""Coulomb friction of a penalty contact at one point: return map and tangent, compiled."""
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def cut_to_cone(q, normal, most, shear):
+    """Coulomb's return map. The trial traction q [Pa] (3) loses its part along the normal; `shear` (3) gets it, cut to
+    the length `most` [Pa]. Returns the factor of the cut, q's length [Pa], and whether the point slips."""
+    along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
+    for i in range(3):
+        q[i] -= along * normal[i]
+    length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    slips = length > most
+    cut = most / length if slips else 1.0
+    for i in range(3):
+        shear[i] = cut * q[i]
+    return cut, length, slips
+
+
+@numba.njit(cache=True)
+def add_tangent(penalty, normal, q, cut, length, slips, block):
+    """Add the tangent [Pa/m] of both tractions to `block` (3,3): penalty n x n, and along the surface cut penalty
+    (1 - n x n), less q x q where it slips; cut = 0: no friction."""
+    for i in range(3):
+        for j in range(3):
+            square = normal[i] * normal[j]
+            block[i, j] += penalty * square
+            if cut > 0.0:
+                part = (1.0 if i == j else 0.0) - square
+                if slips:
+                    part -= q[i] * q[j] / (length * length)
+                block[i, j] += penalty * cut * part
