@@ -49,9 +49,9 @@ def steps(
     from palpate.launch.run.busy import busy
 
     out = console(stderr=True, soft_wrap=True)
-    out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"), markup=False)
+    out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"))
     if timed and (why := busy()):
-        out.print(f"{why}. Times that are measured now are too long.", style="yellow", markup=False)
+        out.print(f"{why}. Times that are measured now are too long.", style="yellow")
     if not out.is_terminal:
         yield _lines(out.print, total)
         return
@@ -85,7 +85,7 @@ def _lines(print_: Callable[..., object], total: float) -> Done:
             left = f", about {duration((moment - begun) * (total - reached) / (reached - first))} left"
         if reached < total and moment - told >= OFTEN:
             told = moment
-            print_(f"{100 * reached / total:3.0f} %{left}: {what}", markup=False)
+            print_(f"{100 * reached / total:3.0f} %{left}: {what}")
 
     return done
 

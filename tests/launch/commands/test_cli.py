@@ -55,6 +55,12 @@ def test_each_file_among_the_commands_is_a_command_and_thin():
     assert {file: n for file in files if (n := len(file.read_text(encoding="utf-8").splitlines())) > 120} == {}
 
 
+def test_brackets_in_what_is_printed_are_no_markup(monkeypatch):
+    hint = "TypeError: needs list[int], pip install 'lab[usb]'"
+    monkeypatch.setattr("palpate.launch.load.classes.catalogue", lambda: ((), {"lab": hint}))
+    assert run("nodes").stdout.strip() == f"lab cannot be loaded. {hint}"
+
+
 def test_help_shows_every_word_of_its_texts():
     """Units in brackets, such as [s] at the start of a text, are styles to rich, which drops them."""
 
