@@ -133,15 +133,14 @@ class _Filling:
         """Hold what was computed against what is stored of this tick; whether there was any, and all agreed."""
         whole = {name: data for name, data in payloads.items() if name in self.player.computed and not is_head(data)}
         for part in self.player.parts:
-            if whole.keys() & set(part.streams):
-                self._compare(part, tick, whole, sent)
+            self._compare(part, tick, whole, sent)
         return bool(whole) and self.report.first is None
 
     def _compare(self, part: Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
-        own = self.report.nodes[part.name]
         for output in part.slot.outputs:
             if output.stream not in whole:
                 continue
+            own = self.report.nodes[part.name]
             own.checked += 1
             message = output.last
             if output.stream not in sent or message is None:

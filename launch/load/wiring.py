@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
@@ -90,9 +90,11 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
         heard: set[str] = set()
         for number, one in enumerate(several):
             where = line.place("in", port.name, number)
-            sender, named = _sender(name, port, one, where, faults)
-            if sender is None:
+            said = YamlSource(one if isinstance(one, dict) else {"from": one}, {(): where})
+            read = fill(_Input, said, faults, node=name, port=port.name)
+            if read is None:
                 continue
+            sender, named = read.sender, read.loop
             stream = _match(name, port, sender, kinds, unclear, where, faults)
             if stream is None:
                 continue
@@ -108,8 +110,7 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
             if named is False and cls.paced:
                 text = "loop: all inputs of a source are held"
                 faults.add(text, "Leave `loop` out.", where, node=name, port=port.name)
-            producer = stream.partition(".")[0]
-            connections.append(Wire(name, port, producer, stream, where, driving, held, named))
+            connections.append(Wire(name, port, stream.partition(".")[0], stream, where, driving, held, named))
     return connections
 
 
@@ -118,13 +119,6 @@ def unknown(place: Location, without: str) -> tuple[str, str]:
     if not place.before:
         return "unknown", ""
     return f"unknown; it is from the line of the class before ({place.before})", f" Without it: `{without}`."
-
-
-def _sender(name: str, port: Port, given: Any, place: Location, faults: Faults) -> tuple[str | None, bool | None]:
-    """The sender's name and what the file says of `loop`."""
-    line = YamlSource(given if isinstance(given, dict) else {"from": given}, {(): place})
-    read = fill(_Input, line, faults, node=name, port=port.name)
-    return (None, None) if read is None else (read.sender, read.loop)
 
 
 def _match(

@@ -104,7 +104,10 @@ def execute(
     clock = _clock(launch, planned)
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
-    crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
+    crowded = False
+    if fit_cores and launch.place is None and clock == "real":
+        # With more nodes on the force path than cores they wait for one another: on two, nine do not keep 1 kHz.
+        crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
@@ -170,12 +173,6 @@ def execute(
     result.health = {name: result.health[name] for name in names if name in result.health}
     kept = verdict(result, planned, ticks) if clock == "real" else None
     return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
-
-
-def _crowded(planned: Plan) -> bool:
-    """Whether the force path has more nodes than this process may use cores: then they wait for one another, and on two
-    cores nine processes do not keep 1 kHz."""
-    return len(force_path(planned)) > len(os.sched_getaffinity(0))
 
 
 def _clock(launch: LaunchFile, planned: Plan) -> str:

@@ -253,7 +253,8 @@ class Launcher:
             self._barrier.link(member)
         elif self._barrier.all("ready"):
             self.phase = "linking"
-            self._barrier.link_all()
+            for each in self.members.values():
+                self._barrier.link(each)
 
     def _linked(self, member: WorkerHandle) -> None:
         member.state = "linked"

@@ -325,7 +325,7 @@ def test_doctor_finds_a_device(tmp_path, monkeypatch):
 
 
 def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
-    monkeypatch.setattr(findings, "_version", lambda name: None if name == "msgspec" else "1.0")
+    monkeypatch.setattr(findings, "package_version", lambda name: None if name == "msgspec" else "1.0")
     result = run("doctor", "--no-pictures", "--seconds", "0")
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 
