@@ -42,11 +42,6 @@ class Entry:
     use: str
     cls: type[Node]
 
-    @property
-    def about(self) -> str:
-        """First sentence of the class's docstring."""
-        return summary(self.cls)
-
 
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     """The node class that `use:` names: `contact.Series` of palpate's own, or a full dotted name.
@@ -87,7 +82,9 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            known = choices("Modules of palpate", name.partition(".")[0], _node_modules())
+            entries, missed = catalogue()  # a module that misses a package has classes, too
+            modules = sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missed))
+            known = choices("Modules of palpate", name.partition(".")[0], modules)
             cure = f"{known} Looked in {here} and the Python path, too."
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
@@ -152,12 +149,6 @@ def classes(module: ModuleType) -> list[type[Node]]:
 def shipped_modules() -> list[str]:
     """Names of palpate's node modules as they stand in `use:`, without importing them."""
     return [name for file in files(palpate.nodes) if (name := file.rpartition(".")[2]) != "base"]
-
-
-def _node_modules() -> list[str]:
-    """The modules in which the catalogue has classes, or may have, where a package is missing."""
-    entries, missing = catalogue()
-    return sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missing))
 
 
 @lru_cache(maxsize=1)

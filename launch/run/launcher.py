@@ -37,6 +37,8 @@ BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
 MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
+LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
+"""[s] for which a worker may be silent in these states: two of them wait for the others, and have nothing to say."""
 
 
 class Launcher:
@@ -373,12 +375,6 @@ class Launcher:
         if gone is not None:
             self._died(gone[0], reports.NodeFault("", "stream", gone[1]))
 
-    def _limit(self, member: WorkerHandle) -> float:
-        """For how long [s] a worker that was not stopped may be silent."""
-        if member.state in ("ready", "linked"):  # it waits for the others, and has nothing to say
-            return math.inf
-        return START_PATIENCE if member.state == "starting" else self.patience
-
     def _check_hung(self) -> None:
         """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""
         for group, member in self.members.items():
@@ -388,7 +384,7 @@ class Launcher:
             if silence <= self.patience:
                 continue
             halted = member.pid is not None and stopped(member.pid)
-            limit = self.patience if halted else self._limit(member)
+            limit = self.patience if halted else LIMITS.get(member.state, self.patience)
             if silence <= limit:
                 continue
             how = "it was stopped by a signal" if halted else "it hangs"

@@ -37,14 +37,7 @@ def steps(
     if silent:
         yield lambda what, weight=1.0: None
         return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as bars
 
     from palpate.launch.run.busy import busy
 
@@ -55,8 +48,9 @@ def steps(
     if not out.is_terminal:
         yield _lines(out.print, total)
         return
-    columns = (BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, TextColumn("{task.description}"), console=out, transient=True) as progress:
+    times = bars.TimeElapsedColumn(), bars.TextColumn("left"), bars.TimeRemainingColumn()
+    columns = bars.BarColumn(), bars.TaskProgressColumn(), *times, bars.TextColumn("{task.description}")
+    with bars.Progress(*columns, console=out, transient=True) as progress:
         task = progress.add_task("", total=total)
         yield lambda what, weight=1.0: progress.update(task, advance=weight, description=what)
 

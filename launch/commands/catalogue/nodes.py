@@ -45,7 +45,7 @@ def nodes(
         takes = takes or ("streams" if data["observer"] else "the clock")
         sends = ", ".join(data["outputs"]) or "nothing"
         out.print(Text.assemble((f"{entry.use:28}", "bold"), f" {takes} -> {sends}"))
-        out.print(Text(f"    {entry.about}", style="dim"))
+        out.print(Text(f"    {data['about']}", style="dim"))
     for module, why in missing.items():
         out.print(Text.assemble((module, "yellow"), f" cannot be loaded. {why}"))
 
