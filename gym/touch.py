@@ -13,7 +13,7 @@ from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.launch.calling import described
 from palpate.launch.stepping import Stepper, Tick
-from palpate.messages import Contact, Force, Friction, Message, Pose
+from palpate.messages import Contact, Force, Friction, Pose
 from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
@@ -197,7 +197,10 @@ def _hand(plan: Plan, device: str) -> Hand:
     for name in queue:
         if Force in plan.graph.nodes[name].streams.values():
             heard = {edge.stream: plan.graph.streams[edge.stream] for edge in plan.edges[name]}
-            pose, contact, friction = (_first(heard, kind) for kind in (Pose, Contact, Friction))
+            pose, contact, friction = (
+                next((stream for stream, sent in heard.items() if issubclass(sent, kind)), None)
+                for kind in (Pose, Contact, Friction)
+            )
             if pose and contact:
                 return Hand(device, pose, contact, friction)
             break
@@ -208,10 +211,5 @@ def _hand(plan: Plan, device: str) -> Hand:
     )
 
 
-def _first(heard: dict[str, type[Message]], kind: type[Message]) -> str | None:
-    return next((stream for stream, sent in heard.items() if issubclass(sent, kind)), None)
-
-
 def _within(numbers: Iterable[float], most: float) -> list[float]:
-    """The numbers, cut off at ±most."""
     return [min(max(number, -most), most) for number in numbers]

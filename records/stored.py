@@ -285,6 +285,12 @@ class Stored:
         wanted = full_name(kind)
         return next((name for name, stream in self.streams.items() if stream.schema["class"] == wanted), None)
 
+    def lack(self, name: str) -> str:
+        """Why not every message of a stream is there; empty where it is."""
+        if name not in self.streams:
+            return "was left out of the recording"
+        return "was thinned out" if self.streams[name].thin > 1 else ""
+
     def rename(self, old: str, new: str, producer: str) -> None:
         """Call a stream otherwise, as if this node had sent it."""
         self.streams[new] = replace(self.streams.pop(old), name=new, producer=producer)

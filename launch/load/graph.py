@@ -273,7 +273,6 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
 
 
 def _listen(name: str, line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
-    """The streams that an observer asks for."""
     given = line.data.get("in")
     if given == "all":
         return None

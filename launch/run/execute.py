@@ -223,7 +223,6 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
 
 
 def _check_writable(file: Path) -> None:
-    """OSError: the recording cannot be written there."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         if file.is_dir():
@@ -235,7 +234,6 @@ def _check_writable(file: Path) -> None:
 
 
 def _is_here(host: str | None) -> bool:
-    """Whether a group's host is this machine."""
     if host is None:
         return True
     name = host.removeprefix("tcp://").partition(":")[0]

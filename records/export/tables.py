@@ -158,7 +158,6 @@ def batched(messages: Iterator[Message], size: int) -> Iterator[list[Message]]:
 
 
 def _number(pa: Any, field: Field) -> Any:
-    """The Arrow type of one number of a field."""
     kind = next((t for t in (bool, int, float) if t is field.type or t in getattr(field.type, "__args__", ())), str)
     return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[kind]
 
