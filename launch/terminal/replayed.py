@@ -88,7 +88,7 @@ def stepper(recording: Recording) -> Callable[[int, int, dict[str, bytes]], bool
                 out.print(Text(f"{stream:>12}", "bold"), line(unpack(payload, recording.streams[stream].type)))
         print("Enter: next, a number: so many, q: end > ", end="", flush=True)
         answer = sys.stdin.readline()
-        left = int(answer) if answer.strip().isdigit() else 1
+        left = int(answer) if answer.strip().isdecimal() else 1
         return bool(answer) and answer.strip().lower() not in ("q", "quit")
 
     return show

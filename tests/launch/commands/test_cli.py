@@ -61,6 +61,19 @@ def test_brackets_in_what_is_printed_are_no_markup(monkeypatch):
     assert run("nodes").stdout.strip() == f"lab cannot be loaded. {hint}"
 
 
+@pytest.mark.parametrize(
+    ("said", "args"),
+    [
+        ("--thin: found 'contact=²'", ("run", "kidney", "--fused", "--no-pictures", "--thin", "contact=²")),
+        ("address: found 'tcp://host:²'", ("join", "tcp://host:²", "loop")),
+    ],
+)
+def test_a_digit_that_is_no_number_is_refused_by_name(tmp_path, monkeypatch, said, args):
+    monkeypatch.chdir(tmp_path)
+    refused = run(*args)
+    assert refused.exit_code == 2 and said in refused.stderr
+
+
 def test_help_shows_every_word_of_its_texts():
     """Units in brackets, such as [s] at the start of a text, are styles to rich, which drops them."""
 
