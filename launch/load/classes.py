@@ -235,9 +235,7 @@ def _type(hint: Any) -> str:
 def _limits(hint: Any) -> str:
     """The bounds of a setting, "> 0, <= 1"."""
     signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "min_length": "length >=", "max_length": "length <="}
-    bounds = []
-    for meta in getattr(hint, "__metadata__", ()):
-        bounds += [
-            f"{sign} {getattr(meta, key)}" for key, sign in signs.items() if getattr(meta, key, None) is not None
-        ]
-    return ", ".join(bounds)
+    said = [
+        (sign, getattr(meta, key, None)) for meta in getattr(hint, "__metadata__", ()) for key, sign in signs.items()
+    ]
+    return ", ".join(f"{sign} {limit}" for sign, limit in said if limit is not None)

@@ -232,18 +232,14 @@ class Launcher:
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
-                self._left(member)
+                if member.joined:  # no process here shows its end: its last report does
+                    self._is_gone(member)
 
     def _progress(self, report: reports.Alive) -> bool:
         """Whether observers, to whom nobody sends any more, still take what was sent."""
         return any(
             self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
         )
-
-    def _left(self, member: WorkerHandle) -> None:
-        """A worker on another machine has no process here whose end could be seen: its last report is its end."""
-        if member.joined:
-            self._is_gone(member)
 
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
         if not self._barrier.ready(member, report):
@@ -398,4 +394,5 @@ class Launcher:
             text = f"no sign of life for {limit:.3g} s: {how}"
             self._died(member, reports.NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
-            self._left(member)
+            if member.joined:
+                self._is_gone(member)
