@@ -67,13 +67,11 @@ BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "N
 @contextlib.contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Processes started inside use one thread for linear algebra: sums in a fixed order, no fight over cores."""
-    before = {name: os.environ.get(name) for name in BLAS_THREADS}
+    before = {name: os.environ[name] for name in BLAS_THREADS if name in os.environ}
     os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in BLAS_THREADS:
+            os.environ.pop(name, None)
+        os.environ.update(before)

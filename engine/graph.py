@@ -1,6 +1,6 @@
 """A checked graph as data: its nodes, its edges, and what was said of its effects."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -34,16 +34,13 @@ class _Connected(Protocol):
 C = TypeVar("C", bound=_Connected)
 
 
-def places(cls: type[Node], connected: Iterable[C]) -> list[tuple[Port, C | None]]:
+def places(cls: type[Node], connected: Sequence[C]) -> list[tuple[Port, C | None]]:
     """The inputs of a node as the header's `used` lists them: each port in order, None where nothing is connected; one
     that takes many has a place for each of its senders."""
-    by_port: dict[str, list[C]] = {}
-    for each in connected:
-        by_port.setdefault(each.port, []).append(each)
     found: list[tuple[Port, C | None]] = []
     for port in inputs(cls):
-        own: list[C | None] = [*by_port.get(port.name, ())]
-        found += [(port, each) for each in (own if own or port.many else [None])]
+        own = [(port, each) for each in connected if each.port == port.name]
+        found += own or ([] if port.many else [(port, None)])
     return found
 
 

@@ -67,17 +67,18 @@ def rounding(recorded: dict[str, Any]) -> list[str]:
 def made_by(recorded: dict[str, Any] | None) -> str:
     """Version and commit of palpate that made a recording; None: of this process."""
     if recorded is None:
-        version, of = _version("palpate"), commit()
+        version, of = package_version("palpate"), commit()
     else:
         version, of = (recorded.get("versions") or {}).get("palpate"), recorded.get("commit")
     return f"palpate {version or 'unknown'}" + (f" at commit {of[:12]}" if of else "")
 
 
 def _versions(packages: tuple[str, ...]) -> dict[str, str | None]:
-    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+    return {"python": platform.python_version(), **{name: package_version(name) for name in packages}}
 
 
-def _version(package: str) -> str | None:
+def package_version(package: str) -> str | None:
+    """None: it is not installed."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

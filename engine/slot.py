@@ -92,13 +92,9 @@ class Input:
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
         self.port, self.kind, self.output = port, port.type, output
-        self.stream = job.stream if job else ""
-        self.producer = job.producer if job else ""
-        self.every = job.every if job else 1
-        self.rank = job.rank if job else 0
-        self.loop = bool(job and job.loop)
-        self.waits = bool(job and job.waits)
-        self.dead = job is None
+        given = job or InputJob("", "", "", waits=False)
+        self.stream, self.producer, self.every, self.rank = given.stream, given.producer, given.every, given.rank
+        self.loop, self.waits, self.dead = given.loop, given.waits, job is None
         self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None
@@ -285,7 +281,6 @@ class Slot:
             output.previous, output.last = output.last, message
 
     def _several(self, answer: object, tick: int) -> tuple:
-        """The answers of a node with several outputs."""
         if answer is None:
             return (None,) * len(self.outputs)
         if not isinstance(answer, tuple) or len(answer) != len(self.outputs):

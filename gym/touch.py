@@ -3,16 +3,18 @@
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
-from palpate.gym.hands import Hand, hand, simulated
+from palpate.engine.graph import Graph
+from palpate.engine.plan import Plan
 from palpate.launch.calling import described
 from palpate.launch.stepping import Stepper, Tick
-from palpate.messages import Contact, Friction, Pose
+from palpate.messages import Contact, Force, Friction, Pose
+from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
 
@@ -25,6 +27,15 @@ BOUNDS = {"position": 0.2, "velocity": 5.0, "force": 50.0}
 
 Changes = dict[str, dict[str, Any]]
 """Settings by node and name."""
+
+
+class Hand(NamedTuple):
+    """One hand: its device, and the streams that its controller hears. `friction` is None where the graph has none."""
+
+    device: str
+    pose: str
+    contact: str
+    friction: str | None
 
 
 class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -63,9 +74,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if not 0.0 < duration < math.inf:
             raise ArgumentError(f"duration: found {duration!r}, expected a time [s] above 0")
         launch = described(graph, scene=scene, duration=None, sets=(), nodes=nodes or {})
-        devices = simulated(launch.load())
+        devices = _simulated(launch.load())
         self.stepper = Stepper(launch.but(overrides=[f"{name}.use=device.Steered" for name in devices]))
-        self.hands: list[Hand] = [hand(self.stepper.plan, name) for name in devices]
+        self.hands = [_hand(self.stepper.plan, name) for name in devices]
         self.ticks, self.duration = ticks, duration
         self.step_time = ticks / self.stepper.rate
         """[s] of one step of the environment."""
@@ -168,6 +179,37 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return pose.position, pose.velocity, force
 
 
+def _simulated(graph: Graph) -> list[str]:
+    """The nodes that are simulated hands. ArgumentError: there is none."""
+    names = [name for name, spec in graph.nodes.items() if issubclass(spec.cls, Simulated)]
+    if not names:
+        sources = ", ".join(f"{name} ({spec.use})" for name, spec in graph.nodes.items() if spec.cls.paced)
+        raise ArgumentError(
+            f"{graph.path.stem}: no simulated hand to steer; sources: found {sources or 'none'}, expected "
+            "device.Simulated. Try kidney, nodule, organs or pinch"
+        )
+    return names
+
+
+def _hand(plan: Plan, device: str) -> Hand:
+    """What a device's hand feels: the inputs of the controller that answers it. ArgumentError: nothing answers it."""
+    queue = [edge.producer for edge in plan.edges[device]]
+    for name in queue:
+        if Force in plan.graph.nodes[name].streams.values():
+            heard = {edge.stream: plan.graph.streams[edge.stream] for edge in plan.edges[name]}
+            pose, contact, friction = (
+                next((stream for stream, sent in heard.items() if issubclass(sent, kind)), None)
+                for kind in (Pose, Contact, Friction)
+            )
+            if pose and contact:
+                return Hand(device, pose, contact, friction)
+            break
+        queue += [edge.producer for edge in plan.edges[name] if edge.producer not in queue]
+    raise ArgumentError(
+        f"{plan.graph.path.stem}: no force comes back to {device!r}; expected a controller that hears a Contact and a "
+        "Pose, as controller.Haptic does in the graph kidney"
+    )
+
+
 def _within(numbers: Iterable[float], most: float) -> list[float]:
-    """The numbers, cut off at ±most."""
     return [min(max(number, -most), most) for number in numbers]

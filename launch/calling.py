@@ -20,21 +20,33 @@ if TYPE_CHECKING:
     from palpate.records.sensitivity import Derivatives
 
 
-def run_and_open(
-    graph: str | Path,
+def run(
+    graph: str | Path = "kidney",
     *,
-    record: str | Path | None,
-    duration: float | str | None,
-    scene: str | None,
-    clock: str | None,
-    place: str | Path | None,
-    sets: Sequence[str],
-    nodes: Mapping[str, str | Mapping[str, Any]],
+    record: str | Path | None = None,
+    duration: float | str | None = None,
+    scene: str | None = None,
+    clock: str | None = None,
+    place: str | Path | None = None,
+    sets: Sequence[str] = (),
     sensitivity: Sequence[str] = (),
+    **nodes: str | Mapping[str, Any],
 ) -> Run:
-    """Run a graph and open its recording; the arguments are those of `palpate.run`.
+    """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
 
-    GraphError, ArgumentError: what is wrong with them. RunError: which node failed. RecordingError: there is none.
+    graph     launch file or graph: one that ships, or a path
+    record    file of the recording; left out: a new one below runs/
+    duration  [s] of the graph's clock, or a text with a unit
+    scene     in place of the graph's own
+    clock     simulated or real
+    place     "fused", or a placement file; left out: on simulated time this process runs all nodes, which gives the
+              same bytes as any other placement, else each node is a process of its own
+    sets      single values as after `--set`: "tissue.stiffness=2e3"
+    sensitivity  parameters by which the contact is differentiated afterwards, "scene.tissue.young": `run.sensitivity`
+              has of each the derivatives of force, compression and indentation, along the finger's path
+    nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
+
+    PalpateError: what is wrong with the graph, or which node failed. OSError: the recording cannot be written.
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
@@ -54,10 +66,10 @@ def run_and_open(
     if not outcome.ok:
         raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     assert outcome.recording is not None
-    run = Run(outcome.recording)
+    recorded = Run(outcome.recording)
     if carry is not None:
-        run.sensitivity = carry(run)
-    return run
+        recorded.sensitivity = carry(recorded)
+    return recorded
 
 
 def _carrying(launch: LaunchFile, sensitivity: Sequence[str]) -> Callable[[Run], Mapping[str, Derivatives]]:
@@ -66,7 +78,7 @@ def _carrying(launch: LaunchFile, sensitivity: Sequence[str]) -> Callable[[Run],
     from palpate.records.sensitivity import derivatives
 
     chain, parameters = resolved(launch, sensitivity)
-    return lambda run: derivatives(run, chain, parameters)
+    return lambda recorded: derivatives(recorded, chain, parameters)
 
 
 def described(

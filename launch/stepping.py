@@ -17,7 +17,8 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.placement import fused
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
-from palpate.launch.load.values.units import UnitError, convert
+from palpate.launch.load.values.settings import in_si
+from palpate.launch.load.values.units import UnitError
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.work.simulated import run_tick
 from palpate.launch.run.work.worker import Worker
@@ -181,15 +182,8 @@ def _settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
     for name, value in values.items():
         if name not in known:
             raise SettingError(f"{slot.name}: no setting {name!r}. {choices('Settings', name, known)}")
-        new[name] = settled(known[name], _number(slot.name, name, value, known[name].unit))
+        try:
+            new[name] = settled(known[name], in_si(known[name].type, value, known[name].unit))
+        except UnitError as error:
+            raise SettingError(f"{slot.name}.{name} [{known[name].unit}]: {error}") from None
     return new
-
-
-def _number(node: str, name: str, value: Any, unit: str) -> Any:
-    """A text with a unit as a number in `unit`; all else as it is. SettingError: a unit of something else."""
-    if not isinstance(value, str) or (not value[:1].isdigit() and value[:1] not in "+-."):
-        return value
-    try:
-        return convert(value, unit)
-    except UnitError as error:
-        raise SettingError(f"{node}.{name} [{unit}]: {error}") from None

@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from palpate.messages import Field, Message, fields
+from palpate.registry import snake
 
 _NODE = '''"""{title}: says what it does here."""
 
@@ -63,26 +64,21 @@ def class_name(name: str) -> str:
 
 def module_name(title: str) -> str:
     """The file's name for a class: MyDrag -> my_drag."""
-    module = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", title).lower()
-    return f"{module}_node" if keyword.iskeyword(module) else module
+    return f"{snake(title)}_node" if keyword.iskeyword(snake(title)) else snake(title)
 
 
 def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[str, str]:
     """File names and texts of a new node and its test. ValueError: the name cannot be used."""
     title = class_name(name)
     module = module_name(title)
-    port = module_name(takes.__name__)
     answer, given = _example(sends, 8), _example(takes, 4)
-    node = _NODE.format(
-        title=title, module=module, port=port, takes=takes.__name__, sends=sends.__name__, answer=answer,
-        messages=", ".join(sorted({takes.__name__, sends.__name__})),
-        numpy="import numpy as np\n" if "np." in answer else "",
-    )  # fmt: skip
-    test = _TEST.format(
-        title=title, module=module, given=given, sends=sends.__name__,
-        messages=", ".join(sorted({takes.__name__, sends.__name__})),
-        numpy="\nimport numpy as np\n" if "np." in given else "",
-    )  # fmt: skip
+    names = {
+        "title": title, "module": module, "port": module_name(takes.__name__), "answer": answer, "given": given,
+        "takes": takes.__name__, "sends": sends.__name__,
+        "messages": ", ".join(sorted({takes.__name__, sends.__name__})),
+    }  # fmt: skip
+    node = _NODE.format(**names, numpy="import numpy as np\n" if "np." in answer else "")
+    test = _TEST.format(**names, numpy="\nimport numpy as np\n" if "np." in given else "")
     return {f"{module}.py": node, f"test_{module}.py": test}
 
 

@@ -170,7 +170,6 @@ class FakeBus:
 
 
 def _arrived(given: Given, port: Port) -> Given:
-    """What came over the wire."""
     if port.many:
         several = [given] if isinstance(given, Message) else given or []
         return [None if each is None else unpack(pack(each), port.type) for each in several]
@@ -179,5 +178,4 @@ def _arrived(given: Given, port: Port) -> Given:
 
 
 def _cause(fault: NodeError) -> BaseException:
-    """The node's own error."""
     return fault.cause if isinstance(fault.cause, BaseException) else TypeError(fault.cause)

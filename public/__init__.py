@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from palpate.launch.calling import run
     from palpate.launch.stepping import Tick
     from palpate.physics.errors import PalpateError
     from palpate.records.samples import RecordedStream, Samples
@@ -39,43 +40,8 @@ _HOMES = {
     "RecordedStream": "palpate.records.samples",
     "Study": "palpate.studies.sweeps.study",
     "Tick": "palpate.launch.stepping",
+    "run": "palpate.launch.calling",
 }
-
-
-def run(
-    graph: str | Path = "kidney",
-    *,
-    record: str | Path | None = None,
-    duration: float | str | None = None,
-    scene: str | None = None,
-    clock: str | None = None,
-    place: str | Path | None = None,
-    sets: Sequence[str] = (),
-    sensitivity: Sequence[str] = (),
-    **nodes: str | Mapping[str, Any],
-) -> Run:
-    """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
-
-    graph     launch file or graph: one that ships, or a path
-    record    file of the recording; left out: a new one below runs/
-    duration  [s] of the graph's clock, or a text with a unit
-    scene     in place of the graph's own
-    clock     simulated or real
-    place     "fused", or a placement file; left out: on simulated time this process runs all nodes, which gives the
-              same bytes as any other placement, else each node is a process of its own
-    sets      single values as after `--set`: "tissue.stiffness=2e3"
-    sensitivity  parameters by which the contact is differentiated afterwards, "scene.tissue.young": `run.sensitivity`
-              has of each the derivatives of force, compression and indentation, along the finger's path
-    nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
-
-    PalpateError: what is wrong with the graph, or which node failed. OSError: the recording cannot be written.
-    """
-    from palpate.launch.calling import run_and_open
-
-    return run_and_open(
-        graph, record=record, duration=duration, scene=scene, clock=clock, place=place, sets=sets, nodes=nodes,
-        sensitivity=sensitivity,
-    )  # fmt: skip
 
 
 def steps(

@@ -131,11 +131,9 @@ def sources(recording: Recording, planned: Plan) -> list[str]:
     paced = [name for name in planned.order if planned.graph.nodes[name].cls.paced]
     for name in paced:
         for stream in planned.graph.nodes[name].streams:
-            given = recording.streams.get(stream)
-            if given is None or given.thin > 1:
-                what = "was left out of the recording" if given is None else "was thinned out"
+            if lack := recording.lack(stream):
                 raise RecordingError(
-                    f"{recording.path}: the stream {stream!r} of the source {name!r}, which drives the graph, {what}; "
+                    f"{recording.path}: the stream {stream!r} of the source {name!r}, which drives the graph, {lack}; "
                     "the other streams can be read and exported (`palpate info`, `echo`, `export`)"
                 )
     return paced

@@ -11,7 +11,7 @@ import numpy as np
 from palpate.engine.health import Histogram
 from palpate.engine.imports import full_name
 from palpate.engine.plan import Plan
-from palpate.engine.slot import Slot
+from palpate.engine.slot import Output
 from palpate.messages import Contact, Force, Message, Surface
 from palpate.records.changed import changed, no_idle, sources
 from palpate.records.instants import instants, last_tick
@@ -108,7 +108,7 @@ def compare(
         players.append(Player(recording, variant.plan, running, live=True))
     present = recording.ticks()
     last = last_tick(present)
-    streams = [_Streams(variant.plan, player) for variant, player in zip(computed, players, strict=True)]
+    outputs = [_outputs(player) for player in players]
     every = max(1, last // POINTS)
     collects = gc.isenabled()
     try:
@@ -116,13 +116,13 @@ def compare(
             player.start()
         gc.disable()  # collections would show as steps of milliseconds
         for tick, payloads in instants(recording, present):
-            for variant, player, own in zip(computed, players, streams, strict=True):
+            for variant, player in zip(computed, players, strict=True):
                 before = sum(part.slot.health.step.total for part in player.parts)
                 if player.step(tick, payloads):
                     variant.whole.add(sum(part.slot.health.step.total for part in player.parts) - before)
-                own.take(tick)
-            for variant, own in zip(computed, streams, strict=True):
-                _hold_against(variant, own, streams[0], tick % every == 0)
+            sent = [[_sent(own, kind, tick) for kind in (Force, Contact, Surface)] for own in outputs]
+            for variant, own in zip(computed, sent, strict=True):
+                _hold_against(variant, own, sent[0], tick % every == 0)
             on_tick(players)
             if not tick % 256:
                 show(tick, last)
@@ -150,40 +150,27 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
     return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)
 
 
-class _Streams:
-    """The last messages of one variant that are compared, found by their type."""
-
-    def __init__(self, plan: Plan, player: Player) -> None:
-        self.slots: dict[type[Message], tuple[Slot, int]] = {}
-        for part in player.parts:
-            kinds = plan.graph.nodes[part.name].streams
-            for index, kind in enumerate(kinds.values()):
-                self.slots.setdefault(kind, (part.slot, index))
-        self.force: Force | None = None
-        self.contact: Contact | None = None
-        self.surface: Surface | None = None
-
-    def take(self, tick: int) -> None:
-        """What was sent at this tick."""
-        self.force, self.contact, self.surface = (self._sent(kind, tick) for kind in (Force, Contact, Surface))
-
-    def _sent(self, kind: type[Message], tick: int) -> Any:
-        if kind not in self.slots:
-            return None
-        slot, index = self.slots[kind]
-        message = slot.outputs[index].last
-        return message if message is not None and message.tick == tick else None
+def _outputs(player: Player) -> dict[type[Message], Output]:
+    """The first output of each message type."""
+    every = [output for part in player.parts for output in part.slot.outputs]
+    return {output.kind: output for output in reversed(every)}
 
 
-def _hold_against(variant: Variant, own: _Streams, other: _Streams, draw: bool) -> None:
-    force, contact = own.force, own.contact
-    if force is not None and other.force is not None:
-        variant.force.add(math.dist(force.force, other.force.force), math.hypot(*other.force.force))
-    if contact is not None and other.contact is not None:
-        depth = other.contact.indentation
+def _sent(outputs: dict[type[Message], Output], kind: type[Message], tick: int) -> Any:
+    message = outputs[kind].last if kind in outputs else None
+    return message if message is not None and message.tick == tick else None
+
+
+def _hold_against(variant: Variant, own: list[Any], other: list[Any], draw: bool) -> None:
+    """Compare what was sent at one tick: Force, Contact and Surface, each None where there was none."""
+    (force, contact, surface), (other_force, other_contact, other_surface) = own, other
+    if force is not None and other_force is not None:
+        variant.force.add(math.dist(force.force, other_force.force), math.hypot(*other_force.force))
+    if contact is not None and other_contact is not None:
+        depth = other_contact.indentation
         variant.indentation.add(abs(contact.indentation - depth), depth)
-    if own.surface is not None and other.surface is not None:
-        variant.shape.add(*_shapes(own.surface, other.surface))
+    if surface is not None and other_surface is not None:
+        variant.shape.add(*_shapes(surface, other_surface))
     sent = force or contact
     if draw and sent is not None:
         size = math.hypot(*sent.force) if isinstance(sent, Force) else sent.force

@@ -1,11 +1,13 @@
-"""Computing what a recording of sources does not hold, and holding it against its checks.
+"""Complete recordings: of one that was cut off or damaged, and of one that holds its sources only, by computing the
+rest and holding it against its checks.
 
-Such a recording has the messages of the sources, and of each other stream one every 0.2 s. On the simulated clock the
-rules of that clock say what each step used; of a run on the real clock the file holds the heads of all messages, which
-say it.
+A recording of sources has the messages of the sources, and of each other stream one every 0.2 s. On the simulated clock
+the rules of that clock say what each step used; of a run on the real clock the file holds the heads of all messages,
+which say it.
 """
 
 import json
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -131,15 +133,14 @@ class _Filling:
         """Hold what was computed against what is stored of this tick; whether there was any, and all agreed."""
         whole = {name: data for name, data in payloads.items() if name in self.player.computed and not is_head(data)}
         for part in self.player.parts:
-            if whole.keys() & set(part.streams):
-                self._compare(part, tick, whole, sent)
+            self._compare(part, tick, whole, sent)
         return bool(whole) and self.report.first is None
 
     def _compare(self, part: Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
-        own = self.report.nodes[part.name]
         for output in part.slot.outputs:
             if output.stream not in whole:
                 continue
+            own = self.report.nodes[part.name]
             own.checked += 1
             message = output.last
             if output.stream not in sent or message is None:
@@ -186,3 +187,51 @@ def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tup
 def write_json(writer: McapWriter, name: str, data: dict[str, Any]) -> None:
     """Metadata, each value of them as JSON."""
     writer.add_metadata(name, {key: json.dumps(value) for key, value in data.items()})
+
+
+def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
+    """Write what can be read of a recording to a complete file, with its index.
+
+    out  None: beside the file, with `-recovered` in its name
+
+    Returns the new file and the number of messages per stream. RecordingError: there is nothing to recover.
+    """
+    recording = Stored(path)
+    target = _target(path, out, "recovered")
+    counts = dict.fromkeys(recording.streams, 0)
+    part = target.with_name(target.name + ".part")
+    with open(part, "wb") as file:
+        writer, channels = begin_copy(recording, file, {**recording.about, "recovered_from": str(path)})
+        for name, tick, time, payload in recording.raw():
+            writer.add_message(channels[name], tick, time, payload)
+            counts[name] += 1
+        if recording.counts and recording.complete:  # what was lost on the way is only known for a whole run
+            write_json(writer, "palpate.counts", recording.counts)
+        writer.finish()
+    os.replace(part, target)
+    return target, counts
+
+
+def recover_full(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int], Report]:
+    """Write a recording of sources with all messages, as far as they agree with its checks; also how these came out.
+
+    out  None: beside the file, with `-full` in its name
+
+    RecordingError: it holds all messages, or cannot be computed.
+    """
+    if not Stored(path).as_whole():
+        raise RecordingError(f"{path} holds all messages; `palpate recover` without --full mends one that is cut off")
+    target = _target(path, out, "full")
+    part = target.with_name(target.name + ".part")
+    with open(part, "wb") as file:
+        report, counts = fill(path, file)
+    os.replace(part, target)
+    return target, counts, report
+
+
+def _target(path: Path, out: Path | None, what: str) -> Path:
+    target = out or path.with_name(f"{path.stem}-{what}{path.suffix}")
+    if target.exists():
+        raise RecordingError(f"{target} exists; name another file with --out")
+    target.parent.mkdir(parents=True, exist_ok=True)
+    return target

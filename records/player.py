@@ -105,17 +105,16 @@ class Player:
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
 
     def _check_input(self, part: Part, port: Input) -> None:
-        stream = self.recording.streams.get(port.stream)
-        if port.stream in self.computed or (stream is not None and (stream.thin == 1 or not self.live)):
+        lack = self.recording.lack(port.stream)
+        if port.stream in self.computed or not lack:
             return
-        if not self.live:
-            part.broken = f"stream {port.stream!r}, which it reads, was left out of the recording"
-            return
-        what = "was left out of the recording" if stream is None else "was thinned out"
-        raise RecordingError(
-            f"node {part.name!r} reads the stream {port.stream!r}, which {what}. Let {port.producer!r} run as well "
-            f"(--only ... {port.producer}), or replay the whole graph."
-        )
+        if self.live:
+            raise RecordingError(
+                f"node {part.name!r} reads the stream {port.stream!r}, which {lack}. Let {port.producer!r} run as well "
+                f"(--only ... {port.producer}), or replay the whole graph."
+            )
+        if port.stream not in self.recording.streams:
+            part.broken = f"stream {port.stream!r}, which it reads, {lack}"
 
     def start(self) -> None:
         """Start all nodes. NodeError: one raised."""
@@ -174,7 +173,10 @@ class Player:
             messages.append(message)
         if head is None and messages and messages[0] is not None and messages[0].tick == tick:
             now = messages[0].time
-        self._restart(part, tick)
+        due = self.restarts.get(part.name)
+        if due and tick >= due[0]:  # where the node was started again in the run, with a new state, so it is here
+            due.pop(0)
+            part.slot.restart()
         part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
         return True
 
@@ -204,13 +206,6 @@ class Player:
             return message
         limit = needed(tick, port.every, port.loop)
         return None if limit < 0 else history.newest(limit, reader)
-
-    def _restart(self, part: Part, tick: int) -> None:
-        """Where the node was started again in the run, with a new state, so it is here."""
-        due = self.restarts.get(part.name)
-        if due and tick >= due[0]:
-            due.pop(0)
-            part.slot.restart()
 
 
 def _every(plan: Plan, node: str) -> int | None:

@@ -61,7 +61,11 @@ class Replay:
                 if name not in plan.order:
                     raise RecordingError(f"there is no running node {name!r}; nodes: {', '.join(plan.order)}")
         self.present = recording.ticks()
-        self.observers = [] if out is None else [self._logger(out)]
+        self.observers: list[ObserverSlot] = []
+        if out is not None:
+            if out.exists() and out.samefile(recording.path):
+                raise RecordingError(f"{out} is the file that is replayed; name another one")
+            self.observers.append(self._listening("log", Mcap(path=str(out)), list(self._streams())))
         self.observers += self._viewers()
         self.producers = {s: name for name in plan.order for s in plan.graph.nodes[name].streams}
         self.reports: dict[str, NodeReport] = {}
@@ -144,11 +148,6 @@ class Replay:
             for stream, kind in graph.nodes[name].streams.items():
                 if name in self.running or stream in self.recording.streams:
                     yield Stream(stream, kind, name, graph.nodes[name].every)
-
-    def _logger(self, out: Path) -> ObserverSlot:
-        if out.exists() and out.samefile(self.recording.path):
-            raise RecordingError(f"{out} is the file that is replayed; name another one")
-        return self._listening("log", Mcap(path=str(out)), list(self._streams()))
 
     def _viewers(self) -> Iterator[ObserverSlot]:
         """Observers of the graph other than loggers: what is felt again can be seen again."""

@@ -167,12 +167,8 @@ class Stored:
         entries = metadata.metadata
         try:
             match metadata.name:
-                case "palpate.about":
-                    self.about = {key: json.loads(value) for key, value in entries.items()}
-                case "palpate.counts":
-                    self.counts = {key: json.loads(value) for key, value in entries.items()}
-                case "palpate.times":
-                    self.times = {key: json.loads(value) for key, value in entries.items()}
+                case "palpate.about" | "palpate.counts" | "palpate.times" as name:
+                    setattr(self, name.partition(".")[2], {key: json.loads(value) for key, value in entries.items()})
                 case "palpate.restarted":
                     self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
         except (ValueError, KeyError, RecursionError) as error:
@@ -232,7 +228,7 @@ class Stored:
     def payloads(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
         """Stream, time [ns] and wire bytes of each message of these streams (of all, if none is named), in the
         order in which they were recorded."""
-        wanted = set(self._known(names) or self.streams)
+        wanted = {self.known(name).name for name in names} or set(self.streams)
         for name, _, time, payload in self.raw():
             if name in wanted:
                 yield name, time, payload
@@ -257,13 +253,10 @@ class Stored:
 
     def messages(self, name: str) -> Iterator[Message]:
         """The messages of one stream. RecordingError: no such stream, or bytes that do not fit its type."""
-        (name,) = self._known((name,))
-        kind = self.streams[name].type
-        for _, _, payload in self.payloads(name):
-            try:
-                yield unpack(payload, kind)
-            except MessageError as error:
-                raise RecordingError(f"{self.path}: stream {name!r}: {error}") from None
+        kind = self.known(name).type
+        for stream, tick, _, payload in self.raw():
+            if stream == name:
+                yield self.decoded(name, tick, payload, kind)
 
     def columns(self, name: str) -> dict[str, np.ndarray]:
         """Time [s], tick and all numbers and vectors of one stream, one row a message; fields with arrays of
@@ -288,13 +281,15 @@ class Stored:
             raise RecordingError(f"{self.path}: stream {name!r}, tick {tick}: {error}") from None
 
     def stream_of(self, kind: type[Message]) -> str | None:
-        """The first stream of this message type, None where there is none."""
-        return next(iter(self.streams_of(kind)), None)
-
-    def streams_of(self, kind: type[Message]) -> list[str]:
-        """The streams of this message type, in the order of the graph."""
+        """The first stream of this message type, in the order of the graph; None where there is none."""
         wanted = full_name(kind)
-        return [name for name, stream in self.streams.items() if stream.schema["class"] == wanted]
+        return next((name for name, stream in self.streams.items() if stream.schema["class"] == wanted), None)
+
+    def lack(self, name: str) -> str:
+        """Why not every message of a stream is there; empty where it is."""
+        if name not in self.streams:
+            return "was left out of the recording"
+        return "was thinned out" if self.streams[name].thin > 1 else ""
 
     def rename(self, old: str, new: str, producer: str) -> None:
         """Call a stream otherwise, as if this node had sent it."""
@@ -303,14 +298,9 @@ class Stored:
 
     def known(self, name: str) -> Channelled:
         """The stream of this name. RecordingError: there is none; names the nearest."""
-        return self.streams[self._known((name,))[0]]
-
-    def _known(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        for name in names:
-            if name not in self.streams:
-                close = choices("Streams", name, self.streams)
-                raise RecordingError(f"{self.path}: no stream {name!r}. {close}")
-        return names
+        if name not in self.streams:
+            raise RecordingError(f"{self.path}: no stream {name!r}. {choices('Streams', name, self.streams)}")
+        return self.streams[name]
 
 
 def _size(record: Schema | Channel | Metadata) -> int:

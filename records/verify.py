@@ -81,10 +81,8 @@ def verify(
 def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
     """Why not all steps of a node can be seen in the file; empty where they can."""
     for stream in streams:
-        if stream not in recording.streams:
-            return f"stream {stream!r} was left out of the recording"
-        if recording.streams[stream].thin > 1:
-            return f"stream {stream!r} was thinned out"
+        if lack := recording.lack(stream):
+            return f"stream {stream!r} {lack}"
         lost = recording.counts.get(stream, {}).get("lost", 0)
         if lost:
             return f"the recording lost {lost} messages of stream {stream!r}, so the node's steps are not all known"

@@ -114,7 +114,6 @@ def _rule(planned: Plan, name: str, able: list[tuple[str, Effect]], on: bool) ->
 
 
 def _readers(planned: Plan, node: str, effect: Effect, on: bool) -> str:
-    """Who reads a part of a node's message."""
     names = " or ".join(effect.fields)
     if not on:
         return f"output unused: {names}"

@@ -7,7 +7,8 @@ import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from types import ModuleType
+from types import ModuleType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 import palpate.nodes
 from palpate.engine.faults import choices, nearest
@@ -40,11 +41,6 @@ class Entry:
 
     use: str
     cls: type[Node]
-
-    @property
-    def about(self) -> str:
-        """First sentence of the class's docstring."""
-        return summary(self.cls)
 
 
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
@@ -86,7 +82,9 @@ def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            known = choices("Modules of palpate", name.partition(".")[0], _node_modules())
+            entries, missed = catalogue()  # a module that misses a package has classes, too
+            modules = sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missed))
+            known = choices("Modules of palpate", name.partition(".")[0], modules)
             cure = f"{known} Looked in {here} and the Python path, too."
             text = f"use: {use!r}: module {name!r} not found"
             raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
@@ -153,12 +151,6 @@ def shipped_modules() -> list[str]:
     return [name for file in files(palpate.nodes) if (name := file.rpartition(".")[2]) != "base"]
 
 
-def _node_modules() -> list[str]:
-    """The modules in which the catalogue has classes, or may have, where a package is missing."""
-    entries, missing = catalogue()
-    return sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missing))
-
-
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
     """All node classes that ship, and those of the modules that other distributions register as entry points of the
@@ -170,7 +162,7 @@ def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
             module = importlib.import_module(f"{SHIPPED}.{name}")
             offered = classes(module)
         except ImportError as error:
-            missing[name] = str(_missing(name, error).cure or error)
+            missing[name] = str(error)
             continue
         for cls in offered:
             if cls.__module__.startswith(module.__name__):
@@ -206,3 +198,44 @@ def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
         close = nearest(use, [e.use for e in catalogue()[0]])
         return f"Did you mean {' or '.join(close)}?" if close else ""
     return " ".join(f"Classes that send {k.__name__}: {', '.join(senders(k)) or 'none'}." for k in kinds)
+
+
+def describe(use: str, cls: type[Node]) -> dict[str, Any]:
+    """A node class as plain data: ports, settings, units, first sentence of its docstring."""
+    observer = issubclass(cls, Observer)
+    return {
+        "use": use,
+        "about": summary(cls),
+        "source": cls.paced,
+        "sink": cls.sink,
+        "observer": observer,
+        "inputs": [
+            {"name": p.name, "type": p.expects, "optional": p.optional, "drives": i == 0 and not cls.paced}
+            for i, p in enumerate(() if observer else inputs(cls))
+        ],
+        "outputs": [kind.__name__ for kind in sent_by(cls)],
+        "settings": [
+            {"name": s.name, "unit": s.unit, "type": _type(s.type), "limits": _limits(s.type),
+             "default": None if s.default is ... else s.default, "required": s.default is ...}
+            for s in settings(cls).values()
+        ],
+    }  # fmt: skip
+
+
+def _type(hint: Any) -> str:
+    """A setting's type as a user writes it: "float", "steel or silicone", "float or none"."""
+    plain = getattr(hint, "__origin__", hint) if hasattr(hint, "__metadata__") else hint
+    if get_origin(plain) is Literal:
+        return " or ".join(map(str, get_args(plain)))
+    if get_origin(plain) in (Union, UnionType):
+        return " or ".join("none" if member is type(None) else _type(member) for member in get_args(plain))
+    return plain.__name__ if isinstance(plain, type) and not hasattr(plain, "__args__") else str(plain)
+
+
+def _limits(hint: Any) -> str:
+    """The bounds of a setting, "> 0, <= 1"."""
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "min_length": "length >=", "max_length": "length <="}
+    said = [
+        (sign, getattr(meta, key, None)) for meta in getattr(hint, "__metadata__", ()) for key, sign in signs.items()
+    ]
+    return ", ".join(f"{sign} {limit}" for sign, limit in said if limit is not None)

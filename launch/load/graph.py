@@ -14,11 +14,11 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.demand import missing_senders
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
+from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.pressing import Pressing
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
@@ -273,7 +273,6 @@ def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: F
 
 
 def _listen(name: str, line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
-    """The streams that an observer asks for."""
     given = line.data.get("in")
     if given == "all":
         return None

@@ -49,8 +49,6 @@ class _Run(msgspec.Struct):
 
 
 class _Launch(_Run, kw_only=True):
-    """What a launch file says."""
-
     graph: _FileName
 
 

@@ -34,7 +34,10 @@ def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
             triangles = outward(vertices, triangles)
             shared = edge_counts(triangles, len(vertices))[1]
     if shared or crossing(vertices, triangles):
-        vertices, triangles = _anew(vertices, triangles)
+        from palpate.models.fe.meshing.tetwild import solid  # its package is an extra
+
+        surface = solid(Mesh(vertices, triangles))[1]
+        vertices, triangles = surface.vertices, surface.triangles
         done.append("surface rebuilt without self-intersections")
     border, shared = edge_counts(triangles, len(vertices))
     if border or shared:
@@ -63,10 +66,3 @@ def _closed(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np
     middle = np.stack([np.bincount(hole, vertices[rim, i]) for i in range(3)], axis=1) / np.bincount(hole)[:, None]
     fan = np.column_stack([border[:, ::-1], len(vertices) + hole[ends[:, 0]]]).astype(np.int32)
     return np.concatenate([vertices, middle]), np.concatenate([triangles, fan]), holes
-
-
-def _anew(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    from palpate.models.fe.meshing.tetwild import solid  # its package is an extra
-
-    surface = solid(Mesh(vertices, triangles))[1]
-    return surface.vertices, surface.triangles

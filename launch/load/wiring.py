@@ -1,10 +1,10 @@
 """The edges: the inputs of every node, their types, and which edges close a loop."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
 
@@ -52,64 +52,54 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
     kinds    streams with their types, by node
     unclear  nodes whose class is not known because of another fault
     """
-    ports = inputs(cls)
-    given = line.data.get("in")
-    place = line.place("in")
+    ports, place, given = inputs(cls), line.place("in"), line.data.get("in")
+    names, fault = [port.name for port in ports], partial(faults.add, node=name)
     if given is None:
         given = {}
     if not isinstance(given, dict):
-        example = ", ".join(f"{p.name}: ..." for p in ports)
-        faults.add(f"in: found {given!r}, expected a mapping of input to sender: {{{example}}}",
-                   "`in: all` and lists are for observers (loggers, viewers).", place, node=name)  # fmt: skip
+        example = ", ".join(f"{port}: ..." for port in names)
+        text = f"in: found {given!r}, expected a mapping of input to sender: {{{example}}}"
+        fault(text, "`in: all` and lists are for observers (loggers, viewers).", place)
         return []
-    names = [p.name for p in ports]
     for key in given:
         if key not in names:
             text, cure = unknown(line.place("in", key), f"in: {{{key}: null}}")
-            faults.add(text, f"{choices(f'Inputs of {cls.__name__}', key, names)}{cure}", line.place("in", key),
-                       node=name, port=key)  # fmt: skip
+            fault(text, choices(f"Inputs of {cls.__name__}", key, names) + cure, line.place("in", key), port=key)
     if not ports and not cls.paced:
-        faults.add(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.",
-                   line.place(), node=name)  # fmt: skip
+        fault(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.", line.place())
     connections = []
     for index, port in enumerate(ports):
-        driving = index == 0 and not cls.paced
-        if given.get(port.name) in (None, []):
+        driving, at_port = index == 0 and not cls.paced, partial(fault, port=port.name)
+        said = given.get(port.name)
+        if said in (None, []):
             if driving or not port.optional:
                 role = ", which drives the node," if driving else ""
-                fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
-                faults.add(f"input{role} has no sender; expects {port.expects}", _who(port, fit, unclear), place,
-                           node=name, port=port.name)  # fmt: skip
+                at_port(f"input{role} has no sender; expects {port.expects}", _who(port, kinds, unclear), place)
             continue
-        several = given[port.name] if isinstance(given[port.name], list) else [given[port.name]]
+        several = said if isinstance(said, list) else [said]
         if len(several) > 1 and not port.many:
-            faults.add(f"takes one {port.type.__name__}, found {len(several)} senders",
-                       f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}.",
-                       line.place("in", port.name), node=name, port=port.name)  # fmt: skip
+            cure = f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}."
+            at_port(f"takes one {port.type.__name__}, found {len(several)} senders", cure, line.place("in", port.name))
             continue
         heard: set[str] = set()
         for number, one in enumerate(several):
             where = line.place("in", port.name, number)
-            sender, named = _sender(name, port, one, where, faults)
-            if sender is None:
-                continue
-            stream = _match(name, port, sender, kinds, unclear, where, faults)
-            if stream is None:
+            told = partial(at_port, place=where)
+            written = YamlSource(one if isinstance(one, dict) else {"from": one}, {(): where})
+            read = fill(_Input, written, faults, node=name, port=port.name)
+            stream = None if read is None else _match(port, read.sender, kinds, unclear, told)
+            if read is None or stream is None:
                 continue
             if stream in heard:
-                faults.add(f"has the sender {sender!r} twice", "Name each sender once.", where,
-                           node=name, port=port.name)  # fmt: skip
+                told(f"has the sender {read.sender!r} twice", "Name each sender once.")
                 continue
             heard.add(stream)
-            if named and driving:
-                faults.add("loop: the first input drives the node and cannot be held",
-                           "Name another edge of the loop.", where, node=name, port=port.name)  # fmt: skip
-            held = cls.paced or bool(named and not driving)
-            if named is False and cls.paced:
-                text = "loop: all inputs of a source are held"
-                faults.add(text, "Leave `loop` out.", where, node=name, port=port.name)
-            producer = stream.partition(".")[0]
-            connections.append(Wire(name, port, producer, stream, where, driving, held, named))
+            if read.loop and driving:
+                told("loop: the first input drives the node and cannot be held", "Name another edge of the loop.")
+            if read.loop is False and cls.paced:
+                told("loop: all inputs of a source are held", "Leave `loop` out.")
+            held = cls.paced or bool(read.loop and not driving)
+            connections.append(Wire(name, port, stream.partition(".")[0], stream, where, driving, held, read.loop))
     return connections
 
 
@@ -120,31 +110,19 @@ def unknown(place: Location, without: str) -> tuple[str, str]:
     return f"unknown; it is from the line of the class before ({place.before})", f" Without it: `{without}`."
 
 
-def _sender(name: str, port: Port, given: Any, place: Location, faults: Faults) -> tuple[str | None, bool | None]:
-    """The sender's name and what the file says of `loop`."""
-    line = YamlSource(given if isinstance(given, dict) else {"from": given}, {(): place})
-    read = fill(_Input, line, faults, node=name, port=port.name)
-    return (None, None) if read is None else (read.sender, read.loop)
-
-
-def _match(
-    name: str, port: Port, sender: str, kinds: Kinds, unclear: set[str], place: Location,
-    faults: Faults,
-) -> str | None:  # fmt: skip
+def _match(port: Port, sender: str, kinds: Kinds, unclear: set[str], fault: Callable[[str, str], None]) -> str | None:
     """The sender's stream that fits the port."""
-    fault = partial(faults.add, place=place, node=name, port=port.name)
     node, _, message = sender.partition(".")
     expects = f"expects {port.type.__name__}"
-    fit = [s for own in kinds.values() for s, kind in own.items() if issubclass(kind, port.type)]
     if node in unclear:
         return None
     if node not in kinds:
-        cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, fit, unclear)}".strip()
+        cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, kinds, unclear)}".strip()
         fault(f"{expects}; there is no node {node!r}", cure)
         return None
     own = kinds[node]
     if not own:
-        fault(f"{expects}, but {node!r} sends nothing", _who(port, fit, unclear))
+        fault(f"{expects}, but {node!r} sends nothing", _who(port, kinds, unclear))
         return None
     if message and message not in {kind.__name__ for kind in own.values()}:
         sends = [kind.__name__ for kind in own.values()]
@@ -154,16 +132,16 @@ def _match(
     right = [s for s in named if issubclass(own[s], port.type)]
     if not right:
         what = ", ".join(own[s].__name__ for s in named)
-        fault(f"{expects}, but {sender!r} sends {what}", _who(port, fit, unclear))
+        fault(f"{expects}, but {sender!r} sends {what}", _who(port, kinds, unclear))
         return None
     if len(right) > 1:
         fault(f"{expects}, and {node!r} sends several", f"Write one of: {', '.join(right)}.")
     return right[0]
 
 
-def _who(port: Port, fit: list[str], unclear: set[str]) -> str:
+def _who(port: Port, kinds: Kinds, unclear: set[str]) -> str:
     kind = port.type.__name__
-    if fit:
+    if fit := [s for own in kinds.values() for s, sent in own.items() if issubclass(sent, port.type)]:
         return f"Nodes that send {kind}: {', '.join(fit)}."
     if unclear:
         return ""  # one of the nodes whose class is not found may send it

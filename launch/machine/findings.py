@@ -12,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from palpate.engine.provenance import package_version
 from palpate.physics.extras import EXTRAS, install
 
 TUNING = (
@@ -20,6 +21,7 @@ TUNING = (
 )
 HELD = 0.5e-3  # [s] lateness up to which a millisecond is held
 
+MESA = "Install Mesa (libosmesa6 or libegl1)."
 _PICTURE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True); p.add_mesh(pv.Sphere()); p.screenshot(return_img=True)"
 )
@@ -44,7 +46,7 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]
     pictures  try to draw one, which takes seconds
     seconds   [s] for which wake-ups are watched, once without and once with real-time priority; 0: not at all
     """
-    yield _python()
+    yield Finding("python", "ok", platform.python_version())
     yield from _packages()
     if pictures:
         yield _pictures()
@@ -57,40 +59,23 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]
     yield from _usb()
 
 
-def _python() -> Finding:
-    version = platform.python_version()
-    right = sys.version_info >= (3, 11)
-    return Finding("python", "ok" if right else "fault", version, "" if right else "Install Python 3.11 or newer.")
-
-
 def _packages() -> Iterator[Finding]:
+    import zmq
+
+    more = {"pyzmq": f", ZeroMQ {zmq.zmq_version()}"}
     for line in importlib.metadata.requires("palpate") or []:
         if "extra ==" in line:
             continue
         name = re.split(r"[\s<>=!~;\[]", line, maxsplit=1)[0]
-        version = _version(name)
-        detail = f"{version}, ZeroMQ {_zeromq()}" if version and name == "pyzmq" else version
-        yield Finding(
-            name, "ok" if version else "fault", detail or "not installed", "" if version else f"pip install {name}"
-        )
+        if version := package_version(name):
+            yield Finding(name, "ok", version + more.get(name, ""))
+        else:
+            yield Finding(name, "fault", "not installed", f"pip install {name}")
     for extra, packages in EXTRAS.items():
-        versions = {name: _version(name) for name in packages}
+        versions = {name: package_version(name) for name in packages}
         lacking = [name for name, version in versions.items() if version is None]
         listing = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
         yield Finding(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
-
-
-def _version(name: str) -> str | None:
-    try:
-        return importlib.metadata.version(name)
-    except importlib.metadata.PackageNotFoundError:
-        return None
-
-
-def _zeromq() -> str:
-    import zmq
-
-    return zmq.zmq_version()
 
 
 def _pictures() -> Finding:
@@ -100,13 +85,10 @@ def _pictures() -> Finding:
         return Finding(what, "note", "pyvista is not installed", install("view"))
     try:
         run = subprocess.run([sys.executable, "-c", _PICTURE], capture_output=True, timeout=60)
+        why = f"cannot be drawn (exit code {run.returncode})" if run.returncode else ""
     except subprocess.TimeoutExpired:
-        return Finding(what, "note", "no picture within 60 s", "Install Mesa (libosmesa6 or libegl1).")
-    if run.returncode == 0:
-        return Finding(what, "ok", "can be drawn")
-    return Finding(
-        what, "note", f"cannot be drawn (exit code {run.returncode})", "Install Mesa (libosmesa6 or libegl1)."
-    )
+        why = "no picture within 60 s"
+    return Finding(what, "note" if why else "ok", why or "can be drawn", MESA if why else "")
 
 
 def _cores() -> Finding:
@@ -164,7 +146,7 @@ def _libusb() -> Iterator[Finding]:
     """pyusb is a door to a library of the system."""
     import ctypes.util
 
-    if _version("pyusb") is None:
+    if package_version("pyusb") is None:
         return
     library = ctypes.util.find_library("usb-1.0")
     yield Finding("libusb", "ok" if library else "note", library or "not on this machine: the Falcon cannot be reached",
@@ -175,14 +157,8 @@ def _wake_ups(seconds: float) -> Iterator[Finding]:
     """Whether this machine wakes a process in time for 1 kHz, as any process and with real-time priority."""
     from palpate.launch.machine.lateness import PRIORITY, measure, words
 
-    plain = measure(seconds, None)
-    assert plain is not None
-    held = plain.p999 < HELD
-    cure = "" if held else "Real-time priority (SCHED_RR above) removes most of it; so does an idle machine."
-    yield Finding("wake-ups", "ok" if held else "note", words(plain), cure)
-    first = measure(seconds, PRIORITY)
-    if first is None:
-        return
-    held = first.p999 < HELD
-    cure = "" if held else TUNING
-    yield Finding("wake-ups, SCHED_RR", "ok" if held else "note", words(first), cure)
+    idle = "Real-time priority (SCHED_RR above) removes most of it; so does an idle machine."
+    for what, priority, cure in (("wake-ups", None, idle), ("wake-ups, SCHED_RR", PRIORITY, TUNING)):
+        if (late := measure(seconds, priority)) is not None:
+            held = late.p999 < HELD
+            yield Finding(what, "ok" if held else "note", words(late), "" if held else cure)

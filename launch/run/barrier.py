@@ -52,8 +52,3 @@ class Barrier:
                 address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
                 sources.append(OutletAddress(group, address, tuple(streams), outlet == "observers", other.secured))
         self._control.tell(member.job.group, Connect(tuple(sources), listeners(member.job, others)))
-
-    def link_all(self) -> None:
-        """Tell all of them."""
-        for member in self._members.values():
-            self.link(member)

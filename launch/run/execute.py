@@ -104,7 +104,10 @@ def execute(
     clock = _clock(launch, planned)
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
-    crowded = fit_cores and launch.place is None and clock == "real" and _crowded(planned)
+    crowded = False
+    if fit_cores and launch.place is None and clock == "real":
+        # With more nodes on the force path than cores they wait for one another: on two, nine do not keep 1 kHz.
+        crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
     ticks = None if launch.duration is None else max(1, round(launch.duration * graph.rate))
@@ -172,12 +175,6 @@ def execute(
     return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
 
 
-def _crowded(planned: Plan) -> bool:
-    """Whether the force path has more nodes than this process may use cores: then they wait for one another, and on two
-    cores nine processes do not keep 1 kHz."""
-    return len(force_path(planned)) > len(os.sched_getaffinity(0))
-
-
 def _clock(launch: LaunchFile, planned: Plan) -> str:
     """The clock of a run: the real one with hardware. GraphError: hardware on the simulated one."""
     hardware = [name for name in planned.order if planned.graph.nodes[name].cls.hardware]
@@ -226,7 +223,6 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
 
 
 def _check_writable(file: Path) -> None:
-    """OSError: the recording cannot be written there."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         if file.is_dir():
@@ -238,7 +234,6 @@ def _check_writable(file: Path) -> None:
 
 
 def _is_here(host: str | None) -> bool:
-    """Whether a group's host is this machine."""
     if host is None:
         return True
     name = host.removeprefix("tcp://").partition(":")[0]

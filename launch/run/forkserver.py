@@ -180,7 +180,6 @@ def _keep(end: socket.socket, request: Start, tell: int) -> NoReturn:
 
 
 def _work(request: Start) -> NoReturn:
-    """The worker: run the job and exit."""
     code = 1
     try:
         die_with_parent()

@@ -37,6 +37,8 @@ BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
 MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
+LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
+"""[s] for which a worker may be silent in these states: two of them wait for the others, and have nothing to say."""
 
 
 class Launcher:
@@ -230,18 +232,14 @@ class Launcher:
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
-                self._left(member)
+                if member.joined:  # no process here shows its end: its last report does
+                    self._is_gone(member)
 
     def _progress(self, report: reports.Alive) -> bool:
         """Whether observers, to whom nobody sends any more, still take what was sent."""
         return any(
             self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
         )
-
-    def _left(self, member: WorkerHandle) -> None:
-        """A worker on another machine has no process here whose end could be seen: its last report is its end."""
-        if member.joined:
-            self._is_gone(member)
 
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
         if not self._barrier.ready(member, report):
@@ -253,7 +251,8 @@ class Launcher:
             self._barrier.link(member)
         elif self._barrier.all("ready"):
             self.phase = "linking"
-            self._barrier.link_all()
+            for each in self.members.values():
+                self._barrier.link(each)
 
     def _linked(self, member: WorkerHandle) -> None:
         member.state = "linked"
@@ -372,12 +371,6 @@ class Launcher:
         if gone is not None:
             self._died(gone[0], reports.NodeFault("", "stream", gone[1]))
 
-    def _limit(self, member: WorkerHandle) -> float:
-        """For how long [s] a worker that was not stopped may be silent."""
-        if member.state in ("ready", "linked"):  # it waits for the others, and has nothing to say
-            return math.inf
-        return START_PATIENCE if member.state == "starting" else self.patience
-
     def _check_hung(self) -> None:
         """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""
         for group, member in self.members.items():
@@ -387,7 +380,7 @@ class Launcher:
             if silence <= self.patience:
                 continue
             halted = member.pid is not None and stopped(member.pid)
-            limit = self.patience if halted else self._limit(member)
+            limit = self.patience if halted else LIMITS.get(member.state, self.patience)
             if silence <= limit:
                 continue
             how = "it was stopped by a signal" if halted else "it hangs"
@@ -401,4 +394,5 @@ class Launcher:
             text = f"no sign of life for {limit:.3g} s: {how}"
             self._died(member, reports.NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
-            self._left(member)
+            if member.joined:
+                self._is_gone(member)

@@ -168,7 +168,7 @@ def thin_factors(given: list[str]) -> dict[str, int]:
     factors = {}
     for text in given:
         stream, _, number = text.partition("=")
-        if not number.isdigit() or int(number) < 1:
+        if not number.isdecimal() or int(number) < 1:
             raise typer.BadParameter(f"--thin: found {text!r}, expected STREAM=N with N from 1")
         factors[stream] = int(number)
     return factors

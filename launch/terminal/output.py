@@ -21,10 +21,10 @@ P = ParamSpec("P")
 
 
 def console(**options: Any) -> Console:
-    """A rich console on standard output, made when it is needed."""
+    """A rich console on standard output, made when it is needed. Brackets are no markup: paths and hints have some."""
     from rich.console import Console
 
-    return Console(highlight=False, **options)
+    return Console(**{"highlight": False, "markup": False, **options})
 
 
 def tell(data: Any) -> None:
@@ -54,13 +54,12 @@ def table(
     fixed  heads of the columns that are never broken over lines
     bold   numbers of the rows that stand out
     """
-    from rich.markup import escape
     from rich.table import Table
     from rich.text import Text
 
     shown = Table(
-        box=None, pad_edge=False, show_header=any(heads), title=escape(title) or None, title_justify="left",
-        caption=escape(caption) or None, caption_justify="left",
+        box=None, pad_edge=False, show_header=any(heads), title=title or None, title_justify="left",
+        caption=caption or None, caption_justify="left",
     )  # fmt: skip
     for head in heads:
         side = "right" if head.startswith(">") else "left"

@@ -37,26 +37,20 @@ def steps(
     if silent:
         yield lambda what, weight=1.0: None
         return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
+    from rich import progress as bars
 
     from palpate.launch.run.busy import busy
 
     out = console(stderr=True, soft_wrap=True)
-    out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"), markup=False)
+    out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"))
     if timed and (why := busy()):
-        out.print(f"{why}. Times that are measured now are too long.", style="yellow", markup=False)
+        out.print(f"{why}. Times that are measured now are too long.", style="yellow")
     if not out.is_terminal:
         yield _lines(out.print, total)
         return
-    columns = (BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, TextColumn("{task.description}"), console=out, transient=True) as progress:
+    times = bars.TimeElapsedColumn(), bars.TextColumn("left"), bars.TimeRemainingColumn()
+    columns = bars.BarColumn(), bars.TaskProgressColumn(), *times, bars.TextColumn("{task.description}")
+    with bars.Progress(*columns, console=out, transient=True) as progress:
         task = progress.add_task("", total=total)
         yield lambda what, weight=1.0: progress.update(task, advance=weight, description=what)
 
@@ -85,7 +79,7 @@ def _lines(print_: Callable[..., object], total: float) -> Done:
             left = f", about {duration((moment - begun) * (total - reached) / (reached - first))} left"
         if reached < total and moment - told >= OFTEN:
             told = moment
-            print_(f"{100 * reached / total:3.0f} %{left}: {what}", markup=False)
+            print_(f"{100 * reached / total:3.0f} %{left}: {what}")
 
     return done
 

@@ -71,6 +71,8 @@ def summary(player: Replay) -> None:
 
 def stepper(recording: Recording) -> Callable[[int, int, dict[str, bytes]], bool]:
     """Prints each instant and waits for a line: Enter goes on, q ends, a number goes on by so many instants."""
+    from rich.text import Text
+
     from palpate.messages import unpack
 
     out = console(soft_wrap=True)
@@ -83,10 +85,10 @@ def stepper(recording: Recording) -> Callable[[int, int, dict[str, bytes]], bool
             return True
         for stream, payload in messages.items():
             if stream in recording.streams:
-                out.print(f"[bold]{stream:>12}[/]", line(unpack(payload, recording.streams[stream].type)))
+                out.print(Text(f"{stream:>12}", "bold"), line(unpack(payload, recording.streams[stream].type)))
         print("Enter: next, a number: so many, q: end > ", end="", flush=True)
         answer = sys.stdin.readline()
-        left = int(answer) if answer.strip().isdigit() else 1
+        left = int(answer) if answer.strip().isdecimal() else 1
         return bool(answer) and answer.strip().lower() not in ("q", "quit")
 
     return show

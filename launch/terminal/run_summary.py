@@ -33,17 +33,16 @@ def ended(
 
 
 def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
-    from rich.markup import escape
+    from rich.text import Text
 
     from palpate.launch.run.screen import table
 
     out, result = console(), outcome.result
     seconds = result.ticks / outcome.plan.graph.rate
     speed = f", {seconds / result.wall:.2f} x real time" if result.wall > 0 else ""
-    out.print(
-        f"[bold]{escape(name)}[/] {'interrupted after ' if result.interrupted else ''}{seconds:.3f} s, "
-        f"{result.ticks} ticks in {result.wall:.2f} s{speed}; first tick {result.start:.2f} s after the start"
-    )
+    took = f" {'interrupted after ' if result.interrupted else ''}{seconds:.3f} s, {result.ticks} ticks in "
+    took += f"{result.wall:.2f} s{speed}; first tick {result.start:.2f} s after the start"
+    out.print(Text.assemble((name, "bold"), took))
     if result.health:
         out.print(table(result))
     if outcome.verdict is not None:

@@ -1,7 +1,6 @@
 """Recordings in the formats that other tools open."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 from palpate.records.reader import Recording
@@ -35,22 +34,21 @@ def export(
         raise RecordingError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
     for name in streams:
         recording.known(name)
-    writers: dict[str, Callable[..., list[Path]]] = {}
+    target = out or recording.path.with_name(recording.path.stem + ENDINGS.get(to, f"-{to}"))
+    what = recording, target, tuple(streams) or tuple(recording.streams), every
+    # Each file imports what its format takes.
     if to == "foxglove":
         from palpate.records.export.foxglove import write_foxglove
 
-        writers[to] = partial(write_foxglove, tell=tell)
-    elif to == "rerun":
+        return write_foxglove(*what, tell=tell)
+    if to == "rerun":
         from palpate.records.export.rerun import write_rerun
 
-        writers[to] = partial(write_rerun, tell=tell)
-    elif to == "vtk":
+        return write_rerun(*what, tell=tell)
+    if to == "vtk":
         from palpate.records.export.vtk import write_vtk
 
-        writers[to] = write_vtk
-    else:
-        from palpate.records.export.tables import write_csv, write_parquet
+        return write_vtk(*what)
+    from palpate.records.export.tables import write_csv, write_parquet
 
-        writers |= {"csv": write_csv, "parquet": write_parquet}
-    target = out or recording.path.with_name(recording.path.stem + ENDINGS.get(to, f"-{to}"))
-    return writers[to](recording, target, tuple(streams) or tuple(recording.streams), every)
+    return (write_csv if to == "csv" else write_parquet)(*what)

@@ -4,8 +4,8 @@ import csv
 import json
 import math
 import os
-from collections.abc import Iterator
-from itertools import islice
+from collections.abc import Iterable, Iterator
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -27,20 +27,15 @@ def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], ever
     paths = []
     for name in streams:
         layout = Layout(recording, name, every)
-        path = folder / f"{name}.csv"
-        with open(path, "w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow(layout.columns())
-            writer.writerows(map(layout.cells, layout.messages()))
-        paths.append(path)
+        tables: dict[str, tuple[list[str], Iterable[list[Any]]]] = {}
+        tables[name] = (layout.columns(), map(layout.cells, layout.messages()))
         for length, arrays in layout.filled.items():
-            path = folder / f"{name}-{length}.csv"
-            with open(path, "w", newline="") as file:
-                writer = csv.writer(file)
-                writer.writerow(["tick", TIME, length, *(c for field in arrays for c in layout.titles(field))])
-                for message in layout.messages():
-                    writer.writerows(layout.elements(message, arrays))
-            paths.append(path)
+            titles = ["tick", TIME, length, *(c for field in arrays for c in layout.titles(field))]
+            tables[f"{name}-{length}"] = titles, layout.elements(arrays)
+        for table, (titles, rows) in tables.items():
+            paths.append(folder / f"{table}.csv")
+            with open(paths[-1], "w", newline="") as file:
+                csv.writer(file).writerows(chain([titles], rows))
     return paths
 
 
@@ -98,16 +93,15 @@ class Layout:
             row += _filled(value, self.width[field.name] or 0) if field.shape else [value]
         return row
 
-    def elements(self, message: Message, arrays: list[Field]) -> Iterator[list[Any]]:
-        """The rows of the arrays of a message."""
-        parts = []
-        for field in arrays:
-            value = getattr(message, field.name)
-            rows = value.reshape(len(value), -1).tolist() if len(value) else []
-            parts.append((rows, self.width[field.name] or 0))
-        for k in range(max(len(rows) for rows, _ in parts)):
-            own = [x for rows, width in parts for x in _filled(rows[k] if k < len(rows) else (), width)]
-            yield [message.tick, message.time / 1e9, k, *own]
+    def elements(self, arrays: list[Field]) -> Iterator[list[Any]]:
+        """The rows of arrays of one length."""
+        widths = [self.width[field.name] or 0 for field in arrays]
+        for message in self.messages():
+            values = (getattr(message, field.name) for field in arrays)
+            parts = [value.reshape(len(value), -1).tolist() if len(value) else [] for value in values]
+            for k, rows in enumerate(zip_longest(*parts, fillvalue=())):
+                own = [x for row, width in zip(rows, widths, strict=True) for x in _filled(row, width)]
+                yield [message.tick, message.time / 1e9, k, *own]
 
 
 def _fixed(shape: Shape) -> int | None:
@@ -164,13 +158,11 @@ def batched(messages: Iterator[Message], size: int) -> Iterator[list[Message]]:
 
 
 def _number(pa: Any, field: Field) -> Any:
-    """The Arrow type of one number of a field."""
     kind = next((t for t in (bool, int, float) if t is field.type or t in getattr(field.type, "__args__", ())), str)
     return {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}[kind]
 
 
 def _nested(pa: Any, field: Field) -> Any:
-    """The Arrow type of an array."""
     element = pa.from_numpy_dtype(field.dtype)
     for size in reversed(field.shape):
         element = pa.list_(element, size) if isinstance(size, int) else pa.list_(element)

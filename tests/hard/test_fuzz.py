@@ -39,9 +39,9 @@ from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 from palpate.records.contents import contents
+from palpate.records.fill import recover
 from palpate.records.format.mcap_file import MAGIC, Broken, opened
 from palpate.records.reader import Recording
-from palpate.records.recover import recover
 
 FEW, MANY = 12, 4000
 ROOM = 300_000_000  # [bytes] at most while a file of some hundred kilobytes is read; shipped bases take a third of it

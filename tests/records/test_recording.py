@@ -25,11 +25,11 @@ from palpate.launch.run.execute import execute
 from palpate.messages import DeviceState, Health, Message, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
+from palpate.records.fill import recover
 from palpate.records.format.mcap_file import LIBRARY, SEAL, Records
 from palpate.records.format.mcap_writer import CHUNK_SIZE, IN_FLIGHT
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
-from palpate.records.recover import recover
 from palpate.records.stored import RecordingError
 from palpate.records.verify import verify
 

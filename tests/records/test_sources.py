@@ -16,11 +16,10 @@ from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.run.execute import execute
 from palpate.messages import Force
 from palpate.records.compare import compare
-from palpate.records.fill import begin_copy
+from palpate.records.fill import begin_copy, recover, recover_full
 from palpate.records.format.head import head_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
-from palpate.records.recover import recover, recover_full
 from palpate.records.samples import Run
 from palpate.records.stored import RecordingError, Stored
 from palpate.records.verify import verify

@@ -132,7 +132,7 @@ def test_in_python_it_is_imported_first_or_trusted(here):
 @pytest.mark.parametrize(
     ("name", "kind"),
     [
-        ("palpate.records.recover.recover", Node),
+        ("palpate.records.fill.recover", Node),
         ("palpate.engine.provenance.platform", Node),
         ("palpate.messages.Contact", Node),
         ("palpate.nodes.contact.Series", Message),

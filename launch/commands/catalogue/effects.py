@@ -36,7 +36,6 @@ def _row(name: str, parts: list[Any]) -> dict[str, Any]:
 
 
 def _markdown(rows: list[dict[str, Any]]) -> str:
-    """The catalogue as a Markdown table."""
     lines = ["| effect | what computes it | fields that show it |", "|---|---|---|"]
     for row in rows:
         by = "; ".join(f"`{one}`" for one in row["computed_by"])

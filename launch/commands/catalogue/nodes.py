@@ -20,8 +20,7 @@ def nodes(
 ) -> None:
     """List the node classes, or show one with its inputs, outputs, settings and units."""
     from palpate.engine.faults import Fault, GraphError
-    from palpate.launch.load.classes import ClassError, catalogue, find_class
-    from palpate.launch.load.described import describe
+    from palpate.launch.load.classes import ClassError, catalogue, describe, find_class
 
     if name is not None:
         try:
@@ -46,13 +45,13 @@ def nodes(
         takes = takes or ("streams" if data["observer"] else "the clock")
         sends = ", ".join(data["outputs"]) or "nothing"
         out.print(Text.assemble((f"{entry.use:28}", "bold"), f" {takes} -> {sends}"))
-        out.print(Text(f"    {entry.about}", style="dim"))
+        out.print(Text(f"    {data['about']}", style="dim"))
     for module, why in missing.items():
-        out.print(f"[yellow]{module}[/] cannot be loaded. {why}", markup=True)
+        out.print(Text.assemble((module, "yellow"), f" cannot be loaded. {why}"))
 
 
 def _show(name: str, cls: type[Node]) -> None:
-    from palpate.launch.load.described import describe
+    from palpate.launch.load.classes import describe
 
     data = describe(name, cls)
     out = console()

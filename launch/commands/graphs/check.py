@@ -22,8 +22,9 @@ def check(
         tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
               "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate})  # fmt: skip
         return
+    from rich.text import Text
+
     counts = {"nodes": plan.order, "observers": plan.observers, "skipped": plan.skipped, "edges": edges}
     counted = ", ".join(f"{what} {len(things)}" for what, things in counts.items())
-    console(soft_wrap=True).print(
-        f"[green]ok[/]  {counted} ({held} held), processes {len(groups)}, rate {plan.graph.rate:g} Hz"
-    )
+    text = f"  {counted} ({held} held), processes {len(groups)}, rate {plan.graph.rate:g} Hz"
+    console(soft_wrap=True).print(Text.assemble(("ok", "green"), text))

@@ -16,7 +16,7 @@ def join(
     from palpate.engine.clock import one_blas_thread
 
     host, _, port = address.removeprefix("tcp://").rpartition(":")
-    if not host or not port.isdigit():
+    if not host or not port.isdecimal():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
     with one_blas_thread():
         from palpate.launch.run.descendants import adopt_orphans, end_descendants

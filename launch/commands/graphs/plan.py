@@ -77,12 +77,12 @@ def plan(
         out = console()
         out.print(plan_tables.running(planned, placement))
         if why := plan_tables.processes(placement):
-            out.print(why, markup=False)
+            out.print(why)
         if planned.skipped:
             out.print()
             out.print(plan_tables.skipped(planned))
         for note in planned.graph.notes:
-            out.print(f"\n{note}", style="yellow", markup=False)
+            out.print(f"\n{note}", style="yellow")
         if items:
             out.print()
             out.print(plan_tables.bill(items, source))

@@ -44,20 +44,17 @@ def devices(
 def _install(as_json: bool) -> None:
     from palpate.drivers.catalogue import RULE, udev_rules
 
+    ok, text = True, "Now: sudo udevadm control --reload && sudo udevadm trigger; or plug the devices in again."
     try:
         Path(RULE).write_text(udev_rules(), encoding="utf-8")
     except OSError as error:
-        text = f"{RULE}: {error.strerror}. Run it as root: sudo $(which palpate) devices --install-udev"
-        if as_json:
-            tell({"ok": False, "file": RULE, "text": text})
-        else:
-            say(text, "red", err=True)
-        raise typer.Exit(TROUBLE) from None
-    text = "Now: sudo udevadm control --reload && sudo udevadm trigger; or plug the devices in again."
+        ok, text = False, f"{RULE}: {error.strerror}. Run it as root: sudo $(which palpate) devices --install-udev"
     if as_json:
-        tell({"ok": True, "file": RULE, "text": text})
+        tell({"ok": ok, "file": RULE, "text": text})
     else:
-        typer.echo(f"Wrote {RULE}. {text}")
+        say(f"Wrote {RULE}. {text}" if ok else text, "" if ok else "red", err=not ok)
+    if not ok:
+        raise typer.Exit(TROUBLE)
 
 
 def _list(probe: bool, as_json: bool) -> None:

@@ -18,22 +18,20 @@ def doctor(
     as_json: Json = False,
 ) -> None:
     """Check Python, packages, cores, wake-ups at 1 kHz, pictures and devices. Exit code 1 if palpate cannot run."""
+    from rich.text import Text
+
     from palpate.launch.machine.findings import examine
 
+    colours = {"ok": "green", "note": "yellow", "fault": "red"}
+    out = console(soft_wrap=True, quiet=as_json)
+    findings = []
+    for finding in examine(pictures=pictures, seconds=seconds):
+        findings.append(finding)
+        out.print(Text.assemble((f"{finding.state:6}", colours[finding.state]), f"{finding.what:20} {finding.found}"))
+        if finding.cure:
+            out.print(Text(f"{'':27}{finding.cure}", style="dim"))
+    ok = all(finding.state != "fault" for finding in findings)
     if as_json:
-        findings = list(examine(pictures=pictures, seconds=seconds))
-        tell({"ok": all(f.state != "fault" for f in findings), "diagnostics": [asdict(f) for f in findings]})
-    else:
-        from rich.text import Text
-
-        colours = {"ok": "green", "note": "yellow", "fault": "red"}
-        out = console(soft_wrap=True)
-        findings = []
-        for finding in examine(pictures=pictures, seconds=seconds):
-            findings.append(finding)
-            line = Text.assemble((f"{finding.state:6}", colours[finding.state]), f"{finding.what:20} {finding.found}")
-            out.print(line)
-            if finding.cure:
-                out.print(Text(f"{'':27}{finding.cure}", style="dim"))
-    if any(f.state == "fault" for f in findings):
+        tell({"ok": ok, "diagnostics": [asdict(finding) for finding in findings]})
+    if not ok:
         raise typer.Exit(TROUBLE)

@@ -66,7 +66,7 @@ def fit(
         tell({"ok": True, "subjects": fitted.data, "notes": fitted.notes, "file": str(fitted.file), "pictures": drawn})
         return
     for table in fitted.tables:
-        console().print(table)
+        console(markup=True).print(table)
     for note in [*fitted.notes, f"Wrote {', '.join([str(fitted.file), *drawn])}"]:
         say(note, wrap=True)
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.launch.terminal.options import INTERRUPTED, Json
-from palpate.launch.terminal.output import console, tell
+from palpate.launch.terminal.output import console, say, tell
 from palpate.physics.errors import TROUBLE
 
 MOST_COARSE = 2000  # what the setting `coarse` takes at most
@@ -85,7 +85,7 @@ def _levels(settings: dict[str, Any], force: bool, as_json: bool) -> None:
         tell({"path": str(path), **seen})
     else:
         words = f"fitted to {seen['states']} states of {seen['touches']} touches"
-        console(soft_wrap=True).print(f"{words}: {path}", markup=False)
+        say(f"{words}: {path}")
 
 
 def _say(as_json: bool, path: Path, seconds: float | None, missed: dict[str, float]) -> None:
@@ -94,14 +94,13 @@ def _say(as_json: bool, path: Path, seconds: float | None, missed: dict[str, flo
         stored = {"path": str(path), "bytes": size, "built": seconds is not None, "seconds": seconds}
         tell(stored | ({"unseen": missed} if missed else {}))
         return
-    out = console(soft_wrap=True)
     done = "stored already" if seconds is None else f"built in {seconds:.0f} s"
-    out.print(f"{done}: {path} ({size / 1e6:.1f} MB)")
+    say(f"{done}: {path} ({size / 1e6:.1f} MB)")
     if missed:
         linear = ""
         if "linear_mean" in missed:
             linear = f"; of the linear body {missed['linear_mean']:.1%}, {missed['linear_worst']:.1%}"
-        out.print(
+        say(
             f"error at touches that it was not built from: {missed['mean']:.1%} in the mean, "
             f"{missed['worst']:.1%} at worst{linear}"
         )

@@ -24,10 +24,9 @@ def recover(
     --full turns a recording of sources into one with all messages. Exit code 1 if a computed message differs from the
     recorded one; the messages before it are written.
     """
-    from palpate.records.fill import explained
+    from palpate.records.fill import explained, recover_full
+    from palpate.records.fill import recover as save
     from palpate.records.reader import Recording
-    from palpate.records.recover import recover as save
-    from palpate.records.recover import recover_full
 
     if full:
         target, counts, report = recover_full(file, out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,7 +64,21 @@ def replay(
                 raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
         _check(recording, plan, tolerance, as_json)
         return
-    _play(recording, plan, sets or [], only, speed, begin, end, loop, step, record, as_json)
+    from palpate.launch.terminal.replayed import as_data, stepper, summary
+    from palpate.records.changed import no_idle
+    from palpate.records.replay import Replay
+
+    player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
+    no_idle(sets or [], plan, player.running)
+    show = stepper(recording) if step else lambda tick, time, messages: True
+    with contextlib.suppress(KeyboardInterrupt):
+        player.run(show)
+        while loop:
+            player.run(show)
+    if as_json:
+        tell(as_data(player))
+    else:
+        summary(player)
 
 
 def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:
@@ -82,27 +97,3 @@ def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool)
         checked(recording, report, tolerance, elsewhere)
     if not report.ok:
         raise typer.Exit(TROUBLE)
-
-
-def _play(
-    recording: Recording, plan: Plan, sets: list[str], only: list[str] | None, speed: float | None, begin: float,
-    end: float | None, loop: bool, step: bool, record: Path | None, as_json: bool,
-) -> None:  # fmt: skip
-    from palpate.launch.terminal.replayed import as_data, stepper, summary
-    from palpate.records.changed import no_idle
-    from palpate.records.replay import Replay
-
-    player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
-    no_idle(sets, plan, player.running)
-    show = stepper(recording) if step else lambda tick, time, messages: True
-    try:
-        while True:
-            player.run(show)
-            if not loop:
-                break
-    except KeyboardInterrupt:
-        pass
-    if as_json:
-        tell(as_data(player))
-    else:
-        summary(player)

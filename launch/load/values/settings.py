@@ -59,7 +59,8 @@ def resolve(
             given[key] = (line.data[key], line.place(key))
         else:
             text, cure = unknown(line.place(key), f"{key}: null")
-            faults.add(text, _cure(key, cls, known) + cure, line.place(key), node=name, setting=key)
+            close = choices(f"Settings of {cls.__name__}", key, known)
+            faults.add(text, close + cure, line.place(key), node=name, setting=key)
     values = {}
     count = len(faults.entries)
     for key, setting in known.items():
@@ -94,10 +95,6 @@ def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str
     except SettingError as error:
         faults.add(str(error).removeprefix(f"setting {setting.name!r} [{setting.unit}]: "), "", place, **about)
     return None
-
-
-def _cure(key: str, cls: type[Node], known: dict[str, Setting]) -> str:
-    return choices(f"Settings of {cls.__name__}", key, known)
 
 
 def _offered(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
@@ -146,7 +143,8 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
             continue
         reported.add(offer.place)
         text = f"with: {path.lstrip('.')!r} is a setting of no class of {offer.cls.__module__}"
-        faults.add(text, _cure(offer.key, offer.cls, names[offer.cls]), offer.place, node=offer.node, setting=offer.key)
+        cure = choices(f"Settings of {offer.cls.__name__}", offer.key, names[offer.cls])
+        faults.add(text, cure, offer.place, node=offer.node, setting=offer.key)
 
 
 def check_taken(

@@ -27,7 +27,3 @@ class SocketPoller:
             call = self._calls.get(number)
             if call is not None:
                 call()
-
-    def close(self) -> None:
-        """Watch nothing any more."""
-        self._epoll.close()

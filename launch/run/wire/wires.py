@@ -35,19 +35,18 @@ class ControlChannel:
         if key is not None and secured:
             self._folder.write_key(key, secured)
         self.control, self.reports = endpoint(run, "control"), endpoint(run, "reports")
-        self.guarded = bool(address) and key is not None
+        guard = key if address else None
+        self.guarded = guard is not None
         self._context = zmq.Context()
-        self._keeper = None
-        if self.guarded and key is not None:
-            self._keeper = Authenticator(self._context, key)
+        self._keeper = Authenticator(self._context, guard) if guard is not None else None
         self._orders, self._told = self._context.socket(zmq.XPUB), self._context.socket(zmq.PULL)
         self._orders.set(zmq.XPUB_VERBOSE, 1)
         self._orders.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         self._told.set(zmq.MAXMSGSIZE, LONGEST_REPORT)
         for socket in (self._orders, self._told):
             socket.set(zmq.LINGER, 500)
-            if self.guarded and key is not None:
-                key.secure(socket, server=True)
+            if guard is not None:
+                guard.secure(socket, server=True)
         self._orders.bind(self.control)
         self._told.bind(self.reports)
         if address:

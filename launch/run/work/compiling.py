@@ -71,7 +71,6 @@ def _fork() -> int:
 
 
 def _call(calls: Sequence[Callable[[], object]]) -> NoReturn:
-    """What the second process does."""
     try:
         die_with_parent()
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -114,8 +114,7 @@ NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
     """A second Ctrl-C shows up as an error of the node that was running; it is nobody's fault."""
-    cause = error.cause if isinstance(error, NodeError) else error
-    if isinstance(error, NodeError) and not (result.interrupted and isinstance(cause, KeyboardInterrupt)):
+    if isinstance(error, NodeError) and not (result.interrupted and isinstance(error.cause, KeyboardInterrupt)):
         result.deaths.append(death(error))
 
 

@@ -68,7 +68,6 @@ class Worker:
             bus.sends(self.outputs)
 
     def _feed(self, slot: Slot) -> None:
-        """The inputs from other groups get their feeds."""
         for port in slot.inputs:
             if port.dead or port.output is not None or self.bus is None:
                 continue
@@ -365,7 +364,6 @@ class Worker:
                 self.bus.keep(frame(HEALTH, pack(health)))
 
     def _pass_notes(self) -> None:
-        """Hand on what the nodes and observers have to say."""
         for node in (*(slot.node for slot in self.slots), *(slot.node for slot in self.audience.begun)):
             for text in node.notes():
                 self.report(Note(text))

@@ -55,6 +55,25 @@ def test_each_file_among_the_commands_is_a_command_and_thin():
     assert {file: n for file in files if (n := len(file.read_text(encoding="utf-8").splitlines())) > 120} == {}
 
 
+def test_brackets_in_what_is_printed_are_no_markup(monkeypatch):
+    hint = "TypeError: needs list[int], pip install 'lab[usb]'"
+    monkeypatch.setattr("palpate.launch.load.classes.catalogue", lambda: ((), {"lab": hint}))
+    assert run("nodes").stdout.strip() == f"lab cannot be loaded. {hint}"
+
+
+@pytest.mark.parametrize(
+    ("said", "args"),
+    [
+        ("--thin: found 'contact=²'", ("run", "kidney", "--fused", "--no-pictures", "--thin", "contact=²")),
+        ("address: found 'tcp://host:²'", ("join", "tcp://host:²", "loop")),
+    ],
+)
+def test_a_digit_that_is_no_number_is_refused_by_name(tmp_path, monkeypatch, said, args):
+    monkeypatch.chdir(tmp_path)
+    refused = run(*args)
+    assert refused.exit_code == 2 and said in refused.stderr
+
+
 def test_help_shows_every_word_of_its_texts():
     """Units in brackets, such as [s] at the start of a text, are styles to rich, which drops them."""
 
@@ -319,7 +338,7 @@ def test_doctor_finds_a_device(tmp_path, monkeypatch):
 
 
 def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
-    monkeypatch.setattr(findings, "_version", lambda name: None if name == "msgspec" else "1.0")
+    monkeypatch.setattr(findings, "package_version", lambda name: None if name == "msgspec" else "1.0")
     result = run("doctor", "--no-pictures", "--seconds", "0")
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 

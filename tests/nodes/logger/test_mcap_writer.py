@@ -16,10 +16,10 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
+from palpate.records.fill import recover
 from palpate.records.format.mcap_file import Broken, Records, messages
 from palpate.records.format.mcap_writer import CHUNK_SIZE, McapWriter
 from palpate.records.reader import Recording
-from palpate.records.recover import recover
 
 Rows = list[tuple[int, int, int, bytes]]
 

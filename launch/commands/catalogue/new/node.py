@@ -1,4 +1,4 @@
-"""`palpate new`: files to begin from."""
+"""`palpate new node`: a node and its test."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,15 +8,7 @@ import typer
 from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import tell
 
-new = typer.Typer(no_args_is_help=True, help="Write templates of files.")
 
-
-@new.callback()
-def _group() -> None:
-    """Write templates of files."""
-
-
-@new.command("node")
 def node(
     name: Annotated[str, typer.Argument(help="Name of the class, such as MyDrag.")],
     takes: Annotated[str, typer.Option(help="Message type that drives it.")] = "Contact",
@@ -25,8 +17,8 @@ def node(
     as_json: Json = False,
 ) -> None:
     """Write a node and its test, which passes unchanged."""
-    from palpate.engine.faults import Faults, choices
-    from palpate.launch.template import node_files
+    from palpate.engine.faults import Fault, Faults, GraphError, choices
+    from palpate.launch.template import class_name, node_files
     from palpate.messages.docs import message_types
 
     faults = Faults()
@@ -38,8 +30,7 @@ def node(
     try:
         texts = node_files(name, kinds[takes], kinds[sends])
     except ValueError as error:
-        faults.add(str(error))
-        faults.done()
+        raise GraphError([Fault(str(error))]) from None
     for file in texts:
         if (folder / file).exists():
             faults.add(f"{folder / file} exists", "Choose another name, or remove the file.")
@@ -47,12 +38,10 @@ def node(
     folder.mkdir(parents=True, exist_ok=True)
     for file, text in texts.items():
         (folder / file).write_text(text, encoding="utf-8")
-    module, test = (Path(file) for file in texts)
-    title = next(
-        line.split("(")[0].removeprefix("class ") for line in texts[str(module)].splitlines() if line[:6] == "class "
-    )
+    module, test = texts
+    use = f"{Path(module).stem}.{class_name(name)}"
     if as_json:
-        tell({"ok": True, "files": [str(folder / file) for file in texts], "use": f"{module.stem}.{title}"})
+        tell({"ok": True, "files": [str(folder / file) for file in texts], "use": use})
         return
     typer.echo(f"{folder / module}\n{folder / test}\nTest:  cd {folder} && python -m pytest {test}")
-    typer.echo(f"Graph: {{use: {module.stem}.{title}, in: {{...}}}}")
+    typer.echo(f"Graph: {{use: {use}, in: {{...}}}}")

@@ -75,7 +75,7 @@ def _print(rows: list[dict[str, Any]], device: Any) -> None:
     from palpate.studies.stability.walls import SHOWN, answer
 
     out = console()
-    out.print(answer(rows), style="bold", markup=False)
+    out.print(answer(rows), style="bold")
     names = [name for name in SHOWN if name != "quantised" or device.coulomb]
     cells = []
     for (rate, delay), group in groupby(rows, lambda one: (one["rate"], one["delay"])):
