@@ -14,6 +14,7 @@ from rich.console import Console
 
 from palpate.engine.faults import Faults
 from palpate.engine.graph import Graph
+from palpate.engine.job import Job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
@@ -118,12 +119,7 @@ def execute(
     provenance = about(recorded, here=fused, clock=clock, pace=launch.pace, ticks=ticks, groups=groups, **more)
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
-        if network.address is None:
-            raise OSError(
-                f"group {min(joined)!r} is started by hand: say where it finds this launcher, --address tcp://HOST:PORT"
-            )
-        here = network.address.removeprefix("tcp://").rpartition(":")[0]
-        work = [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
+        work = _reachable(work, joined, network)
     key = _key(place, joined, network)
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
@@ -132,36 +128,10 @@ def execute(
         if fused:
             if forkserver is not None:
                 forkserver.close()
-            nothing = Result()
-            result = run_fused(
-                work[0],
-                screen.show if screen else lambda _: None,
-                patience,
-                lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels) if screen else None,
-                screen.print if screen else lambda _: None,
-            )
+            result = _in_this_process(work[0], screen, patience)
         else:
-            _open_files(len(work))
-
-            def show(launcher: Launcher) -> None:
-                watch(launcher)
-                if screen:
-                    screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
-
-            launcher = Launcher(
-                work,
-                forkserver,
-                joined=joined,
-                address=network.address if joined else None,
-                key=key,
-                patience=patience,
-                restart=frozenset(name for name in planned.order if graph.nodes[name].restart),
-                spared=spared(planned),
-                show=show,
-                printed=screen.print if screen else lambda _: None,
-                died=screen.died if screen else lambda _: None,
-            )
-            result = launcher.run()
+            address = network.address if joined else None
+            result = _in_processes(work, planned, screen, forkserver, patience, watch, joined, address, key)
         if made and launch.record is not None and not result.ticks:
             launch.record.unlink(missing_ok=True)
     if crowded:
@@ -173,6 +143,63 @@ def execute(
     result.health = {name: result.health[name] for name in names if name in result.health}
     kept = verdict(result, planned, ticks) if clock == "real" else None
     return RunOutcome(planned, result, launch.record, kept, AUTO if crowded else str(launch.place or APART))
+
+
+def _in_this_process(work: Job, screen: Screen | None, patience: float) -> Result:
+    if screen is None:
+        return run_fused(work, patience=patience)
+    nothing = Result()
+    return run_fused(
+        work,
+        screen.show,
+        patience,
+        lambda node, kernels: screen.show(nothing, "starting", {"": node}, kernels),
+        screen.print,
+    )
+
+
+def _in_processes(
+    work: list[Job],
+    planned: Plan,
+    screen: Screen | None,
+    forkserver: ForkServer | None,
+    patience: float,
+    watch: Callable[[Launcher], None],
+    joined: frozenset[str],
+    address: str | None,
+    key: Key | None,
+) -> Result:
+    _open_files(len(work))
+
+    def show(launcher: Launcher) -> None:
+        watch(launcher)
+        if screen:
+            screen.show(launcher.result, launcher.phase, launcher.busy, launcher.kernels)
+
+    launcher = Launcher(
+        work,
+        forkserver,
+        joined=joined,
+        address=address,
+        key=key,
+        patience=patience,
+        restart=frozenset(name for name in planned.order if planned.graph.nodes[name].restart),
+        spared=spared(planned),
+        show=show,
+        printed=screen.print if screen else lambda _: None,
+        died=screen.died if screen else lambda _: None,
+    )
+    return launcher.run()
+
+
+def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:
+    """The jobs with this machine's address, where groups are started elsewhere. OSError: it has not been given."""
+    if network.address is None:
+        raise OSError(
+            f"group {min(joined)!r} is started by hand: say where it finds this launcher, --address tcp://HOST:PORT"
+        )
+    here = network.address.removeprefix("tcp://").rpartition(":")[0]
+    return [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
 
 
 def _clock(launch: LaunchFile, planned: Plan) -> str:
