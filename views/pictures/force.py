@@ -1,20 +1,13 @@
 """Normal force against approach and indentation: the loop of loading and unloading; beside it the band of a subject."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches, work
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "force"
 SPAN = 0.012  # [s] of the mean of noisy samples: short beside a press, long beside the noise of the encoders
 RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
 QUIET = 2e-3  # [1] noise over range: samples with less are drawn as they are
@@ -48,10 +41,8 @@ def draw(touch: TouchStreams) -> Figure | None:
                 smooth = smoothed(contact["force"][other], contact["time"][other])
                 axes.plot(way[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
-        axes.set_xlabel(label)
-        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ of hysteresis")
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlim(left=0.0)
+        hysteresis = work(way[chosen], contact["force"][chosen]) * 1e3
+        axes.set(xlabel=label, title=f"{whose}: {hysteresis:.1f} mJ of hysteresis", xlim=(0.0, None), ylim=(0.0, None))
     left.set_ylabel("normal force [N]")
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NAME = "friction"
 WIDE = 0.04  # [s] of the mean in the view of region B
 SLOW = 1.3  # times the least speed of region B
 DIPS_FOR = 2.5
@@ -82,16 +81,13 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
         over_time(axes, time)
     trace(upper, time, normal, time, NORMAL, "normal force")
     trace(upper, time, friction, time, FRICTION, "friction force")
-    upper.set_ylabel("force [N]")
-    upper.set_ylim(0.0, float(normal.max()) * 1.2)
     upper.legend(loc="upper left", ncols=2)
-    upper.set_xlabel("")
+    upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.2), xlabel="")
     upper.tick_params(labelbottom=False)
     touching = np.where(normal > 0.0, speed, np.nan) * 1e3
     lower.plot(time, speed * 1e3, color=FAINT, linewidth=0.8, label="in free space")
     lower.plot(time, touching, color=SPEED, linewidth=1.2, label="sliding")
-    lower.set_ylabel("speed along\nthe surface [mm/s]")
-    lower.set_ylim(bottom=0.0)
+    lower.set(ylabel="speed along\nthe surface [mm/s]", ylim=(0.0, None))
     lower.legend(loc="upper left", ncols=2)
 
 
@@ -106,11 +102,8 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
     axes.plot(mean(normal, time), mean(friction, time), color=FRICTION, linewidth=1.2)
     ends = np.array([0.0, normal.max()])
     axes.plot(ends, slope * ends, "--", color=INK, linewidth=1.2, label=f"friction = {slope:.3f} × normal force")
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("normal force [N]")
-    axes.set_ylabel("friction force [N]")
     low, high = np.percentile(speed * 1e3, [5, 95])
+    axes.set(xlim=(0.0, None), ylim=(0.0, None), xlabel="normal force [N]", ylabel="friction force [N]")
     axes.set_title(f"A: the normal force varies, the speed is steady:\n{low:.0f} to {high:.0f} mm/s")
     axes.legend(loc="upper left")
     return None
@@ -126,12 +119,11 @@ def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     at = float(normal[slow].mean()), float(friction[slow].mean())
     axes.plot(speed * 1e3, normal / at[0], color=NORMAL, label=f"normal force, {at[0]:.2f} N where slow")
     axes.plot(speed * 1e3, friction / at[1], color=FRICTION, label=f"friction force, {at[1]:.2f} N where slow")
-    axes.set_xlabel("speed along the surface [mm/s]")
-    axes.set_ylabel("force over its value where slow [1]")
     spread = 100 * (normal.max() / normal.min() - 1) / 2
-    axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.legend(loc="upper left")
     top = max(float((friction / at[1]).max()), 1.05)
+    axes.set(xlabel="speed along the surface [mm/s]", ylabel="force over its value where slow [1]")
+    axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))
     return None
 

@@ -1,21 +1,16 @@
 """The pins of a display at several moments, and over time with the force and the actuator."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import Pins, Surface
 from palpate.nodes.display import tangent_frame
 from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "pins"
 COLUMNS = 5
 
 
