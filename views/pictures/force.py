@@ -23,7 +23,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     approach = contact["compression"] + contact["indentation"]
     if not approach.any():
         return None
-    chosen = min(slices, key=lambda contact_slice: _slid(contact["foot"][contact_slice]))
+    chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
     ways = [
         ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
         ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
@@ -82,11 +82,6 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
     )
     axes.tick_params(labelleft=True)
     axes.legend(loc="upper left")
-
-
-def _slid(foot: np.ndarray) -> float:
-    """Way of the foot point along the surface [m]."""
-    return float(np.linalg.norm(np.diff(foot, axis=0), axis=1).sum())
 
 
 def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:
