@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 from palpate.messages import Pins
 from palpate.nodes.display import PinArray
+from palpate.physics.display.pins import pin_grid
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
@@ -61,8 +62,8 @@ def _profile(axes: Axes, touch: TouchStreams, node: PinArray, pins: Columns, con
     """Theory along a line through the axis, and the pins and the actuator of this run."""
     tick, force = int(pins["tick"][row]), float(contact["force"][row])
     heights = touch.at(Pins, [tick])[tick].heights
-    y, x = ((np.arange(n) - 0.5 * (n - 1)) * node.pitch for n in heights.shape)
-    distance = np.hypot(*np.meshgrid(x, y))
+    rows, columns = heights.shape
+    distance = np.linalg.norm(pin_grid(rows, columns, node.pitch), axis=-1)
     wide = max(14e-3, 1.2 * float(distance.max()))
     r = np.linspace(0.0, wide, 300)
     deformation, state = node.theory_profile(r, force), node.theory(force)
