@@ -104,14 +104,13 @@ class MassSpring(WithNodule):
         return (sum([share * energy for share, energy in zip(shares, stored, strict=True)]),)
 
     @part("shape", "nodes", "displacement", otherwise=None)
-    def _nodes(self) -> NodalBody | None:
+    def _nodes(self) -> NodalBody | NetBody | None:
         """What moves the surface."""
         mesh = self.mesh()
         law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
         if self.coupling > 0.0:
-            net = self.coupling, self.coupling_damping
-            return NetBody(mesh, *law, *net, rings=self.rings, hardness=self._hardness)
-        return NodalBody(mesh, *law, hardness=self._hardness)
+            return NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings, self._hardness)
+        return NodalBody(mesh, *law, self._hardness)
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
     def _moved(self, load: list[Load], shares: list[float], dt: float) -> tuple[np.ndarray, np.ndarray]:

@@ -24,10 +24,25 @@ import copy
 
 import numpy as np
 
-from palpate.physics.bodies import condensed_step as at
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_field import surface_displacements
-from palpate.physics.bodies.condensed_step import CondensedModel, add_others, single_step, take_load
+from palpate.physics.bodies.condensed_step import (
+    DEEP,
+    FIELDS,
+    MORE,
+    NOW,
+    NUMBERS,
+    OWN,
+    RADIUS,
+    SLIDES,
+    TILT,
+    TOTAL,
+    WIDE,
+    CondensedModel,
+    add_others,
+    single_step,
+    take_load,
+)
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.indentation_table import hat_moments
 from palpate.physics.bodies.patch import CoarseBody
@@ -78,7 +93,7 @@ class CondensedBody(CoarseBody):
         )  # fmt: skip
         self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), dents)
         self._field, self._feet = np.zeros((count, 3), dtype=np.float32), np.zeros((1, 3))
-        self._rest(np.zeros((at.FIELDS, count, 3)), np.zeros((3, count), dtype=np.int64), np.zeros(at.NUMBERS))
+        self._rest(np.zeros((FIELDS, count, 3)), np.zeros((3, count), dtype=np.int64), np.zeros(NUMBERS))
         self._kernels()
 
     def _rest(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> None:
@@ -105,7 +120,7 @@ class CondensedBody(CoarseBody):
             single_step, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, self._marks, self._curve, numbers, 0
         )
         self._along = entry_point(
-            along, self._ground, self._marks[2], 0, fields[2], fields[at.TILT], zero, 0.0, 0.0, 0.0, self._slope,
+            along, self._ground, self._marks[2], 0, fields[2], fields[TILT], zero, 0.0, 0.0, 0.0, self._slope,
             self._turning,
         )  # fmt: skip
         self._displaced = entry_point(
@@ -130,7 +145,7 @@ class CondensedBody(CoarseBody):
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._curve, self._numbers,
             self._count,
         )  # fmt: skip
-        compliance, free, now = self._numbers[: at.MORE].tolist()
+        compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
     def take(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> None:
@@ -148,26 +163,24 @@ class CondensedBody(CoarseBody):
         others  [N] force on the patch that would indent it as what presses there now does
         """
         add_others(self._model, dt, self._fields, self._marks, self._curve, self._numbers, self._touched, aside, others)
-        compliance, free, now = self._numbers[: at.MORE].tolist()
+        compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
     @property
     def extrapolation(self) -> float:
         """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit; `causes` says
         why."""
-        return max(self._numbers[at.DEEP : at.SLIDES + 1].tolist())
+        return max(self._numbers[DEEP : SLIDES + 1].tolist())
 
     def causes(self) -> list[str]:
         """Which limits the last step was outside of, see `CAUSES`."""
-        excess = self._numbers[at.DEEP : at.SLIDES + 1].tolist()
+        excess = self._numbers[DEEP : SLIDES + 1].tolist()
         return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
 
     def caution(self, cause: str) -> str:
         """What a cause of the last step means, and the error to expect."""
         numbers = self._numbers
-        return caution(
-            cause, float(numbers[at.DEEP + CAUSES.index(cause)]), float(numbers[at.RADIUS]), float(numbers[at.WIDE])
-        )
+        return caution(cause, float(numbers[DEEP + CAUSES.index(cause)]), float(numbers[RADIUS]), float(numbers[WIDE]))
 
     @property
     def still(self) -> bool:
@@ -177,20 +190,20 @@ class CondensedBody(CoarseBody):
     def stored(self) -> float:
         """Energy [J] held under the last step's patch at its indentation, V(s) of `physics.bodies.place_energy`; what
         tangential loads and places left behind hold is not in it."""
-        now, own = float(self._numbers[at.NOW]), float(self._numbers[at.OWN])
+        now, own = float(self._numbers[NOW]), float(self._numbers[OWN])
         if not (now > 0.0 and own > 0.0):
             return 0.0
         if not self._model.dents.shape[1]:
             return 0.5 * now * now / own
-        radius = float(self._numbers[at.WIDE])
+        radius = float(self._numbers[WIDE])
         return float(radius * radius / own * held(self._curve[0], self._curve[1], now / radius))
 
     def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
-        radius, compliance, force = self._numbers[[at.WIDE, at.OWN, at.TOTAL]].tolist()
+        radius, compliance, force = self._numbers[[WIDE, OWN, TOTAL]].tolist()
         self._along(
-            self._ground, self._marks[2], self._touched, self._fields[2], self._fields[at.TILT], self._normal, radius,
+            self._ground, self._marks[2], self._touched, self._fields[2], self._fields[TILT], self._normal, radius,
             compliance, force, self._slope, self._turning,
         )  # fmt: skip
         x, y, z = self._slope.tolist()

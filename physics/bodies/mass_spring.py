@@ -262,14 +262,23 @@ class Net:
 class NodalBody:
     """The nodal law on a mesh.
 
-    law  stiffness K [N/m^n], exponent n >= 1, damping c [s/m], and along the surface k_t [N/m] > 0, d_t [N s/m] >= 0
-    hardness  (V) factor on K of each node; None: 1
+    stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
+    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
     """
 
-    def __init__(self, mesh: Mesh, *law: float, hardness: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        stiffness: float,
+        exponent: float,
+        damping: float,
+        tangential_stiffness: float,
+        tangential_damping: float,
+        hardness: np.ndarray | None = None,
+    ) -> None:
         self.net = net = Net(mesh, hardness)
-        mesh_data = net.nodal, net.edges, net.slots, net.state, net.displacement
-        self._fixed: tuple = (np.array([*law, net.shortest]), *mesh_data)
+        law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
+        self._fixed = (law, net.nodal, net.edges, net.slots, net.state, net.displacement)
         self._step = entry_point(nodal_step, NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0), 0.0, *self._fixed, 0)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.mass_spring import Net, NodalBody, admit, drop_rested, limit_differences, take_load
+from palpate.physics.bodies.mass_spring import Net, admit, drop_rested, limit_differences, take_load
 from palpate.physics.bodies.stretch import Neighbours
 from palpate.physics.contact.terminal import indentation, terminal_force
 from palpate.physics.geometry.mesh import Mesh
@@ -276,18 +276,39 @@ def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, c
     return count
 
 
-class NetBody(NodalBody):
+class NetBody:
     """The net on a mesh.
 
-    law       the numbers of `NodeLaw`: those of `NodalBody`, and of a spring between neighbours, the first > 0
-    rings     of neighbours round the loaded nodes that move along
-    hardness  (V) factor on K of each node, None: 1; the springs between neighbours are as everywhere
+    stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
+    tangential_damping d_t [N s/m] >= 0: of a node at the centre of the contact, as in `NodalBody`
+    coupling [N/m] > 0, coupling_damping [N s/m] >= 0: of a spring between neighbours
+    rings: of neighbours round the loaded nodes that move along
+    hardness (V): factor on K of each node, None: 1; the springs between neighbours are as everywhere
     """
 
-    def __init__(self, mesh: Mesh, *law: float, rings: int = 3, hardness: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        stiffness: float,
+        exponent: float,
+        damping: float,
+        tangential_stiffness: float,
+        tangential_damping: float,
+        coupling: float,
+        coupling_damping: float,
+        rings: int = 3,
+        hardness: np.ndarray | None = None,
+    ) -> None:
         self.net = net = Net(mesh, hardness)
+        normal_law = (stiffness, exponent, damping, tangential_stiffness, tangential_damping)
+        law = NodeLaw(*map(float, (*normal_law, coupling, coupling_damping)))
         size, count = len(mesh.vertices), len(net.edges.spans)
         tables = Tables(net.vertices, net.normals, net.nodal, net.edges)
         room = NetWorkspace(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1))
-        self._fixed = NodeLaw(*map(float, law)), rings, tables, (*net.slots, net.state), room, net.displacement
-        self._step = net_step
+        self._fixed = law, rings, tables, (*net.slots, net.state), room, net.displacement
+
+    def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
+        """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
+        net = self.net
+        net.count = net_step(nodes, forces, normal, dt, *self._fixed, net.count)
+        return net.displaced

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.physics.contact.terminal import free_recovery, indentation, power_of, terminal_force
+from palpate.physics.contact.terminal import Terminal, free_recovery, indentation, power_of, terminal_force
 from palpate.physics.kernel import kernel
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
@@ -170,3 +170,14 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
     # At the root both are equal; away from it by a rounding error, the softer one is the more exact.
     force = min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE)
     return force, approach - s, s, slope1 / (slope1 + slope2)
+
+
+def series(approach: float, dt: float, compression: float, finger: ElasticLaw, finger_damping: float, body: Terminal):
+    """One step of fingertip and body in series, see `series_step`. Returns (f, s1, s2) [N, m, m].
+
+    ValueError: dt not positive.
+    """
+    if not dt > 0.0:
+        raise ValueError(f"dt {dt} s: expected a positive step; infinity gives the static split")
+    form = kernel_form(finger, finger_damping)
+    return series_step(float(approach), float(dt), float(compression), form, *map(float, body))

@@ -163,6 +163,16 @@ def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None
     ValueError: names the number, what was found and what is expected.
     """
     stiffness, exponent, damping, free, previous = law
+    if (
+        0.0 < stiffness < math.inf
+        and 1.0 <= exponent <= 3.0
+        and 0.0 <= damping < math.inf
+        and LEAST_FREE <= free < math.inf
+        and -math.inf < previous < math.inf
+        and 0.0 <= step < math.inf
+        and 0.0 <= relaxation < math.inf
+    ):
+        return
     some, none = "a finite number > 0", "a finite number >= 0"
     for name, unit, value, least, most, expected in (
         ("stiffness", "N/m^n", stiffness, math.ulp(0.0), math.inf, some),

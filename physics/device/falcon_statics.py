@@ -9,7 +9,9 @@ The first has no bound where the three vectors come to lie in a plane, the secon
 
 import math
 
-from palpate.physics.device.falcon import LIMIT, cross, dot, links
+import numpy as np
+
+from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, cross, dot, links
 from palpate.physics.kernel import kernel
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
@@ -83,3 +85,34 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
 def inverted(lever):
     """1 / lever [1/m], falling to zero with the lever below SHORT."""
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)
+
+
+def torque(force, position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
+    """Torques that make the grip push with a force, torque = G^-T force.
+
+    Near a singular pose the inverse is damped (least squares), so the torque stays bounded. A torque beyond the
+    motors' limit is scaled as a whole vector: the direction of the force is kept.
+
+    force     [N]    (3)  on the hand, device frame
+    position  [m]    (3)  of the grip, device frame
+    returns   [N m]  (3)  on each arm, at most `falcon.limit`; zero where the position is out of reach
+              [1]    ()   whether the position is in reach
+
+    Y. Nakamura, H. Hanafusa, J. Dyn. Syst. Meas. Control 108 (1986) 163-171, for the damped inverse.
+    """
+    ok, *torques = torque_kernel(falcon.geometry, *map(float, force), *map(float, position))
+    return np.array(torques), bool(ok)
+
+
+def force(torques, position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
+    """Force of the grip on the hand for given torques, force = G^T torques.
+
+    Bounded where a leg is stretched or folded: its lever's inverse grows no further below 1 mm.
+
+    torques   [N m]  (3)  on each arm
+    position  [m]    (3)  of the grip, device frame
+    returns   [N]    (3)  device frame; zero where the position is out of reach
+              [1]    ()   whether the position is in reach
+    """
+    ok, *components = force_kernel(falcon.geometry, *map(float, torques), *map(float, position))
+    return np.array(components), bool(ok)

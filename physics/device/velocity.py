@@ -5,6 +5,8 @@
 which equals N differences averaged where the stamps are even. Its response is in `velocity_response`.
 """
 
+import numpy as np
+
 from palpate.physics.kernel import kernel
 
 HEAD, FILLED, STALE = 0, 1, 2
@@ -61,3 +63,8 @@ def mean_velocity(cursor, times, points):
         (points[head, 1] - points[tail, 1]) / span,
         (points[head, 2] - points[tail, 2]) / span,
     )
+
+
+def buffers(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Empty state (cursor, times, points) of a filter of `order` differences, at least 1."""
+    return np.zeros(3, dtype=np.int64), np.zeros(order + 1, dtype=np.int64), np.zeros((order + 1, 3))

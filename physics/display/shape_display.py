@@ -201,6 +201,11 @@ def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> No
         raise ValueError(f"{name}: found {float(value[place])}{where}, expected {expected}")
 
 
+def pressure(r, contact: PadContact):
+    """Contact pressure [Pa]; r [m] (...) broadcasts with the state. Its integral over the contact is the force."""
+    return hertz.pressure(r, contact.radius, contact.modulus, contact.curvature)
+
+
 def pad_displacement(r, contact: PadContact):
     """u_f(r) [m], by which the fingerpad's surface is pressed in; r [m] (...) broadcasts with the state."""
     return hertz.displacement(r, contact.radius, contact.curvature, contact.share)

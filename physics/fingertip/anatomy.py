@@ -72,6 +72,17 @@ class Anatomy:
         slope = np.sqrt((x / a**2) ** 2 + (z / b**2) ** 2 + (ahead / cap) ** 2) / np.maximum(size, 1e-12)
         return (size - 1) / np.clip(slope, 1 / np.maximum(np.maximum(a, b), cap), 1 / np.minimum(np.minimum(a, b), cap))
 
+    def area(self, name: str, y):
+        """Area of a cross-section [m²] (...)."""
+        a, palmar, dorsal, start, cap = self.axes(name, y)
+        ahead = np.maximum(1 - (np.asarray(y, float) - start) / cap, 0)
+        return np.pi / 2 * a * (palmar + dorsal) * np.maximum(1 - ahead**2, 0)
+
+    def volume(self, name: str) -> float:
+        """Volume [m³] inside a surface, from the tip to `length`."""
+        y = np.linspace(0, self.length, 20001)
+        return float(np.trapezoid(self.area(name, y), y))
+
     def fingertip(self, spacing: float = 4e-4) -> FingertipSurfaces:
         """The surfaces sampled on a grid of a spacing [m], with a margin of 2 mm round the finger."""
         margin = 2e-3

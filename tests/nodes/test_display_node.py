@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from formulas import pad_pressure as pressure
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
@@ -12,7 +11,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.display import PinArray, tangent_frame
 from palpate.nodes.sensor import ForceSensor
 from palpate.physics.display.pins import pin_grid
-from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement
+from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
 from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 QUICK = {"rate": 1e3, "actuator_rate": 1e3, "stroke": 0.05}

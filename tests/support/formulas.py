@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from palpate.physics.contact.series import ElasticLaw, kernel_form, series_step
+from palpate.physics.contact.series import kernel_form, series, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.stability import held
-from palpate.physics.device.velocity import mean_velocity, push
+from palpate.physics.device.velocity import buffers, mean_velocity, push
 from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.friction import bristle
 from palpate.physics.friction.lugre import stribeck
@@ -105,7 +105,7 @@ def velocity(times, positions, order: int = 8) -> np.ndarray:
     order      [1]   ()     differences in the mean, N; fewer at the beginning of the record
     returns    [m/s] (n,3)
     """
-    state = velocity_buffers(order)
+    state = buffers(order)
     velocities = np.zeros((len(times), 3))
     for k, (t, point) in enumerate(zip(times, positions, strict=True)):
         push(*state, int(t), *map(float, point))
@@ -150,53 +150,3 @@ def decays(path: np.ndarray) -> bool:
         return False
     parts = np.array_split(path, 8)
     return float(np.ptp(parts[-1])) < float(np.ptp(parts[1]))
-
-
-def velocity_buffers(order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Empty state (cursor, times, points) of a filter of `order` differences, at least 1."""
-    return np.zeros(3, dtype=np.int64), np.zeros(order + 1, dtype=np.int64), np.zeros((order + 1, 3))
-
-
-def hertz_pressure(r, a, modulus, curvature):
-    """Hertz pressure [Pa], 0 outside the contact:
-
-        p = (2 E*/(pi R)) sqrt(a² - r²)
-
-    r          [m]    (...)  distance from the axis
-    a          [m]    (...)  contact radius
-    modulus    [Pa]   (...)  E*, 1/E* = (1 - nu_1²)/E_1 + (1 - nu_2²)/E_2
-    curvature  [1/m]  (...)  1/R = 1/R_1 + 1/R_2
-
-    K. L. Johnson, Contact Mechanics (1985), eqs. 3.39 and 4.24.
-    """
-    inside = np.maximum(np.square(a) - np.square(r), 0.0)
-    return 2.0 * modulus * curvature / np.pi * np.sqrt(inside)
-
-
-def pad_pressure(r, contact):
-    """Contact pressure [Pa]; r [m] (...) broadcasts with the state. Its integral over the contact is the force."""
-    return hertz_pressure(r, contact.radius, contact.modulus, contact.curvature)
-
-
-def series(approach: float, dt: float, compression: float, finger: ElasticLaw, finger_damping: float, body: Terminal):
-    """One step of fingertip and body in series, see `series_step`. Returns (f, s1, s2) [N, m, m].
-
-    ValueError: dt not positive.
-    """
-    if not dt > 0.0:
-        raise ValueError(f"dt {dt} s: expected a positive step; infinity gives the static split")
-    form = kernel_form(finger, finger_damping)
-    return series_step(float(approach), float(dt), float(compression), form, *map(float, body))
-
-
-def anatomy_area(shape, name: str, y):
-    """Area [m²] (...) of a cross-section of an `Anatomy` at y [m] (...)."""
-    a, palmar, dorsal, start, cap = shape.axes(name, y)
-    ahead = np.maximum(1 - (np.asarray(y, float) - start) / cap, 0)
-    return np.pi / 2 * a * (palmar + dorsal) * np.maximum(1 - ahead**2, 0)
-
-
-def anatomy_volume(shape, name: str) -> float:
-    """Volume [m³] inside a surface of an `Anatomy`, from the tip to its `length`."""
-    y = np.linspace(0, shape.length, 20001)
-    return float(np.trapezoid(anatomy_area(shape, name, y), y))

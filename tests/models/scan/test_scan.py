@@ -11,7 +11,6 @@ pytest.importorskip("skimage")
 pytest.importorskip("pydicom")
 pytest.importorskip("nibabel")
 
-from formulas import anatomy_area
 from scan_images import coarse, write_images
 from typer.testing import CliRunner
 
@@ -86,7 +85,7 @@ def test_the_surfaces_have_the_known_volumes(tip):
     until = START + 22 * SPACING[0]
     y = np.linspace(0, until, 4000)
     for name, part in (("skin", 0.02), ("tissue", 0.02), ("bone", 0.04)):
-        assert tip.volume(name) == approx(np.trapezoid(anatomy_area(SHAPE, name, y), y), rel=part)
+        assert tip.volume(name) == approx(np.trapezoid(SHAPE.area(name, y), y), rel=part)
 
 
 @pytest.mark.parametrize("degrees", [0, 20, 45])

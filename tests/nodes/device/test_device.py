@@ -3,7 +3,6 @@
 import msgspec
 import numpy as np
 import pytest
-from falcon_arrays import forward, inverse, torque
 from pytest import approx
 from scipy.integrate import solve_ivp
 
@@ -13,7 +12,8 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Segment, Simulated
 from palpate.nodes.kinematics import FalconKinematics, FalconStatics
-from palpate.physics.device.falcon import FALCON, HOME
+from palpate.physics.device.falcon import FALCON, HOME, forward, inverse
+from palpate.physics.device.falcon_statics import torque
 from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, grip_step, wanted
 
 T = 1e-3

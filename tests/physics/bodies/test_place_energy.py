@@ -5,7 +5,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from formulas import series
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
@@ -16,7 +15,7 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import SPACING
 from palpate.physics.bodies.place_energy import held, on_hand
-from palpate.physics.contact.series import exponential
+from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint

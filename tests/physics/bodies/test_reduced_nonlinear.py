@@ -4,7 +4,6 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from formulas import series
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -21,7 +20,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, rise, risen
-from palpate.physics.contact.series import exponential
+from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal
 
 YOUNG = 2e4

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from falcon_arrays import counts, force, forward, inverse, rates, torque
 from formulas import angles_of
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, leg, links, newton, reachable
-from palpate.physics.device.falcon_statics import damped, inverted, saturate
+from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, newton, rates, reachable
+from palpate.physics.device.falcon_statics import damped, force, inverted, saturate, torque
 
 CENTRE = (0.0, 0.0, 0.11)
 TABLE = [

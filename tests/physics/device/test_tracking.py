@@ -4,11 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from falcon_arrays import inverse
 from pytest import approx
 
 from palpate.physics.device import between, window
-from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
+from palpate.physics.device.falcon import FALCON, HOME, forward_kernel, inverse
 from palpate.physics.device.tracking import ANEW, BAD, TAKEN, buffers, judge, pose_falcon, take, track, track_falcon
 
 MS, LIMIT, ORDER = 1_000_000, 2.0, 3

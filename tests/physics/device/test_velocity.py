@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 from formulas import velocity
-from formulas import velocity_buffers as buffers
 from pytest import approx
 from theory.velocity_response import half_power, magnitude
 
-from palpate.physics.device.velocity import mean_velocity, push
+from palpate.physics.device.velocity import buffers, mean_velocity, push
 
 RATE = 1025.0
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from formulas import pad_pressure as pressure
 from formulas import tissue_displacement
 from pytest import approx
 
@@ -13,7 +12,7 @@ from palpate.physics.display.pin_heights import (
     local_plane,
 )
 from palpate.physics.display.pins import pin_grid
-from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement
+from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
 
 PAD = FINGERPADS["canonical"]
 GRID = pin_grid(6, 5, 2e-3).reshape(-1, 2)

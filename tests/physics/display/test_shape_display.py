@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from formulas import pad_pressure as pressure
 from formulas import tissue_displacement
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +10,14 @@ from scipy.integrate import dblquad, quad
 from scipy.optimize import brentq
 
 from palpate.physics.display.hertz_surface import displacement
-from palpate.physics.display.shape_display import FINGERPADS, Fingerpad, deflection_under, pad_contact, pad_displacement
+from palpate.physics.display.shape_display import (
+    FINGERPADS,
+    Fingerpad,
+    deflection_under,
+    pad_contact,
+    pad_displacement,
+    pressure,
+)
 
 PAD = FINGERPADS["canonical"]
 # E_t [Pa]: force [N]: x, delta, a [mm]
