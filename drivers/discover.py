@@ -1,9 +1,9 @@
 """What is plugged into this machine, as the kernel lists it: no library is needed, nothing is opened."""
 
-import importlib.util
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from palpate.drivers.catalogue import Known, fitting
@@ -74,13 +74,9 @@ def _found(kind: Known, folder: Path) -> Found:
         file=str(file or ""),
         permitted=file is not None and os.access(file, os.R_OK | os.W_OK),
         bound=_bound(folder),
-        missing=kind.needs if kind.needs and not _installed(kind.needs) else "",
+        missing=kind.needs if kind.needs and find_spec(kind.needs) is None else "",
         serial=_word(folder / "serial"),
     )
-
-
-def _installed(module: str) -> bool:
-    return importlib.util.find_spec(module) is not None
 
 
 def _bound(folder: Path) -> str:

@@ -3,23 +3,12 @@
 import sys
 from typing import TYPE_CHECKING, Any
 
-from palpate.messages.base import (
-    Field,
-    Floats,
-    Ints,
-    Message,
-    MessageError,
-    Vector,
-    Vector2,
-    Vector3,
-    fields,
-    pack,
-    unpack,
-)
+from palpate.messages.base import Message, pack, unpack
 from palpate.messages.checks import check_finite
 from palpate.messages.contact import Contact, Contacts, Friction, Load, Proximity
 from palpate.messages.device import DeviceState, Force, Pointed, Pose, Torque
 from palpate.messages.display import Pins
+from palpate.messages.fields import Field, Floats, Ints, MessageError, Vector, Vector2, Vector3, fields
 from palpate.messages.health import Health
 from palpate.messages.ledger import Ledger
 from palpate.messages.slip import Slip

@@ -115,7 +115,6 @@ class Haptic(Node):
         return self._open
 
     def _caution(self, dt: float) -> None:
-        """A note that the hand feels a softer contact than the one that was computed."""
         self._cautioned = True
         most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
         self._notes.append(

@@ -62,7 +62,6 @@ class Kernel(OnSurface):
         return Load(nodes=nodes, forces=forces, foot=contact.foot, normal=contact.normal)
 
     def _caution(self, contact: Contact) -> None:
-        """A note that the finger does not give, so that its contact is not this patch."""
         self._cautioned = True
         give, deep, width = 1e3 * contact.compression, 1e3 * contact.indentation, 1e3 * self.radius
         self._notes.append(

@@ -71,7 +71,8 @@ def in_force(*, here: bool = True) -> dict[str, str]:
     import numpy
     import scipy
 
-    blas = [f"{build['name']} {build['version']}" for build in map(_blas, (numpy, scipy))]
+    built = [package.show_config(mode="dicts")["Build Dependencies"]["blas"] for package in (numpy, scipy)]
+    blas = [f"{build['name']} {build['version']}" for build in built]
     return {
         "architecture": platform.machine(),
         "instructions": LEVEL if pinnable() and not here else _instructions(numpy),
@@ -134,10 +135,6 @@ def _kernels() -> str:
 
     _, name, features = cpu_target.target_context.codegen().magic_tuple()
     return name if name == LEVEL and not features else f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"
-
-
-def _blas(package) -> dict[str, str]:
-    return package.show_config(mode="dicts")["Build Dependencies"]["blas"]
 
 
 def _version(package: str) -> str:

@@ -17,17 +17,8 @@ EXTRAS = {
     "lsl": {"pylsl": "pylsl"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
-    "study": {
-        "distributed": "distributed",
-        "dask-jobqueue": "dask_jobqueue",
-        "bokeh": "bokeh",
-        "SALib": "SALib",
-        "xarray": "xarray",
-        "zarr": "zarr",
-        "pyarrow": "pyarrow",
-        "pandas": "pandas",
-        "matplotlib": "matplotlib",
-    },
+    "study": {"dask-jobqueue": "dask_jobqueue"}
+    | {name: name for name in ["distributed", "bokeh", "SALib", "xarray", "zarr", "pyarrow", "pandas", "matplotlib"]},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""

@@ -45,7 +45,8 @@ class EmulatedRawHid:
         if not self.hand.waits:
             self.days.begin(now)
         self.hand.begin(now)
-        place = self.hand.move(self._force_at(now), now)
+        force = self.force if now < self.until else (0.0, 0.0, 0.0)
+        place = self.hand.move(lambda place: force, now)
         if message.flags & raw.ENABLE:
             x, y, z = (UNIT * v for v in message.values[:3])
             self.force, self.until = (x, y, z), now + message.watchdog * 1_000_000
@@ -66,10 +67,6 @@ class EmulatedRawHid:
         data = self.days.spoil(raw.pack(answer))
         if data:
             self.said.append((now + 1_000_000 + round(self.days.faults.latency * 1e9), data))
-
-    def _force_at(self, now: int) -> Callable[[np.ndarray], tuple[float, float, float]]:
-        force = self.force if now < self.until else (0.0, 0.0, 0.0)
-        return lambda place: force
 
     def read(self, size: int, timeout: float) -> bytes:
         self.days.check(raw.NAME, time.monotonic_ns())
@@ -127,14 +124,10 @@ class EmulatedReports:
         self.said.clear()
 
 
-def moving_mouse() -> Callable[[float], list[bytes]]:
-    """A hand that presses a SpaceMouse down and lets it up again, once in `SWING`."""
-
-    def moved(at: float) -> list[bytes]:
-        down = round(175 * np.sin(2 * np.pi * at / SWING))
-        return spacemouse.reports((0, 0, down, 0, 0, 0), 0, together=True)
-
-    return moved
+def moving_mouse(at: float) -> list[bytes]:
+    """A hand that presses a SpaceMouse down and lets it up again, once in `SWING`; `at` a time [s]."""
+    down = round(175 * np.sin(2 * np.pi * at / SWING))
+    return spacemouse.reports((0, 0, down, 0, 0, 0), 0, together=True)
 
 
 GAMEPAD = bytes.fromhex(
@@ -143,16 +136,12 @@ GAMEPAD = bytes.fromhex(
     "09300931093209351500 26ff00 75089504 8102"  # X Y Z Rz, 0 to 255, 8 bits each
     "05091901290c15002501 7501950c 8102"  # 12 buttons
     "75049501 8103"  # filler
-    "c0".replace(" ", "")
+    "c0"
 )
 """Report descriptor of an ordinary gamepad: number, four bytes of sticks, twelve buttons."""
 
 
-def moving_gamepad() -> Callable[[float], list[bytes]]:
-    """A thumb that moves the left stick from side to side, once in `SWING`."""
-
-    def moved(at: float) -> list[bytes]:
-        x = round(127.5 + 100 * np.sin(2 * np.pi * at / SWING))
-        return [bytes((1, x, 128, 128, 128, 0, 0))]
-
-    return moved
+def moving_gamepad(at: float) -> list[bytes]:
+    """A thumb that moves the left stick from side to side, once in `SWING`; `at` a time [s]."""
+    x = round(127.5 + 100 * np.sin(2 * np.pi * at / SWING))
+    return [bytes((1, x, 128, 128, 128, 0, 0))]

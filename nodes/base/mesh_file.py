@@ -34,7 +34,7 @@ def read_mesh(path: str, scale: float) -> Mesh:
     vertices, triangles = read_triangles(path)
     _plausible(path, vertices, scale)
     vertices = vertices * scale
-    if not _area(vertices, triangles) > LEAST_AREA * float(np.ptp(vertices, axis=0).max()) ** 2:
+    if not Mesh(vertices, triangles).areas.sum() > LEAST_AREA * float(np.ptp(vertices, axis=0).max()) ** 2:
         raise SettingError(
             f"setting 'surface': {path} has no area: its {len(triangles)} triangles are lines. Expected a surface; it "
             "may have lost a coordinate when it was written."
@@ -121,11 +121,6 @@ def _load(path: str) -> tuple[np.ndarray, np.ndarray]:
     except Exception as error:  # the reader raises whatever the broken bytes lead it to
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SettingError(f"setting 'surface': {path} is not a {file.suffix[1:]} mesh: {text}") from None
-
-
-def _area(vertices: np.ndarray, triangles: np.ndarray) -> float:
-    a, b, c = (vertices[triangles[:, k]] for k in range(3))
-    return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
 def _least_first(triangles: np.ndarray) -> np.ndarray:

@@ -10,15 +10,7 @@ from palpate.messages.tissue import SeenSurface
 from palpate.nodes.base import InputError, Node, Wants, part
 from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
-from palpate.physics.contact.series import (
-    ElasticLaw,
-    energy,
-    exponential,
-    hertz_exponential,
-    kernel_form,
-    power,
-    series_step,
-)
+from palpate.physics.contact import series as laws
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
 from palpate.physics.entry_point import entry_point
 
@@ -72,16 +64,18 @@ class Series(Node):
         """[m] Approach from which the contact comes back; None: it feels all of the approach."""
         self._back_for = 0.0
         self._finger_law = self._finger()
-        self._law = kernel_form(self._finger_law, self.finger_damping)
-        self._series = entry_point(series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._law = laws.kernel_form(self._finger_law, self.finger_damping)
+        self._series = entry_point(laws.series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
         free_recovery(0.0, 0.0, self.finger_damping, 1e-3)  # compiled by the time that a body is missing
 
-    def _finger(self) -> ElasticLaw:
+    def _finger(self) -> laws.ElasticLaw:
         if self.finger_law == "power":
-            return power(self.finger_power_stiffness, self.finger_power_exponent)
+            return laws.power(self.finger_power_stiffness, self.finger_power_exponent)
         if self.finger_law == "hertz":
-            return hertz_exponential(self.finger_hertz_slope, self.finger_hertz_hardening, self.finger_hertz_radius)
-        return exponential(self.finger_stiffness, self.finger_hardening)
+            return laws.hertz_exponential(
+                self.finger_hertz_slope, self.finger_hertz_hardening, self.finger_hertz_radius
+            )
+        return laws.exponential(self.finger_stiffness, self.finger_hardening)
 
     def _law_now(self, body: Heard, time: int, dt: float) -> Law:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
@@ -187,7 +181,7 @@ class Series(Node):
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:
         """The energy that the fingertip holds."""
-        return (float(energy(self._finger_law, self.compression)),)
+        return (float(laws.energy(self._finger_law, self.compression)),)
 
 
 def _in_range(body: Heard) -> bool:

@@ -65,16 +65,12 @@ class Haply2Diy(Hardware):
         from palpate.drivers.emulate.line import EmulatedLine
 
         made = self.script()
-        points = tuple(self._inwards(point) for point in made.points)
+        (i, j), (u, v), centre = PLANES[self.plane], self._middle(), self.centre
+        points = tuple((p[i] - centre[i] + u, p[j] - centre[j] + v, 0.0) for p in made.points)
         device = diy.Emulated2Diy(replace(made, points=points), self.version, waits=True)
         self.go = device.hand.go
         line = EmulatedLine(device, diy.BAUD, diy.NAME, self.faults)
         return diy.Haply2Diy(line.connect, self.version)
-
-    def _inwards(self, point: Vector3) -> Vector3:
-        """A point of the graph's frame in the device's plane."""
-        (i, j), (u, v) = PLANES[self.plane], self._middle()
-        return point[i] - self.centre[i] + u, point[j] - self.centre[j] + v, 0.0
 
     def step(self, force: Force | None, *, dt: float) -> DeviceState:
         i, j = PLANES[self.plane]

@@ -67,7 +67,7 @@ class Hid(Wired):
             return made(lambda: UsbHid(module.fits, module.NAME, self.port))
         from palpate.drivers.hid.emulator import GAMEPAD, EmulatedReports, moving_gamepad, moving_mouse
 
-        moved = moving_mouse() if self.kind == "spacemouse" else moving_gamepad()
+        moved = moving_mouse if self.kind == "spacemouse" else moving_gamepad
         return made(EmulatedReports(moved, GAMEPAD, self.faults).connect)
 
     def step(self, *, dt: float) -> DeviceState:

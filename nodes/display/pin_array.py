@@ -9,16 +9,9 @@ import scipy  # its parts are slow to import, and are when they are used
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
 from palpate.nodes.base.surface import OnSurface
+from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
-from palpate.physics.display.shape_display import (
-    FINGERPADS,
-    VALID_RATIO,
-    Fingerpad,
-    PadContact,
-    pad_contact,
-    pad_displacement,
-)
 
 NEIGHBOURS = 9  # surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh
 
@@ -61,8 +54,8 @@ class PinArray(OnSurface):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        given = zip((self.pad_b, self.pad_m, self.pad_radius), FINGERPADS[self.pad], strict=True)
-        self.finger = Fingerpad(*(named if own is None else own for own, named in given))
+        given = zip((self.pad_b, self.pad_m, self.pad_radius), pads.FINGERPADS[self.pad], strict=True)
+        self.finger = pads.Fingerpad(*(named if own is None else own for own, named in given))
         if self.curvature <= -1.0 / self.finger.radius:
             raise SettingError(
                 f"setting 'curvature' [1/m]: found {self.curvature}, expected more than {-1.0 / self.finger.radius:g}"
@@ -76,6 +69,8 @@ class PinArray(OnSurface):
         self.shown = np.zeros(len(self.grid))
         self.shape = np.zeros(len(self.grid))
         self.actuator = 0.0
+        times = self.rise_time, self.fall_time
+        self.drives = Drives(self.stroke, self.travel, self.rate, self.actuator_rate, *times, self.resolution)
         if self.shows != "force":
             mesh = self.mesh()
             self.points, self.areas = mesh.vertices, mesh.areas
@@ -83,14 +78,14 @@ class PinArray(OnSurface):
             self.moved = np.zeros_like(self.points)
             self.tree = scipy.spatial.cKDTree(self.points)
 
-    def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> PadContact:
+    def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> pads.PadContact:
         """States of the fingerpad under forces [N] on tissue of this modulus [Pa], or of the node's own: a table."""
         curved = np.inf if self.curvature == 0.0 else 1.0 / self.curvature
-        return pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
+        return pads.pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
 
     def theory_profile(self, distance: np.ndarray, force: float) -> np.ndarray:
         """Deformation of the fingerpad [m] at these distances [m] from the axis, under a force [N]."""
-        return pad_displacement(distance, self.theory(force))
+        return pads.pad_displacement(distance, self.theory(force))
 
     def step(
         self,
@@ -109,7 +104,7 @@ class PinArray(OnSurface):
                     self._from_surface(contact, surface, approach)
                 else:
                     valid = self._from_pressure(contact, surface)
-        limited = self._drive(approach, dt)
+        self.actuator, limited = drive(self.pins, self.shape, self.actuator, approach, dt, self.drives, self.shown)
         return Pins(
             heights=self.shown.reshape(self.rows, self.columns),
             actuator=self.actuator,
@@ -122,7 +117,7 @@ class PinArray(OnSurface):
         approach, radius = heights_from_force(
             self.distance, force, pad.b, pad.m, 1.0 / pad.radius, compliance, self.curvature, self.shape
         )
-        return approach, radius <= VALID_RATIO * pad.radius
+        return approach, radius <= pads.VALID_RATIO * pad.radius
 
     def _from_surface(self, contact: Contact, surface: Surface, approach: float) -> None:
         self._check(surface)
@@ -152,13 +147,6 @@ class PinArray(OnSurface):
                 f"settings 'surface', 'vertices': surface {self.surface!r} has {len(self.points)} vertices, but the"
                 f" tissue sends vertex {surface.nodes.max()}; give both nodes the same surface"
             )
-
-    def _drive(self, approach: float, dt: float) -> bool:
-        by = Drives(
-            self.stroke, self.travel, self.rate, self.actuator_rate, self.rise_time, self.fall_time, self.resolution
-        )
-        self.actuator, limited = drive(self.pins, self.shape, self.actuator, approach, dt, by, self.shown)
-        return limited
 
 
 def tangent_frame(normal: Vector3) -> np.ndarray:

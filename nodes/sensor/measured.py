@@ -1,5 +1,6 @@
 """Real force sensors: the force of a real indentation."""
 
+import time
 from typing import Annotated, Any, ClassVar
 
 import msgspec
@@ -91,8 +92,6 @@ class _Measured(Wired):
         )  # fmt: skip
 
     def _go(self) -> None:
-        import time
-
         self.begun = time.monotonic_ns()
 
 

@@ -94,18 +94,7 @@ def weld(vertices: np.ndarray) -> np.ndarray:
 def _stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The triangles round each vertex: first places (V+1) and triangles (3T)."""
     at = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=count))])
-    star = np.empty(triangles.size, dtype=np.int32)
-    _fill_stars(triangles, at[:-1].copy(), star)
-    return at, star
-
-
-@kernel
-def _fill_stars(triangles, place, star):
-    for t in range(len(triangles)):
-        for i in range(3):
-            v = triangles[t, i]
-            star[place[v]] = t
-            place[v] += 1
+    return at, (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
 
 
 @kernel
@@ -137,17 +126,12 @@ def _superfluous(triangles, at, star):
     return superfluous
 
 
-@kernel
-def _morton(centre, low, size):
+def _morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
     """Interleaved bits of the coordinates, 21 of each."""
-    codes = np.empty(len(centre), dtype=np.int64)
-    for t in range(len(centre)):
-        code = 0
-        for i in range(3):
-            x = int(min((centre[t, i] - low[i]) / size, 1.0) * 2097151.0)
-            for bit in range(21):
-                code |= ((x >> bit) & 1) << (3 * bit + i)
-        codes[t] = code
+    places = (np.minimum((centre - low) / size, 1.0) * 2097151.0).astype(np.int64)
+    codes = np.zeros(len(centre), np.int64)
+    for bit, i in np.ndindex(21, 3):
+        codes |= (places[:, i] >> bit & 1) << 3 * bit + i
     return codes
 
 

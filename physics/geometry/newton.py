@@ -18,18 +18,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inv
 
 import numpy as np
 
-from palpate.physics.geometry.nurbs import (
-    AT_BV,
-    CLOSED_U,
-    CLOSED_V,
-    POLE_HIGH,
-    POLE_LIMIT,
-    POLE_LOW,
-    SPANS_V,
-    bounds,
-    evaluate,
-    wrap,
-)
+from palpate.physics.geometry import nurbs
 from palpate.physics.kernel import kernel
 
 ZERO_DISTANCE = 1e-9
@@ -46,11 +35,11 @@ LIMIT = 60
 @kernel
 def _polar(data, layout, v):
     """+1 in the span beside the pole at the low end of v, -1 at the high end, 0 elsewhere."""
-    _, _, v0, v1 = bounds(data, layout)
-    b, spans = layout[AT_BV], layout[SPANS_V]
-    if layout[POLE_LOW] and v < data[b + 1] and (spans > 1 or v - v0 <= v1 - v or not layout[POLE_HIGH]):
+    _, _, v0, v1 = nurbs.bounds(data, layout)
+    b, spans = layout[nurbs.AT_BV], layout[nurbs.SPANS_V]
+    if layout[nurbs.POLE_LOW] and v < data[b + 1] and (spans > 1 or v - v0 <= v1 - v or not layout[nurbs.POLE_HIGH]):
         return 1.0
-    if layout[POLE_HIGH] and v >= data[b + spans - 1]:
+    if layout[nurbs.POLE_HIGH] and v >= data[b + spans - 1]:
         return -1.0
     return 0.0
 
@@ -58,19 +47,19 @@ def _polar(data, layout, v):
 @kernel
 def _moved(data, layout, side, u, v, s1, s2):
     """The parameters after a step: (du, dv), or beside a pole (radial, tangential) in units of v."""
-    u0, u1, v0, v1 = bounds(data, layout)
+    u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if side == 0.0:
-        v = wrap(v + s2, v0, v1, layout[CLOSED_V])
-        u = wrap(u + s1, u0, u1, layout[CLOSED_U])
+        v = nurbs.wrap(v + s2, v0, v1, layout[nurbs.CLOSED_V])
+        u = nurbs.wrap(u + s1, u0, u1, layout[nurbs.CLOSED_U])
     else:
         rho = (v - v0 if side > 0 else v1 - v) + s1
-        u = wrap(u + np.arctan2(s2, rho) * (u1 - u0) / (2.0 * np.pi), u0, u1, True)
+        u = nurbs.wrap(u + np.arctan2(s2, rho) * (u1 - u0) / (2.0 * np.pi), u0, u1, True)
         rho = np.hypot(rho, s2)
         v = min(max(v0 + rho if side > 0 else v1 - rho, v0), v1)
     keep = POLE_RADIUS * (v1 - v0)
-    if layout[POLE_LOW]:
+    if layout[nurbs.POLE_LOW]:
         v = max(v, v0 + keep)
-    if layout[POLE_HIGH]:
+    if layout[nurbs.POLE_HIGH]:
         v = min(v, v1 - keep)
     return u, v
 
@@ -88,11 +77,11 @@ def _model(data, layout, side, v, d, r0, r1, r2):
     hvv = sv + r0 * d[5, 0] + r1 * d[5, 1] + r2 * d[5, 2]
     if side == 0.0:
         return gu, gv, huu, huv, hvv, su, suv, sv
-    u0, u1, v0, v1 = bounds(data, layout)
+    u0, u1, v0, v1 = nurbs.bounds(data, layout)
     rho = v - v0 if side > 0 else v1 - v
     i = 1.0 / rho
     k = (u1 - u0) / (2.0 * np.pi)
-    if rho < POLE_LIMIT * (v1 - v0):
+    if rho < nurbs.POLE_LIMIT * (v1 - v0):
         # Differences of nearly equal numbers make S_u here; S_u = rho S_uv. The curvature is taken alike all round.
         c = side * k
         x, y, z = c * d[4, 0], c * d[4, 1], c * d[4, 2]
@@ -137,7 +126,7 @@ def flattest(data, layout, p0, p1, p2, v, d):
 @kernel
 def beside(data, layout, u, v, d, share):
     """Parameters (u, v) 2 % inside of a collapsed border, at a share [1] of its length; d (6,3) as in `evaluate`."""
-    u0, u1, v0, v1 = bounds(data, layout)
+    u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if d[1, 0] ** 2 + d[1, 1] ** 2 + d[1, 2] ** 2 <= d[2, 0] ** 2 + d[2, 1] ** 2 + d[2, 2] ** 2:
         inside = 0.02 if v - v0 <= v1 - v else -0.02
         return u0 + share * (u1 - u0), v + inside * (v1 - v0)
@@ -148,7 +137,7 @@ def beside(data, layout, u, v, d, share):
 @kernel
 def _line(data, layout, p0, p1, p2, u, v, work, d):
     """The line r [m] (3) from p to the surface at (u, v), and r.r; leaves the derivatives there in d."""
-    evaluate(data, layout, u, v, work, d)
+    nurbs.evaluate(data, layout, u, v, work, d)
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
     return r0, r1, r2, r0 * r0 + r1 * r1 + r2 * r2
 
@@ -161,7 +150,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
     """
     u, v = _moved(data, layout, 0.0, u, v, 0.0, 0.0)
     r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
-    u0, u1, v0, v1 = bounds(data, layout)
+    u0, u1, v0, v1 = nurbs.bounds(data, layout)
     steep = False
     escapes = 0
     for _ in range(LIMIT):
@@ -173,8 +162,8 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
         # a coordinate at its border is held where the distance falls outwards
         hold1 = hold2 = False
         if side == 0.0:
-            hold1 = not layout[CLOSED_U] and ((u <= u0 and g1 > 0.0) or (u >= u1 and g1 < 0.0))
-            hold2 = not layout[CLOSED_V] and ((v <= v0 and g2 > 0.0) or (v >= v1 and g2 < 0.0))
+            hold1 = not layout[nurbs.CLOSED_U] and ((u <= u0 and g1 > 0.0) or (u >= u1 and g1 < 0.0))
+            hold2 = not layout[nurbs.CLOSED_V] and ((v <= v0 and g2 > 0.0) or (v >= v1 and g2 < 0.0))
         # stationary: the line from the foot to p is normal to the surface, up to the cosine ZERO_COSINE
         flat1 = hold1 or g1 * g1 <= ZERO_COSINE**2 * f * a11
         flat2 = hold2 or g2 * g2 <= ZERO_COSINE**2 * f * a22
@@ -208,7 +197,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
         for _ in range(40):
             x, y = _moved(data, layout, side, u, v, share * s1, share * s2)
             r0, r1, r2, new = _line(data, layout, p0, p1, p2, x, y, work, d)
-            if side == 0.0 and not layout[CLOSED_U] and x - u != share * s1:
+            if side == 0.0 and not layout[nurbs.CLOSED_U] and x - u != share * s1:
                 slope = (g1 * (x - u)) / share + g2 * s2
             # Rounding of r.r hides the gain of the last steps: the slack lets them pass.
             if new <= f + 2e-4 * share * min(slope, 0.0) + 1e-15 * f or share * move <= ZERO_MOVE:

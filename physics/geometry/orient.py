@@ -7,12 +7,8 @@ from palpate.physics.kernel import kernel
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
     """Number of edges that one triangle has (the border; 0: closed) and of edges that more than two share."""
-    corners = triangles.astype(np.int64)
-    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    ends.sort(axis=1)
-    key = np.sort(ends[:, 0] * vertices + ends[:, 1])
-    first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-    count = np.diff(np.concatenate([first, [len(key)]]))
+    ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
+    _, count = np.unique(ends[:, 0] * vertices + ends[:, 1], return_counts=True)
     return int((count == 1).sum()), int((count > 2).sum())
 
 

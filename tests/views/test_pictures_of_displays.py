@@ -232,4 +232,4 @@ def test_every_axis_has_a_name_and_a_unit(slide, nodule):
     for picture, file in drawings:
         for axes in picture.draw(TouchStreams(Recording(file))).axes:
             for label in (axes.get_xlabel(), axes.get_ylabel()):
-                assert not label.strip().startswith("["), (picture.NAME, label)
+                assert not label.strip().startswith("["), (picture.__name__, label)

@@ -48,14 +48,10 @@ class StreamReader:
 
     def __init__(self, run: Running, touched: Touched) -> None:
         self.touched = touched
-        self.owners = owners(touched.fingers)
         self.kinds = {HEALTH: Health} | kinds_of(touched.fingers, touched.near, touched.bodies)
-        self.last: list[Last] = [{} for _ in touched.fingers]
+        self.newest: dict[str, Message] = {}
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
-        self.shapes: dict[str, Surface] = {}
-        self.loads: dict[str, Load] = {}
-        self.near: list[dict[str, Proximity]] = [{} for _ in touched.fingers]
         large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load)]
         self.large = [self._socket(run, [stream], conflate=True) for stream in large]
         self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
@@ -63,7 +59,7 @@ class StreamReader:
     def _socket(self, run: Running, streams: list[str], conflate: bool) -> zmq.Socket:
         socket = self.context.socket(zmq.SUB)
         socket.set(zmq.LINGER, 0)
-        socket.set(zmq.RCVHWM, KEPT * len(self.last))
+        socket.set(zmq.RCVHWM, KEPT * len(self.touched.fingers))
         if conflate:
             socket.set(zmq.CONFLATE, 1)
         for stream in streams:
@@ -78,10 +74,11 @@ class StreamReader:
 
     def frame(self) -> bytes | None:
         """The next picture; None where nothing new has come."""
-        curves: list[Curve] = [{"t": [], "f": [], "s": []} for _ in self.last]
+        touched = self.touched
+        curves: list[Curve] = [{"t": [], "f": [], "s": []} for _ in touched.fingers]
         count = 0
         for socket in (self.small, *self.large):
-            while count < 20 * KEPT * len(self.last):
+            while count < 20 * KEPT * len(curves):
                 try:
                     stream, payload = split(socket.recv(zmq.NOBLOCK))
                     message = unpack(payload, self.kinds[stream])
@@ -91,31 +88,38 @@ class StreamReader:
                     continue
                 count += 1
                 if isinstance(message, Health):
-                    if message.source in self.touched.place.groups[0].nodes:
+                    if message.source in touched.place.groups[0].nodes:
                         self.late[message.source] = message.late + message.lost
                     continue
-                if isinstance(message, Surface):
-                    self.shapes[stream] = message
-                elif isinstance(message, Load) and stream in self.touched.bodies.loads:
-                    self.loads[stream] = message
-                elif isinstance(message, Proximity):
-                    for finger, own in enumerate(self.touched.near):
-                        if stream in own:
-                            self.near[finger][stream] = message
-                            self.last[finger][Proximity] = nearest(self.near[finger])
-                    continue
-                for finger in self.owners.get(stream, ()):
-                    self.last[finger][type(message)] = message
-                    if isinstance(message, Contact):
-                        curves[finger]["t"].append(message.time * 1e-9)
-                        curves[finger]["f"].append(message.force)
-                        curves[finger]["s"].append(message.indentation)
-        if not count or any(Contact not in last for last in self.last):
-            return None
+                self.newest[stream] = message
+                if isinstance(message, Contact):
+                    for finger, curve in zip(touched.fingers, curves, strict=True):
+                        if finger[Contact] == stream:
+                            curve["t"].append(message.time * 1e-9)
+                            curve["f"].append(message.force)
+                            curve["s"].append(message.indentation)
         head = {"kind": "frame", "late": max(self.late.values(), default=0)}
-        bodies = self.touched.bodies
-        head |= told(self.last, self.touched.thickness, curves) | bodies.pressed(self.loads)
-        return frame(head, bodies.surface(self.shapes))
+        if not count:
+            return None
+        return picture(head, self.newest, touched.bodies, touched.fingers, touched.near, touched.thickness, curves)
+
+
+def picture(
+    head: dict[str, Any], newest: Mapping[str, Message], shown: Bodies, fingers: Sequence[Shown],
+    near: Sequence[Sequence[str]], thickness: float, curves: Sequence[Curve] = (),
+) -> bytes | None:  # fmt: skip
+    """The picture of the newest messages by stream; None where a finger has no contact yet. Of the organs that a finger
+    may touch, the one counts that it is nearest to or deepest in. The others as in `steered.Touched` and `told`."""
+    every: list[Last] = []
+    for finger, organs in zip(fingers, near, strict=True):
+        last: Last = {kind: newest[stream] for kind, stream in finger.items() if stream in newest}
+        close = [one for stream in organs if isinstance(one := newest.get(stream), Proximity)]
+        every.append(last | ({Proximity: min(close, key=lambda one: one.gap)} if close else {}))
+    if any(Contact not in last for last in every):
+        return None
+    shapes = {stream: one for stream, one in newest.items() if isinstance(one, Surface)}
+    loads = {stream: one for stream, one in newest.items() if stream in shown.loads and isinstance(one, Load)}
+    return frame(head | told(every, thickness, curves) | shown.pressed(loads), shown.surface(shapes))
 
 
 def kinds_of(fingers: Iterable[Shown], near: Iterable[Iterable[str]], shown: Bodies) -> dict[str, type[Message]]:
@@ -123,20 +127,6 @@ def kinds_of(fingers: Iterable[Shown], near: Iterable[Iterable[str]], shown: Bod
     kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
     kinds |= {stream: Proximity for organs in near for stream in organs}
     return kinds | dict.fromkeys(shown.streams, Surface) | dict.fromkeys(shown.loads, Load)
-
-
-def nearest(organs: Mapping[str, Proximity]) -> Proximity:
-    """Of the organs that a finger may touch, the one that it is nearest to or deepest in."""
-    return min(organs.values(), key=lambda near: near.gap)
-
-
-def owners(fingers: list[dict[type[Message], str]]) -> dict[str, list[int]]:
-    """Of each stream, the fingers that have it."""
-    found: dict[str, list[int]] = {}
-    for number, finger in enumerate(fingers):
-        for stream in finger.values():
-            found.setdefault(stream, []).append(number)
-    return found
 
 
 def told(fingers: list[Last], thickness: float, curves: Sequence[Curve] = ()) -> dict[str, Any]:

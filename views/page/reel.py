@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Load, Message, MessageError, Proximity, Surface, unpack
+from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
 from palpate.records.format.mcap_file import Broken, Records
 from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
@@ -17,7 +17,7 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.fingers import fingers, links_of
 from palpate.views.page import PageError
-from palpate.views.page.feed import Curve, Last, frame, kinds_of, nearest, owners, surface_frame, told
+from palpate.views.page.feed import Curve, frame, kinds_of, picture, surface_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of
 
@@ -41,9 +41,8 @@ class RecordingSource:
         self.recording = Recording(path)
         links = links_of(self.recording)
         found = fingers(*links)
-        shown = [streams_of(finger) for finger in found]
-        self._owners, names = owners(shown), shown[0]
-        self._near = [finger.near for finger in found]
+        self.fingers = shown = [streams_of(finger) for finger in found]
+        self.near, names = [finger.near for finger in found], shown[0]
         for kind, what in ((Contact, "touch"), (Surface, "body")):
             if not any(kind in finger for finger in shown):
                 streams = ", ".join(sorted(self.recording.streams)) or "none"
@@ -61,7 +60,7 @@ class RecordingSource:
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []
         self._places: list[int] = []
-        kinds = kinds_of(shown, self._near, self.bodies)
+        kinds = kinds_of(shown, self.near, self.bodies)
         self._kinds = {stream: kind for stream, kind in kinds.items() if stream in self.recording.streams}
         self.curves = self._listen([finger[Contact] for finger in shown])
 
@@ -106,9 +105,8 @@ class RecordingSource:
             if (name := channels.get(channel)) in self._kinds and name is not None
         ]
 
-    def last(self, time: float) -> tuple[list[Last], dict[str, Message]]:
-        """The last messages at this time [s] of the graph's clock, or before: of each kind for each finger, and of each
-        stream."""
+    def last(self, time: float) -> dict[str, Message]:
+        """The last message of each stream at this time [s] of the graph's clock, or before."""
         found: dict[str, tuple[float, bytes]] = {}
         k = bisect_right(self._begins, time) - 1
         for chunk in range(k, max(k - BACK, -1), -1):
@@ -127,14 +125,7 @@ class RecordingSource:
                 messages[name] = unpack(payload, self._kinds[name])
             except MessageError as error:
                 raise RecordingError(f"{self.recording.path}: stream {name!r}: {error}") from None
-        kept: list[Last] = [{} for _ in self._near]
-        for name, message in messages.items():
-            for finger in self._owners.get(name, ()):
-                kept[finger][self._kinds[name]] = message
-        for last, near in zip(kept, self._near, strict=True):
-            organs = {name: one for name in near if isinstance(one := messages.get(name), Proximity)}
-            last |= {Proximity: nearest(organs)} if organs else {}
-        return kept, messages
+        return messages
 
     def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
@@ -145,13 +136,9 @@ class RecordingSource:
     def frame(self, time: float, number: int) -> bytes:
         """The picture at a time [s], clipped to the recording."""
         times = self.curves[0]["t"]
-        last, newest = self.last(min(max(time, times[0]), times[-1]))
+        newest = self.last(min(max(time, times[0]), times[-1]))
         head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
-        if any(Contact not in one for one in last):
-            return frame(head, None)
-        shapes = {name: one for name, one in newest.items() if isinstance(one, Surface)}
-        loads = {name: one for name, one in newest.items() if name in self.bodies.loads and isinstance(one, Load)}
-        return frame(head | told(last, self.thickness) | self.bodies.pressed(loads), self.bodies.surface(shapes))
+        return picture(head, newest, self.bodies, self.fingers, self.near, self.thickness) or frame(head, None)
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):

@@ -88,7 +88,8 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
         spec, pointer = graph.nodes[name], POINTER if number == 1 else f"{POINTER}-{number}"
         begin = list(spec.settings.get("begin", (0.0, 0.0, 0.116)))
         sockets.append(folder / f"pointer-{number}")
-        wires = {port: finger[kind] for port, kind in _ports(finger).items()}
+        answers = {"torque": Torque} if Torque in finger else {"force": Force} if Force in finger else {}
+        wires = {port: finger[kind] for port, kind in answers.items()}
         nodes[pointer] = {"use": "device.Pointer", "socket": str(sockets[-1]), "begin": begin}
         nodes[name] = {"use": "device.Mouse", "in": {"pointer": pointer, **wires}, "begin": begin}
         for key in ("hand_stiffness", "hand_damping", "mass", "origin"):
@@ -102,11 +103,6 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
     # What an organ of one's own says of the hand has been taken from the devices: no other node reads it.
     overrides = tuple(o for o in launch.overrides if isinstance(o, str) or o.keys[:2] != ("scene", "hand"))
     return LaunchFile(graph=file, clock="real", overrides=overrides), sockets
-
-
-def _ports(feeds: dict[type[Message], str]) -> dict[str, type[Message]]:
-    """Which input of the hand the graph's answer goes to: torques where it has them, else the force."""
-    return {"torque": Torque} if Torque in feeds else {"force": Force} if Force in feeds else {}
 
 
 def touched(planned: Plan) -> Touched:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.console import Console
+
+
+OF_A_FINGER = ("force", "compression", "friction", "device")
+"""Of several fingers each has its own."""
+PICTURES = ("grip", *OF_A_FINGER, "energy", "slip", "pad", "pins", "softness")
 
 
 class PictureError(PalpateError, ValueError):
@@ -45,24 +51,12 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
-    from palpate.views.pictures import (
-        compression,
-        deformation,
-        device,
-        energy,
-        force,
-        friction,
-        grip,
-        pad,
-        pins,
-        slip,
-        softness,
-    )
+    from palpate.views.pictures.deformation import Views
     from palpate.views.pictures.style import entitle
     from palpate.views.pictures.touch import TouchStreams
 
     touch = TouchStreams(recording)
-    fingers, of_a_finger = touch.fingers, (force, compression, friction, device)
+    fingers = touch.fingers
     folder.mkdir(parents=True, exist_ok=True)
     made = []
     views = None
@@ -71,40 +65,39 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
         if importlib.util.find_spec("pyvista") is None:
             _tell(console, missing("no 3-D picture", "pyvista", "view"))
         else:
-            views = deformation.Views(touch)  # it draws while the others are drawn here
+            views = Views(touch)  # it draws while the others are drawn here
             if text := views.bodies.left_out:
                 _tell(console, text)
     except PictureError as error:
         if touch.stream_of(Surface) is not None and touch.slip is None:  # else there is none to draw, or it is a pad
             _tell(console, f"no picture of the surface: {error}")
     try:
-        for picture in (grip, force, compression, friction, device, energy, slip, pad, pins, softness):
-            step(picture.NAME)
-            for own in fingers if picture in of_a_finger else fingers[:1]:
+        for name in PICTURES:
+            step(name)
+            picture = import_module(f"{__name__}.{name}")
+            several = name in OF_A_FINGER and len(fingers) > 1
+            for own in fingers if several else fingers[:1]:
                 drawing = picture.draw(own)
                 if drawing is None:
                     continue
-                name, several = own.stream_of(Contact), picture in of_a_finger and len(fingers) > 1
+                contact = own.stream_of(Contact)
                 if several:
-                    entitle(drawing, f"{name}: {drawing.get_suptitle()}")
-                made.append(folder / f"{picture.NAME}{f'-{name}' if several else ''}.png")
+                    entitle(drawing, f"{contact}: {drawing.get_suptitle()}")
+                made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
                 drawing.savefig(made[-1])
-        step(deformation.NAME)
+        step("deformation")
         if views is not None:
             try:
                 drawing = views.draw()
             except PictureError as error:
                 _tell(console, str(error))
             else:
-                made.insert(0, folder / f"{deformation.NAME}.png")
+                made.insert(0, folder / "deformation.png")
                 drawing.savefig(made[0])
     finally:
         if views is not None:
             views.close()
     return made
-
-
-STEPS = 12
 
 
 @contextmanager
@@ -118,7 +111,7 @@ def _progress(console: Console | None) -> Iterator[Callable[[str], None]]:
     with Progress(
         TextColumn("pictures"), BarColumn(), TextColumn("{task.description}"), console=console, transient=True
     ) as bar:
-        task = bar.add_task("", total=STEPS, completed=-1)
+        task = bar.add_task("", total=len(PICTURES) + 2, completed=-1)
         yield lambda name: bar.update(task, advance=1, description=name)
 
 

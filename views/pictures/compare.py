@@ -1,29 +1,16 @@
 """One touch computed by several models: curves and their differences."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from palpate.records.compare import Variant
 from palpate.views.pictures.style import figure as blank
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-
-def draw(variants: Sequence[Variant], path: Path) -> None:
-    """One picture: force and indentation over time of every variant, and their differences from the first."""
-    figure = drawn(variants)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=140)
-
 
 def drawn(variants: Sequence[Variant]) -> Figure:
-    """The figure of `draw`."""
+    """One picture: force and indentation over time of every variant, and their differences from the first."""
     figure = blank(11, 6.5, f"One touch, {len(variants)} variants; differences from {variants[0].name}")
     axes = figure.subplots(2, 2, sharex=True)
     first = np.array(variants[0].curves).reshape(-1, 3)
@@ -35,8 +22,7 @@ def drawn(variants: Sequence[Variant]) -> Figure:
             times, mine, theirs = np.intersect1d(curve[:, 0], first[:, 0], return_indices=True)
             below.plot(times, (curve[mine, column] - first[theirs, column]) * factor, linewidth=1.2)
         above.set_ylabel(label)
-        below.set_ylabel(f"difference, {label}")
-        below.set_xlabel("time [s]")
+        below.set(ylabel=f"difference, {label}", xlabel="time [s]")
         for axis in (above, below):
             axis.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=8)

@@ -1,16 +1,9 @@
 """How fingertip and tissue share the approach over time."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from matplotlib.figure import Figure
 
 from palpate.views.pictures.style import ENERGY, FINGER, TISSUE, figure, over_time
 from palpate.views.pictures.touch import TouchStreams, touches
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-NAME = "compression"
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -26,12 +19,10 @@ def draw(touch: TouchStreams) -> Figure | None:
     upper.fill_between(time, s1 + s2, color=TISSUE, alpha=0.07, linewidth=0, label="s1 + s2, the approach")
     upper.plot(time, s2, color=TISSUE, label="s2, indentation of the tissue")
     upper.plot(time, s1, color=FINGER, label="s1, compression of the fingertip")
-    upper.set_ylabel("compression, indentation [mm]")
-    upper.set_title(
-        f"at most {(s1 + s2).max():.1f} mm: the fingertip up to {s1.max():.1f} mm, the tissue up to {s2.max():.1f} mm"
-    )
     upper.legend(loc="upper right", ncols=3)
-    upper.set_ylim(0.0, float((s1 + s2).max()) * 1.25)
+    most = float((s1 + s2).max())
+    upper.set_title(f"at most {most:.1f} mm: the fingertip up to {s1.max():.1f} mm, the tissue up to {s2.max():.1f} mm")
+    upper.set(ylabel="compression, indentation [mm]", ylim=(0.0, most * 1.25))
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     lower.plot(time, s1 - s2, color=ENERGY)
     lower.set_ylabel("s1 − s2 [mm]")

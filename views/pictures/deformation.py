@@ -1,8 +1,6 @@
 """The deformed surface at several instants, coloured by how far it moved."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from matplotlib.figure import Figure
 
 from palpate.views.pictures.style import deformation_colours, figure
 from palpate.views.pictures.touch import TouchStreams
@@ -10,10 +8,6 @@ from palpate.views.surface.colour import COLOURS, painted, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
 from palpate.views.surface.off_screen import Rendering
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-NAME = "deformation"
 TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand)"
 COUNT, COLUMNS = 6, 3
 

@@ -1,20 +1,12 @@
 """The force in the hand: what the controller asked for, its state, and the energy that its observer counts."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import Force
 from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "device"
 
 
 def draw(touch: TouchStreams) -> Figure | None:
@@ -41,10 +33,9 @@ def draw(touch: TouchStreams) -> Figure | None:
     upper.set_ylim(low, high + 0.2 * (high - low))
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     lower.plot(time, force["energy"] * 1e3, color=ENERGY)
+    least = force["energy"].min() * 1e3
+    lower.set_title(f"since the last change of state, by the passivity observer; least {least:.2f} mJ")
     lower.set_ylabel("energy [mJ]")
-    lower.set_title(
-        f"since the last change of state, by the passivity observer; least {force['energy'].min() * 1e3:.2f} mJ"
-    )
     over_time(lower, time)
     return out
 

@@ -1,20 +1,13 @@
 """Normal force against approach and indentation: the loop of loading and unloading; beside it the band of a subject."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches, work
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "force"
 SPAN = 0.012  # [s] of the mean of noisy samples: short beside a press, long beside the noise of the encoders
 RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
 QUIET = 2e-3  # [1] noise over range: samples with less are drawn as they are
@@ -30,7 +23,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     approach = contact["compression"] + contact["indentation"]
     if not approach.any():
         return None
-    chosen = min(slices, key=lambda contact_slice: _slid(contact["foot"][contact_slice]))
+    chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
     ways = [
         ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
         ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
@@ -48,10 +41,8 @@ def draw(touch: TouchStreams) -> Figure | None:
                 smooth = smoothed(contact["force"][other], contact["time"][other])
                 axes.plot(way[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
-        axes.set_xlabel(label)
-        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ of hysteresis")
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlim(left=0.0)
+        hysteresis = work(way[chosen], contact["force"][chosen]) * 1e3
+        axes.set(xlabel=label, title=f"{whose}: {hysteresis:.1f} mJ of hysteresis", xlim=(0.0, None), ylim=(0.0, None))
     left.set_ylabel("normal force [N]")
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
@@ -91,11 +82,6 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
     )
     axes.tick_params(labelleft=True)
     axes.legend(loc="upper left")
-
-
-def _slid(foot: np.ndarray) -> float:
-    """Way of the foot point along the surface [m]."""
-    return float(np.linalg.norm(np.diff(foot, axis=0), axis=1).sum())
 
 
 def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:

@@ -7,28 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.messages import Friction
+from palpate.views.pictures import style
 from palpate.views.pictures.regions import BEYOND_DIP, regions
-from palpate.views.pictures.style import (
-    FAINT,
-    FRICTION,
-    INK,
-    NORMAL,
-    REGION_A,
-    REGION_B,
-    SPEED,
-    figure,
-    mean,
-    over_time,
-    shade,
-    trace,
-)
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NAME = "friction"
 WIDE = 0.04  # [s] of the mean in the view of region B
 SLOW = 1.3  # times the least speed of region B
 DIPS_FOR = 2.5
@@ -61,7 +47,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     time, normal, _, speed = data
     a, b = regions(time, normal, speed, beyond_dip(touch))
     zoomed = a is not None or b is not None
-    out = figure(11.5, 10.2 if zoomed else 6.0, "Friction against normal force and sliding speed")
+    out = style.figure(11.5, 10.2 if zoomed else 6.0, "Friction against normal force and sliding speed")
     if zoomed:
         rows = out.subplot_mosaic([["force"] * 2, ["speed"] * 2, ["a", "b"]], height_ratios=(3, 2, 4))
     else:
@@ -76,22 +62,19 @@ def draw(touch: TouchStreams) -> Figure | None:
 def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | None) -> None:
     time, normal, friction, speed = data
     for axes in (upper, lower):
-        for region, colour, letter in ((a, REGION_A, "A"), (b, REGION_B, "B")):
+        for region, colour, letter in ((a, style.REGION_A, "A"), (b, style.REGION_B, "B")):
             if region is not None:
-                shade(axes, time[region.start], time[region.stop - 1], colour, letter)
-        over_time(axes, time)
-    trace(upper, time, normal, time, NORMAL, "normal force")
-    trace(upper, time, friction, time, FRICTION, "friction force")
-    upper.set_ylabel("force [N]")
-    upper.set_ylim(0.0, float(normal.max()) * 1.2)
+                style.shade(axes, time[region.start], time[region.stop - 1], colour, letter)
+        style.over_time(axes, time)
+    style.trace(upper, time, normal, time, style.NORMAL, "normal force")
+    style.trace(upper, time, friction, time, style.FRICTION, "friction force")
     upper.legend(loc="upper left", ncols=2)
-    upper.set_xlabel("")
+    upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.2), xlabel="")
     upper.tick_params(labelbottom=False)
     touching = np.where(normal > 0.0, speed, np.nan) * 1e3
-    lower.plot(time, speed * 1e3, color=FAINT, linewidth=0.8, label="in free space")
-    lower.plot(time, touching, color=SPEED, linewidth=1.2, label="sliding")
-    lower.set_ylabel("speed along\nthe surface [mm/s]")
-    lower.set_ylim(bottom=0.0)
+    lower.plot(time, speed * 1e3, color=style.FAINT, linewidth=0.8, label="in free space")
+    lower.plot(time, touching, color=style.SPEED, linewidth=1.2, label="sliding")
+    lower.set(ylabel="speed along\nthe surface [mm/s]", ylim=(0.0, None))
     lower.legend(loc="upper left", ncols=2)
 
 
@@ -100,17 +83,14 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
         return _none(axes, "A: no interval with constant speed and varying normal force")
     time, normal, friction, speed = (values[region] for values in data)
     slope = float(normal @ friction / (normal @ normal))
-    axes.set_facecolor(REGION_A)
+    axes.set_facecolor(style.REGION_A)
     axes.grid(color="white")
-    axes.plot(normal, friction, ".", color=FRICTION, alpha=0.25, markersize=3)
-    axes.plot(mean(normal, time), mean(friction, time), color=FRICTION, linewidth=1.2)
+    axes.plot(normal, friction, ".", color=style.FRICTION, alpha=0.25, markersize=3)
+    axes.plot(style.mean(normal, time), style.mean(friction, time), color=style.FRICTION, linewidth=1.2)
     ends = np.array([0.0, normal.max()])
-    axes.plot(ends, slope * ends, "--", color=INK, linewidth=1.2, label=f"friction = {slope:.3f} × normal force")
-    axes.set_xlim(left=0.0)
-    axes.set_ylim(bottom=0.0)
-    axes.set_xlabel("normal force [N]")
-    axes.set_ylabel("friction force [N]")
+    axes.plot(ends, slope * ends, "--", color=style.INK, linewidth=1.2, label=f"friction = {slope:.3f} × normal force")
     low, high = np.percentile(speed * 1e3, [5, 95])
+    axes.set(xlim=(0.0, None), ylim=(0.0, None), xlabel="normal force [N]", ylabel="friction force [N]")
     axes.set_title(f"A: the normal force varies, the speed is steady:\n{low:.0f} to {high:.0f} mm/s")
     axes.legend(loc="upper left")
     return None
@@ -119,19 +99,18 @@ def _region_a(axes: Axes, data: tuple, region: slice | None) -> None:
 def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
     if region is None:
         return _none(axes, "B: no interval with rising speed and constant normal force")
-    normal, friction, speed = (mean(values[region], data[0][region], WIDE) for values in data[1:])
-    axes.set_facecolor(REGION_B)
+    normal, friction, speed = (style.mean(values[region], data[0][region], WIDE) for values in data[1:])
+    axes.set_facecolor(style.REGION_B)
     axes.grid(color="white")
     slow = speed <= SLOW * speed.min()
     at = float(normal[slow].mean()), float(friction[slow].mean())
-    axes.plot(speed * 1e3, normal / at[0], color=NORMAL, label=f"normal force, {at[0]:.2f} N where slow")
-    axes.plot(speed * 1e3, friction / at[1], color=FRICTION, label=f"friction force, {at[1]:.2f} N where slow")
-    axes.set_xlabel("speed along the surface [mm/s]")
-    axes.set_ylabel("force over its value where slow [1]")
+    axes.plot(speed * 1e3, normal / at[0], color=style.NORMAL, label=f"normal force, {at[0]:.2f} N where slow")
+    axes.plot(speed * 1e3, friction / at[1], color=style.FRICTION, label=f"friction force, {at[1]:.2f} N where slow")
     spread = 100 * (normal.max() / normal.min() - 1) / 2
-    axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.legend(loc="upper left")
     top = max(float((friction / at[1]).max()), 1.05)
+    axes.set(xlabel="speed along the surface [mm/s]", ylabel="force over its value where slow [1]")
+    axes.set_title(f"B: the speed rises, the normal force is steady:\nwithin ±{spread:.0f} %")
     axes.set_ylim(1.0 - 0.4 * (top - 1.0) - 0.02, 1.0 + 1.5 * (top - 1.0))
     return None
 

@@ -1,19 +1,12 @@
 """How several fingers hold a body: grip and load force, their ratio, and how far each finger is from slipping."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.figure import Figure
 
 from palpate.messages.grip import Grip
 from palpate.views.pictures.style import FINGER, FRICTION, INK, NORMAL, SPEED, TISSUE, figure, over_time
 from palpate.views.pictures.touch import TouchStreams
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-NAME = "grip"
 COLOURS = (FINGER, NORMAL, SPEED, FRICTION, TISSUE)
 
 
@@ -27,15 +20,13 @@ def draw(touch: TouchStreams) -> Figure | None:
     upper, middle, lower = out.subplots(3, 1, sharex=True, height_ratios=(3, 2, 3))
     upper.plot(time, grip["grip"], color=NORMAL, label="grip force")
     upper.plot(time, grip["load"], color=FRICTION, label="load force")
-    upper.set_ylabel("force [N]")
-    upper.set_ylim(top=1.25 * max(float(grip["grip"].max()), float(grip["load"].max())))
+    upper.set(ylabel="force [N]", ylim=(None, 1.25 * max(float(grip["grip"].max()), float(grip["load"].max()))))
     upper.legend(loc="upper left", ncols=2)
     mu = touch.settings(touch.stream_of(Grip)).get("mu_static")
     middle.plot(time, grip["ratio"], color=SPEED)
     if isinstance(mu, float | int):
         middle.axhline(mu, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))
-        middle.set_title(f"dashed: static friction, {mu:g}, where two opposed fingers slip")
-        middle.set_ylim(0.0, 1.3 * mu)
+        middle.set(title=f"dashed: static friction, {mu:g}, where two opposed fingers slip", ylim=(0.0, 1.3 * mu))
     middle.set_ylabel("load over\ntwice the grip [1]")
     for i, margin in enumerate(grip["margin"].T):
         name = f"finger {i + 1}, {np.max(grip['normal'][:, i]):.2f} N at most"

@@ -1,21 +1,16 @@
 """Maps of a fingertip's pad: pressure while it is pressed and held, then how slip spreads into the contact."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import Slip, Surface
 from palpate.views.pictures.slip import Phases, slides
 from palpate.views.pictures.style import figure
 from palpate.views.pictures.touch import TouchStreams
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "pad"
 COLUMNS = 5
 APART, STUCK = "#f2f2f5", "#8d8d99"
 

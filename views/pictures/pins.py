@@ -1,21 +1,17 @@
 """The pins of a display at several moments, and over time with the force and the actuator."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import Pins, Surface
 from palpate.nodes.display import tangent_frame
+from palpate.physics.display.pins import pin_grid
 from palpate.views.pictures.style import FAINT, FINGER, NORMAL, REGION_B, TISSUE, figure, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "pins"
 COLUMNS = 5
 
 
@@ -36,7 +32,8 @@ def draw(touch: TouchStreams) -> Figure | None:
     assert isinstance(parts, np.ndarray)
     top, bottom = parts
     grid = top.subplots(1 + below, len(rows), squeeze=False, sharex=True, sharey=True)
-    places, pitch = _places(heights.shape[1:], settings)
+    pitch = float(settings.get("pitch", 2e-3)) * 1e3
+    places = pin_grid(heights.shape[1], heights.shape[2], pitch)  # [mm]
     most = max(float(heights[rows].max()), 1e-6)
     uneven = [heights[row] - ring_mean(heights[row], places) for row in rows]
     rest = max(max(float(np.abs(u).max()) for u in uneven), 1e-6)
@@ -74,13 +71,6 @@ def ring_mean(heights: np.ndarray, places: np.ndarray) -> np.ndarray:
     _, ring = np.unique(distance.ravel(), return_inverse=True)
     mean = np.bincount(ring.ravel(), heights.ravel()) / np.bincount(ring.ravel())
     return mean[ring.ravel()].reshape(heights.shape)
-
-
-def _places(shape: tuple[int, ...], settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-    """Place of each pin [mm] (rows,columns,2) from the centre, and their pitch [mm]."""
-    pitch = float(settings.get("pitch", 2e-3)) * 1e3
-    y, x = ((np.arange(n) - 0.5 * (n - 1)) * pitch for n in shape)
-    return np.stack(np.meshgrid(x, y), axis=-1), pitch
 
 
 def _map(

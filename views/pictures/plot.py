@@ -57,8 +57,7 @@ def plot(run: Run, names: Sequence[str], over: str | None = None) -> Figure:
                     axes.plot(where, plain[:, i], color=palette[i % 5], linewidth=1.2, label=label)
                 if plain.shape[1] <= 5:
                     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=plain.shape[1])
-            axes.set_title(name)
-            axes.set_ylabel(f"[{shown.unit}]")
+            axes.set(title=name, ylabel=f"[{shown.unit}]")
         panels[-1].set_xlabel("time [s]" if across is None else f"{over} [{across.unit}]")
     return out
 

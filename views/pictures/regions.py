@@ -5,8 +5,6 @@ Region B: the normal force is constant while the sliding speed rises.
 Both are found from normal force and speed alone, never from the friction that is to be judged in them.
 """
 
-from collections import deque
-
 import numpy as np
 
 from palpate.views.pictures.style import mean
@@ -64,31 +62,18 @@ def _best(
 def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple[int, int]]:
     """All longest stretches of allowed samples within which max(held) <= band min(held)."""
     stretches: list[tuple[int, int]] = []
-    values = held.tolist()
-    lows: deque[int] = deque()
-    highs: deque[int] = deque()
-    begin = 0
-    for i, ok in enumerate([*allowed.tolist(), False]):
-        if not ok:
-            if i > begin:
-                stretches.append((begin, i))
-            begin = i + 1
-            lows.clear()
-            highs.clear()
+    begin, low, high = 0, np.inf, -np.inf
+    for i, (ok, value) in enumerate(zip([*allowed.tolist(), False], [*held.tolist(), 0.0], strict=True)):
+        lower, higher = min(low, value), max(high, value)
+        if ok and higher <= band * lower:
+            low, high = lower, higher
             continue
-        value = values[i]
-        while lows and values[lows[-1]] >= value:
-            lows.pop()
-        while highs and values[highs[-1]] <= value:
-            highs.pop()
-        lows.append(i)
-        highs.append(i)
-        if values[highs[0]] > band * values[lows[0]]:
+        if i > begin:
             stretches.append((begin, i))
-            while values[highs[0]] > band * values[lows[0]]:
-                begin += 1
-                while lows[0] < begin:
-                    lows.popleft()
-                while highs[0] < begin:
-                    highs.popleft()
+        if ok:  # from the one after the last that is out of a band with this one
+            before = held[begin:i]
+            begin += 1 + int(np.flatnonzero((before > band * value) | (value > band * before))[-1])
+            low, high = float(held[begin : i + 1].min()), float(held[begin : i + 1].max())
+        else:
+            begin, low, high = i + 1, np.inf, -np.inf
     return stretches

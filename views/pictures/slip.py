@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-NAME = "slip"
 GROSS = "#f1c7c0"
 
 
@@ -68,8 +67,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     panels = out.subplots(3 if slid else 1, 1, sharex=True, squeeze=False, height_ratios=(3, 3, 2) if slid else None)
     upper, *others = panels[:, 0]
     upper.plot(time, normal, color=NORMAL)
-    upper.set_ylabel("normal force [N]")
-    upper.set_title(_relaxation(normal, contact["compression"], at) + _flags(slip))
+    upper.set(ylabel="normal force [N]", title=_relaxation(normal, contact["compression"], at) + _flags(slip))
     deep = upper.twinx()
     deep.plot(time, np.maximum(contact["compression"], 0.0) * 1e3, color=FINGER, linestyle=(0, (4, 2)), linewidth=1.2)
     deep.set_ylabel("depth [mm]  (dashed)", color=FINGER)
@@ -89,12 +87,11 @@ def draw(touch: TouchStreams) -> Figure | None:
     middle.set_ylim(0.0, max(float(size.max()), 1e-6) * 1.35)
     middle.legend(loc="center left")
     lower.plot(time, slip["fraction"] * 100, color=ENERGY, label="part of the contact that slides [%]")
-    lower.set_ylabel("slides [%]")
     front = lower.twinx()
     front.plot(time, slip["front"] * 1e3, color=INK, linestyle=(0, (4, 2)), linewidth=1.2)
     front.set_ylabel("front radius [mm]  (dashed)")
     front.grid(visible=False)
-    lower.set_ylim(-4, 104)
+    lower.set(ylabel="slides [%]", ylim=(-4, 104))
     return out
 
 

@@ -1,21 +1,15 @@
 """Softness on a pin display: how finger and pins move under a force, for several tissues, and where theory ends."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.messages import Pins
 from palpate.nodes.display import PinArray
+from palpate.physics.display.pins import pin_grid
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, figure
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-NAME = "softness"
 OTHERS = {5e3: "5 kPa", 15e3: "15 kPa", 60e3: "60 kPa", np.inf: "rigid"}
 LINES = dict(zip(OTHERS, ("#a4243b", "#d97706", "#4c8c4a", "#2b2b33"), strict=True))
 SHOWN = 3.0  # [N] of the profile, as in the source's figure; the largest force of the run where that is less
@@ -55,10 +49,9 @@ def draw(touch: TouchStreams) -> Figure | None:
     )
     top = float(max(node.theory(most, modulus).approach for modulus in OTHERS)) * 1e3
     middle.set(xlabel="normal force [N]", ylabel="largest deformation x [mm]", xlim=(0, most), ylim=(0, None))
-    right.set(
-        xlabel="normal force [N]", ylabel="rigid motion δ [mm]", xlim=(0, most), ylim=(0, 1.05 * max(top, limit * 1e3))
-    )
     middle.set_title("deformation of the pad, by tissue")
+    end = 1.05 * max(top, limit * 1e3)
+    right.set(xlabel="normal force [N]", ylabel="rigid motion δ [mm]", xlim=(0, most), ylim=(0, end))
     right.set_title("rigid motion, by tissue")
     middle.legend(loc="lower right")
     right.legend(loc="upper left")
@@ -69,8 +62,8 @@ def _profile(axes: Axes, touch: TouchStreams, node: PinArray, pins: Columns, con
     """Theory along a line through the axis, and the pins and the actuator of this run."""
     tick, force = int(pins["tick"][row]), float(contact["force"][row])
     heights = touch.at(Pins, [tick])[tick].heights
-    y, x = ((np.arange(n) - 0.5 * (n - 1)) * node.pitch for n in heights.shape)
-    distance = np.hypot(*np.meshgrid(x, y))
+    rows, columns = heights.shape
+    distance = np.linalg.norm(pin_grid(rows, columns, node.pitch), axis=-1)
     wide = max(14e-3, 1.2 * float(distance.max()))
     r = np.linspace(0.0, wide, 300)
     deformation, state = node.theory_profile(r, force), node.theory(force)

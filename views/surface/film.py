@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,17 +149,12 @@ def _pixels(frames: Iterator[FilmFrame]) -> Iterator[np.ndarray]:
 def _write_mp4(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
     import imageio_ffmpeg
 
-    writer = None
-    try:
-        for frame in frames:
-            if writer is None:
-                height, width = frame.shape[:2]
-                writer = imageio_ffmpeg.write_frames(str(target), (width, height), fps=rate)
-                writer.send(None)
+    first = next(frames)
+    height, width = first.shape[:2]
+    with closing(imageio_ffmpeg.write_frames(str(target), (width, height), fps=rate)) as writer:
+        writer.send(None)
+        for frame in chain([first], frames):
             writer.send(np.ascontiguousarray(frame))
-    finally:
-        if writer is not None:
-            writer.close()
 
 
 def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:

@@ -63,9 +63,10 @@ def compare(
 
 
 def _draw(variants: list[Variant], path: Path) -> list[Path]:
-    from palpate.views.pictures.compare import draw
+    from palpate.views.pictures.compare import drawn as figure
 
-    draw(variants, path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure(variants).savefig(path, dpi=140)
     return [path]
 
 
