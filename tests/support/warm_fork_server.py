@@ -14,18 +14,19 @@ keeps its parent's `environ` there, is that environment: `started_in` finds the 
 import atexit
 import contextlib
 import ctypes
+import importlib
 import io
 import json
 import os
 import platform
 import resource
+import select
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 import traceback
 from pathlib import Path
 from types import SimpleNamespace
@@ -57,11 +58,15 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        until = time.monotonic() + (1e9 if timeout is None else timeout)
-        while self.poll() is None:
-            if time.monotonic() > until:
+        if self.poll() is None:
+            ended, end = select.poll(), os.pidfd_open(self.pid)
+            ended.register(end)
+            told = ended.poll(None if timeout is None else 1e3 * timeout)
+            os.close(end)
+            if not told:
                 raise subprocess.TimeoutExpired(f"process {self.pid}, {self._threads()}", timeout or 0.0)
-            time.sleep(5e-4)
+            _, status = os.waitpid(self.pid, 0)
+            self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode
 
     def _threads(self) -> str:
@@ -175,8 +180,12 @@ def started_in(folder: Path, mark: str) -> list[int]:
 def main(end: socket.socket) -> None:
     forkserver.die_with_parent()
     forkserver.load()
+    importlib.import_module("typer._adapters")  # as typer does at the first option that it reads
     import palpate.launch.__main__
     import palpate.launch.run.execute  # noqa: F401
+    from palpate.launch.run.work.loops import set_aside
+
+    set_aside()  # else each fork goes through all of it, and so copies it
 
     while True:
         request, descriptors, *_ = socket.recv_fds(end, 1 << 20, 2)
