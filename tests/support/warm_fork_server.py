@@ -39,6 +39,8 @@ AFTER_IMPORT = {
     "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
 """Variables that nothing reads while it is imported."""
+AT_A_RUN = ("palpate.launch.terminal.run_summary", "palpate.records.times")
+"""What a command imports when it has run."""
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
 CLONE, CLONE_PARENT = 56, 0x8000
 """Of x86-64: the number of the call, and the flag that the child is the caller's sibling."""
@@ -180,11 +182,13 @@ def started_in(folder: Path, mark: str) -> list[int]:
 def main(end: socket.socket) -> None:
     forkserver.die_with_parent()
     forkserver.load()
-    importlib.import_module("typer._adapters")  # as typer does at the first option that it reads
-    import palpate.launch.__main__
-    import palpate.launch.run.execute  # noqa: F401
+    for name in ("typer._adapters", "palpate.launch.__main__", "palpate.launch.run.execute", *AT_A_RUN):
+        importlib.import_module(name)
     from palpate.launch.run.work.loops import set_aside
+    from palpate.registry import modules
 
+    for room in ("palpate.nodes.device", "palpate.nodes.contact"):  # one value of a scene brings them in
+        modules(importlib.import_module(room))
     set_aside()  # else each fork goes through all of it, and so copies it
 
     while True:
