@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
+_ALL = 0x40000000  # __WALL: children that tell their parent of their end by another signal, or by none, too
 PATIENCE = 5.0  # [s] for killed processes to go
 
 
@@ -65,14 +66,25 @@ def none_left() -> Iterator[None]:
         end_descendants(before)
 
 
+def _childless() -> bool:
+    """Whether this process has no child, not even one that has ended and is not waited for: nothing is below it."""
+    try:
+        os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT | _ALL)
+    except ChildProcessError:
+        return True
+    return False
+
+
 def descendants(pid: int) -> set[int]:
     """Processes below this one, as the kernel lists them."""
+    if pid == os.getpid() and _childless():
+        return set()
     children: dict[int, list[int]] = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            with contextlib.suppress(OSError, IndexError, ValueError):
-                parent = int((entry / "stat").read_text(errors="replace").rpartition(")")[2].split()[1])
-                children.setdefault(parent, []).append(int(entry.name))
+    for name in os.listdir("/proc"):
+        if name.isdigit():
+            with contextlib.suppress(OSError, IndexError, ValueError), open(f"/proc/{name}/stat", "rb") as stat:
+                parent = int(stat.read().rpartition(b")")[2].split()[1])
+                children.setdefault(parent, []).append(int(name))
     offspring: set[int] = set()
     left = [pid]
     while left:

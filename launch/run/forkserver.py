@@ -10,7 +10,6 @@ node starts, in a session of its own, too, comes to the keeper when its parent e
 """
 
 import contextlib
-import gc
 import importlib
 import os
 import select
@@ -135,8 +134,9 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, 
             for name in modules:
                 with contextlib.suppress(Exception):  # the worker meets the same error and reports it
                     importlib.import_module(name)
-            gc.collect()
-            gc.freeze()  # so that the workers' collections do not touch, and so copy, the shared pages
+            from palpate.launch.run.work.loops import set_aside
+
+            set_aside()  # so that the workers' collections do not touch, and so copy, the shared pages
         case Start(job):
             reading, tell = os.pipe()
             keeper = os.fork()

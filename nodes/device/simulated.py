@@ -47,7 +47,8 @@ class Simulated(SimulatedOperator):
     def _reach(self, name: str, point: Vector3) -> None:
         inside = tuple(p - o for p, o in zip(point, self.origin, strict=True))
         # Uncompiled: the compiler takes a quarter of a second to start, and the launcher needs nothing else of it.
-        if not all(leg.py_func(FALCON.geometry, i, *inside)[0] for i in range(3)):
+        geometry = FALCON.geometry
+        if not all(leg.py_func(geometry, i, *inside)[0] for i in range(3)):
             raise SettingError(
                 f"setting {name!r} [m]: found {point}, {inside} from the device's origin, which is out of its reach. "
                 f"Points near {HOME} from its origin work; 'origin' places the device in the world."

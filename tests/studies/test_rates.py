@@ -70,14 +70,19 @@ def test_effects_of_the_force_path_are_told_by_what_the_force_loses(kidney):
     assert picked["friction"].felt and 0.0 < picked["friction"].force <= 0.02 and picked["friction"].own == 0.0
     assert picked["tissue"].force < 1e-9  # this body's law does not depend on what it did before
     assert 0.0 < picked["tissue"].own <= 0.02  # but its shape is late
-    tight = list(rates.chosen(recording, 1e-6))
-    assert [rate.every for rate in tight] == [1, 1]
     _, one = rates.together([recording], list(picked.values()), 0.02)
     assert one.error <= 0.02
     base, variant = compare(recording, [one.texts], reference=[rate.override(1) for rate in picked.values()])
     for name, rate in picked.items():
         steps = variant.nodes[name].count + 1  # of those that slept none is counted
         assert rate.every > 1 and base.nodes[name].count > 0.5 * ticks and steps <= ticks / rate.every * 1.2 + 1
+
+
+def test_an_error_that_no_lower_rate_keeps_leaves_each_effect_at_every_tick(tmp_path):
+    path = "[{to: [0.005, 0, 0.0975], time: 0.1, shape: linear}]"
+    sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.104]", f"scene.hand.path={path}"]
+    tight = list(rates.chosen(touched(find("kidney").but(duration=0.1, overrides=sets), tmp_path / "t.mcap"), 1e-6))
+    assert [(rate.every, rate.idle) for rate in tight] == [(1, False), (1, False)]
 
 
 def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(kidney):

@@ -14,18 +14,19 @@ keeps its parent's `environ` there, is that environment: `started_in` finds the 
 import atexit
 import contextlib
 import ctypes
+import importlib
 import io
 import json
 import os
 import platform
 import resource
+import select
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import threading
-import time
 import traceback
 from pathlib import Path
 from types import SimpleNamespace
@@ -38,6 +39,8 @@ AFTER_IMPORT = {
     "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
 """Variables that nothing reads while it is imported."""
+AT_A_RUN = ("palpate.launch.terminal.run_summary", "palpate.records.times")
+"""What a command imports when it has run."""
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
 CLONE, CLONE_PARENT = 56, 0x8000
 """Of x86-64: the number of the call, and the flag that the child is the caller's sibling."""
@@ -57,11 +60,15 @@ class Forked:
         return self.returncode
 
     def wait(self, timeout: float | None = None) -> int:
-        until = time.monotonic() + (1e9 if timeout is None else timeout)
-        while self.poll() is None:
-            if time.monotonic() > until:
+        if self.poll() is None:
+            ended, end = select.poll(), os.pidfd_open(self.pid)
+            ended.register(end)
+            told = ended.poll(None if timeout is None else 1e3 * timeout)
+            os.close(end)
+            if not told:
                 raise subprocess.TimeoutExpired(f"process {self.pid}, {self._threads()}", timeout or 0.0)
-            time.sleep(5e-4)
+            _, status = os.waitpid(self.pid, 0)
+            self.returncode = os.waitstatus_to_exitcode(status)
         return self.returncode
 
     def _threads(self) -> str:
@@ -175,8 +182,14 @@ def started_in(folder: Path, mark: str) -> list[int]:
 def main(end: socket.socket) -> None:
     forkserver.die_with_parent()
     forkserver.load()
-    import palpate.launch.__main__
-    import palpate.launch.run.execute  # noqa: F401
+    for name in ("typer._adapters", "palpate.launch.__main__", "palpate.launch.run.execute", *AT_A_RUN):
+        importlib.import_module(name)
+    from palpate.launch.run.work.loops import set_aside
+    from palpate.registry import modules
+
+    for room in ("palpate.nodes.device", "palpate.nodes.contact"):  # one value of a scene brings them in
+        modules(importlib.import_module(room))
+    set_aside()  # else each fork goes through all of it, and so copies it
 
     while True:
         request, descriptors, *_ = socket.recv_fds(end, 1 << 20, 2)

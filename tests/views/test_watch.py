@@ -4,13 +4,12 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
+from warm_fork_server import palpate
 
 pytest.importorskip("websockets")
 
@@ -30,16 +29,15 @@ WAIT = 90.0
 def watched(tmp_path):
     """A run of two seconds as processes, nobody recording, and its address."""
     environment = os.environ | {"BROWSER": "true", "XDG_RUNTIME_DIR": str(tmp_path)}
-    run = subprocess.Popen(
-        [sys.executable, "-m", "palpate.launch", "run", "kidney", "--view", "--no-record", "--duration", "2", "--quiet",
-         "--set", SETS[0]],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment, cwd=tmp_path,
-    )  # fmt: skip
-    told = run.stderr.readline()
-    yield run, re.search(r"http://(\S+)/\?token=(\S+)", told)
-    if run.poll() is None:
-        run.send_signal(signal.SIGINT)
-        run.wait(WAIT)
+    command = ["run", "kidney", "--view", "--no-record", "--duration", "2", "--quiet", "--set", SETS[0]]
+    reading, writing = os.pipe()
+    with open(writing, "wb") as errors, open(tmp_path / "out", "wb") as out:
+        run = palpate(command, cwd=tmp_path, env=environment, stdout=out, stderr=errors)
+    with open(reading) as said:
+        yield run, re.search(r"http://(\S+)/\?token=(\S+)", said.readline())
+        if run.poll() is None:
+            run.send_signal(signal.SIGINT)
+            run.wait(WAIT)
 
 
 def test_the_page_shows_the_run_as_it_goes_stays_at_its_end_and_ends_when_it_is_closed(watched):

@@ -2,8 +2,10 @@
 
 import contextlib
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 from palpate.engine.faults import Faults
 from palpate.engine.graph import sent_by
@@ -26,13 +28,14 @@ def check_units(offers: Iterable[Offer], written: dict[str, str], faults: Faults
     """A fault for each plain number of a `with:` mapping whose key means another unit in another class: one that takes
     the same mapping, or one that such a class stands in for. That is the class that the graph names where a swap came
     from outside, `written`, and for a value of a scene that ships each shipped class that sends the same message."""
+    family = cache(classes)
     takers: dict[tuple[str, str], list[Offer]] = {}
     for offer in offers:
         if offer.taken and _plain_number(offer.value):
             takers.setdefault((offer.path, offer.key), []).append(offer)
     for (path, key), claims in takers.items():
         units: dict[Unit | str, list[str]] = {}
-        for cls in dict.fromkeys(c for offer in claims for c in _meant(offer, written)):
+        for cls in dict.fromkeys(c for offer in claims for c in _meant(offer, written, family)):
             with contextlib.suppress(TypeError, NameError):  # one that is not well formed has no say
                 if key in settings(cls):
                     unit = settings(cls)[key].unit
@@ -47,8 +50,10 @@ def check_units(offers: Iterable[Offer], written: dict[str, str], faults: Faults
             faults.add(text, cure, offer.place, node=offer.node, setting=key)
 
 
-def _meant(offer: Offer, written: dict[str, str]) -> Iterator[type[Node]]:
-    """The class that takes an offer, and those that it stands in for."""
+def _meant(
+    offer: Offer, written: dict[str, str], family: Callable[[ModuleType], list[type[Node]]]
+) -> Iterator[type[Node]]:
+    """The class that takes an offer, and those that it stands in for; `family`: the node classes of a module."""
     yield offer.cls
     with contextlib.suppress(ClassError):
         if offer.node in written:
@@ -56,7 +61,7 @@ def _meant(offer: Offer, written: dict[str, str]) -> Iterator[type[Node]]:
     if not Path(offer.place.file).is_relative_to(GRAPHS):
         return
     if offer.cls.__module__.startswith(SHIPPED):  # its own family is there already; the others need not be brought in
-        others = classes(sys.modules[".".join(offer.cls.__module__.split(".")[:3])])
+        others = family(sys.modules[".".join(offer.cls.__module__.split(".")[:3])])
     else:
         others = [entry.cls for entry in catalogue()[0]]
     for other in others:

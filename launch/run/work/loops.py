@@ -18,7 +18,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     """
     worker.begin(origin)
     collects = gc.isenabled()
-    freezes = gc.get_freeze_count() == 0  # else who called has set aside what was there before
+    freezes = not _others_froze()
     if worker.job.clock == "real":
         gc.collect()
         gc.disable()
@@ -39,6 +39,24 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         if freezes:
             gc.unfreeze()
         worker.finish()
+
+
+_frozen = False
+
+
+def set_aside() -> None:
+    """Have the collector pass over what is there now, to the end of this process."""
+    global _frozen
+    gc.collect()
+    gc.freeze()
+    _frozen = True
+
+
+def _others_froze() -> bool:
+    """Whether somebody has set aside what was there before. It takes the longer the more that is, and is asked once."""
+    global _frozen
+    _frozen = _frozen or gc.get_freeze_count() > 0
+    return _frozen
 
 
 def _run_to_stop(worker: Worker, origin: int) -> None:

@@ -31,9 +31,11 @@ import os
 import sys
 from numba.core.dispatcher import Dispatcher
 from palpate.launch.load.launchfile import find
+from palpate.launch.run import forkserver
 from palpate.launch.run.execute import execute
 from palpate.launch.run.work.worker import Worker
 
+forkserver.load()  # what has nothing to do with a graph, once for all of them
 late, start, compiled = [], Worker.start, Dispatcher.compile
 
 def started(self):  # named as in the method: the watchdog looks for it
