@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
-from palpate.views.pictures.touch import Columns, TouchStreams, together, touches, work
+from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,7 +49,7 @@ def draw(touch: TouchStreams) -> Figure | None:
                 axes.plot(way[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
         axes.set_xlabel(label)
-        axes.set_title(f"{whose}: {work(way[chosen], contact['force'][chosen]) * 1e3:.1f} mJ of hysteresis")
+        axes.set_title(f"{whose}: {millijoules(work(way[chosen], contact['force'][chosen]))} of hysteresis")
         axes.set_ylim(bottom=0.0)
         axes.set_xlim(left=0.0)
     left.set_ylabel("normal force [N]")
