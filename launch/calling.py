@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.placement import FUSED, find_place
-from palpate.launch.load.values.overrides import of_nodes
+from palpate.launch.load.values.overrides import of_keywords
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
@@ -93,7 +93,7 @@ def described(
     if isinstance(sets, str):
         raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
     return find(str(graph)).but(
-        overrides=[*sets, *of_nodes(nodes)],
+        overrides=[*sets, *of_keywords(nodes)],
         scene=None if scene is None else find_file(scene, SCENES, what="scene"),
         duration=None if duration is None else _seconds(duration),
     )

@@ -87,7 +87,7 @@ def rates(
                 for speed, motion in motions.items()
             }
             show("a run at these rates")
-            came = max(at.values(), key=lambda one: one.error)
+            came = replace(max(at.values(), key=lambda one: one.error), worst=max(one.worst for one in at.values()))
             finer = None if came.error <= error else oftener(picked)
             if finer is None:
                 break

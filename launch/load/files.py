@@ -16,6 +16,8 @@ from palpate.launch.load.values.source import YamlSource, merge, parse, read
 GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
+TOP = ("rate", "wanted")
+"""What is set from outside and has no path."""
 
 
 def find_file(
@@ -115,10 +117,14 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, 
 
 @dataclass(frozen=True)
 class Override:
-    """One value set from outside: `tissue.stiffness=2e3`, `scene.finger.thickness=3 mm`, `rate=500`."""
+    """One value set from outside: `tissue.stiffness=2e3`, `scene.finger.thickness=3 mm`, `rate=500`.
+
+    keyword  it is an argument of `palpate.run`, whose name is that of a node
+    """
 
     keys: tuple[str, ...]
     value: YamlSource
+    keyword: bool = False
 
     @property
     def place(self) -> Location:
@@ -139,7 +145,6 @@ class Override:
 
 def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, faults: Faults) -> None:
     """Set each value in the graph or the scene; an unknown target is a fault with the nearest name."""
-    top = ("rate", "wanted")
     for override in overrides:
         head, *rest = override.keys
         nodes = graph.data.get("nodes")
@@ -149,7 +154,7 @@ def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, fault
         elif head == "effects" and len(rest) == 1:
             said = scene.data.get(head)
             (scene if isinstance(said, dict) and rest[0] in said else graph).put((head, *rest), override.value)
-        elif head in top and not rest:
+        elif head in TOP and not rest:
             graph.put((head,), override.value)
         elif head in nodes and not rest and override.value.data is None:
             del nodes[head]
@@ -166,8 +171,11 @@ def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, fault
         elif head in nodes:
             faults.add(f"found {'.'.join(override.keys)!r}, expected {head}.setting, {head}.use or {head}.in.input", "",
                        override.place, node=head)  # fmt: skip
+        elif override.keyword:
+            cure = f"{choices('Nodes', head, nodes)} What is no node stands in sets=['scene.finger.thickness=3 mm']."
+            faults.add(f"found {head!r}, expected the name of a node, or effects", cure, override.place)
         else:
-            cure = choices("Targets", head, [*nodes, "scene.<path>", "effects.<name>", *top])
+            cure = choices("Targets", head, [*nodes, "scene.<path>", "effects.<name>", *TOP])
             text = f"found {head!r}, expected a node, scene.<path>, effects.<name>, rate or wanted"
             faults.add(text, cure, override.place)
 

@@ -14,6 +14,7 @@ from palpate.models.fit.curve_fit import FitError, fit_curve
 from palpate.models.fit.sessions import SessionError, Subject, check_stiffness, read_sessions
 from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
 from palpate.physics.contact.force_models import LAWS, MODELS
+from palpate.physics.writable import check_file
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,11 @@ def fit_sessions(
     wanted = _select(all_subjects, subjects, sessions)
     if not any_stiffness:
         check_stiffness(wanted)
+    target = out or sessions.with_suffix(".model.yaml" if law is None else ".law.yaml")
+    try:
+        check_file(target, folders=False)
+    except OSError as error:
+        raise _unwritten(target, error) from None
     chosen: list[report.Chosen] = []
     fitted: list[report.Fitted] = []
     if law is None:
@@ -66,7 +72,6 @@ def fit_sessions(
         data, text = report.fit_data(fitted), report.law_yaml(fitted, sessions)
         tables, notes = list(report.law_tables(fitted)), [f.note for f in fitted if f.note]
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
-    target = out or sessions.with_suffix(".model.yaml" if law is None else ".law.yaml")
     _write(target, text)
     return Told(data, tables, notes, target, chosen, fitted)
 
@@ -90,7 +95,11 @@ def _write(path: Path, text: str) -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise SessionError(f"{path}: cannot be written: {error.strerror}") from None
+        raise _unwritten(path, error) from None
+
+
+def _unwritten(path: Path, error: OSError) -> SessionError:
+    return SessionError(f"{path}: cannot be written: {error.strerror}")
 
 
 def _known(name: str | None, names: Iterable[str], option: str) -> None:

@@ -7,6 +7,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from palpate.nodes.base import Node
 from palpate.physics.device.wall_loop import WallDevice
 from palpate.physics.errors import ArgumentError
 from palpate.studies.stability import body_wall, walls
@@ -38,16 +39,19 @@ class StabilityStudy:
         """Loops with a body."""
         return list(product(self.bodies, sorted(self.rates), sorted(self.delays)))
 
-    def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
-        """Rows of walls and bodies, the plane, and the files written; `show` has each loop and its rate [Hz].
-
-        ClassError, ArgumentError: options that describe no device or body.
-        """
+    def check(self) -> dict[str, type[Node]]:
+        """The bodies by name. ClassError, ArgumentError: options that describe no device, loop or body."""
         walls.check(self.device, self.rates, self.delays, self.dampings, self.order, self.lost, self.jitter)
         if self.plane and not self.device.resolution:
             raise ArgumentError("--regions: found --resolution 0, expected an encoder: the plane has its step in it")
-        classes = body_wall.classes(self.bodies)
-        rows = []
+        return body_wall.classes(self.bodies)
+
+    def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
+        """Rows of walls and bodies, the plane, and the files written; `show` has each loop and its rate [Hz].
+
+        ClassError, ArgumentError: as of `check`. OSError: the folder cannot be written.
+        """
+        classes, rows = self.check(), list[dict[str, Any]]()
         for f, d, b in self.cases:
             rows.append(walls.row(self.device, f, d, b, self.order, self.lost, self.jitter, self.seed))
             show(f"{f:g} Hz, {d} samples late, damping {b:g} N s/m", f)

@@ -7,7 +7,6 @@ study.table()
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.engine.faults import GraphError
+from palpate.engine.graph import Graph
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.values.followers import followers, unit_of
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONG = 200  # letters of the values of a path in `study.json`
+SEVERAL = 8  # values of a path that are tried for its unit
 MANY = 100_000
 """Points that a study computes without `yes`."""
 
@@ -191,22 +192,32 @@ class Study(Results):
 
     @cached_property
     def units(self) -> dict[str, str]:  # type: ignore[override]
-        found, first = dict[str, str](), self.space.point(0)[0]
+        """Of each path whose values are numbers. GraphError: the graph is no longer what it was.
+
+        Without a unit is what changes no setting, and what changes only together with other paths.
+        """
+        first = self.space.point(0)[0]
+        base, found = self.launch.but(overrides=overrides(first)).load(), dict[str, str]()
         for one in self.space.axes:
             for k, name in enumerate(one.paths):
                 values = one.law.ppf([0.4, 0.6]).tolist() if one.law is not None else [row[k] for row in one.values]
-                ends = values[0], values[-1]
-                if ends[0] == ends[1] or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in ends):
+                if not all(type(value) in (int, float) for value in values) or len(set(values)) == 1:
                     continue
-                if name == "rate":
-                    found[name] = "Hz"
-                    continue
-                with contextlib.suppress(GraphError):  # values that only go together: then it is shown without a unit
-                    sets = [overrides(first | {name: value}) for value in ends]
-                    before, after = (self.launch.but(overrides=each).load() for each in sets)
-                    if follower := next(iter(followers(before, after)), None):
-                        found[name] = unit_of(before, *follower)
+                if unit := "Hz" if name == "rate" else self._unit(base, first, name, values):
+                    found[name] = unit
         return found
+
+    def _unit(self, base: Graph, first: Mapping[str, Any], name: str, values: Sequence[float]) -> str | None:
+        """The unit of the first setting that follows a path; `base` is the graph at the values `first`."""
+        others = [value for value in dict.fromkeys(values) if value != first[name]]
+        for value in others[:: -max(1, len(others) // SEVERAL)]:
+            try:
+                after = self.launch.but(overrides=overrides({**first, name: value})).load()
+            except GraphError:  # a point that fails, which its row tells; or a value that only goes with others
+                continue
+            if follower := next(iter(followers(base, after)), None):
+                return unit_of(base, *follower)
+        return None
 
     # -- results -------------------------------------------------------------------------------------------------
 

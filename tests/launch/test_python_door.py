@@ -151,6 +151,26 @@ def test_a_touch_is_compared_with_another_body(run, file):
         run.compare(3)
 
 
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"tisue": "deformation.Rigid"}, "tisue='deformation.Rigid': found 'tisue', expected the name of a node"),
+        ({"tissue": "deformation.Rigd"}, "tissue='deformation.Rigd': node 'tissue': use: 'deformation' has no class"),
+        ({"tissue": {"stifness": 2e3}}, "tissue={'stifness': 2000.0}: node 'tissue', setting 'stifness': unknown"),
+        ({"tissue": {"a=b": 3}}, "setting 'a=b': unknown"),
+        ({"tissue": {"": 3}}, "tissue: found '', expected the name of a setting, as in tissue={'stiffness': 2e3}"),
+        ({"tissue": "a: b: c"}, "tissue='a: b: c':1: not YAML"),
+        ({"rate": 500}, "rate: no node has this name; expected sets=['rate=500']"),
+    ],
+)
+def test_faults_of_keywords_are_told_in_words_of_python(given, said, tmp_path):
+    for call in (lambda: palpate.run("kidney", record=tmp_path / "x.mcap", duration=0.01, **given),
+                 lambda: next(palpate.steps("kidney", **given))):  # fmt: skip
+        with pytest.raises(palpate.PalpateError) as error:
+            call()
+        assert said in str(error.value) and "--set" not in str(error.value) and "Targets" not in str(error.value)
+
+
 def test_steps_gives_what_a_run_records(file):
     seen = []
     for tick in palpate.steps("kidney", duration=0.35, sets=QUICK):

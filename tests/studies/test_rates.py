@@ -121,6 +121,21 @@ def test_rates_hold_at_each_speed_of_the_hand_and_say_at_which(tmp_path):
     assert rates.tried(fast, alone).error > 2.0 * error
 
 
+def test_the_worst_that_is_told_is_that_of_all_speeds(tmp_path, monkeypatch):
+    """Also where another speed has the greater RMS."""
+    launch = find("kidney").but(duration=0.05, overrides=["scene.surface.vertices=400"])
+    real, calls = rates.tried, iter(range(1, 100))
+
+    def tried(*given):
+        number = next(calls)
+        return replace(real(*given), error=1e-6 * number, worst=1e-3 / number)
+
+    monkeypatch.setattr(rates, "tried", tried)
+    found = rates.rates(launch, 0.01, tmp_path / "slow.yaml", speeds=(1.0, 2.0))
+    assert found.at[1.0].worst > found.at[2.0].worst and found.at[1.0].error < found.at[2.0].error
+    assert (found.came.error, found.came.worst) == (found.at[2.0].error, found.at[1.0].worst)
+
+
 def test_a_motion_without_a_scripted_hand_has_one_speed(write):
     launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", "2"))))
     assert rates.at_speeds(launch, (0.5, 2.0)) == {1.0: launch}

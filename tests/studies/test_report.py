@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from palpate.studies.accuracy import methods
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.outcome import Fidelity
 from palpate.studies.accuracy.output import page, report
-from palpate.studies.accuracy.output.pareto import front
+from palpate.studies.accuracy.output.pareto import ParetoPoint, front
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 
@@ -109,3 +110,18 @@ def test_wrong_names_are_told_with_the_right_ones(given, text):
     ran = CliRunner().invoke(app, ["bench", "accuracy", *given])
     assert ran.exit_code in (1, 2)
     assert text in " ".join(ran.output.split())
+
+
+def test_a_median_that_is_less_than_the_picture_shows_says_so(tmp_path, monkeypatch):
+    pictures = pytest.importorskip("palpate.studies.accuracy.output.pictures")
+    labels = []
+    monkeypatch.setattr(pictures, "_save", lambda figure, path: labels.append(figure.axes[0].get_ylabel()))
+    for error in (0.25, 6e-11):
+        told = [ParetoPoint("hertz", "Hertz", "1000 Hz", error, error, "indent", 1e-5, 2e-5, 1, 0)]
+        pictures.overview(told, [], tmp_path / "x.png")
+    assert ["at 0.0001 what is less" in label for label in labels] == [False, True]
+
+
+def test_the_readme_counts_the_touches_on_the_slab():
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    assert f"the {sum(touch.body == 'slab' for touch in TOUCHES.values())} touches on a slab" in readme

@@ -342,6 +342,18 @@ def test_what_varies_has_its_unit():
     assert palpate.Study("kidney", other, duration=0.1).labelled("tissue.young") == "tissue.young [Pa]"
 
 
+def test_a_value_that_no_graph_takes_leaves_the_unit_to_the_others():
+    study = palpate.Study("kidney", {"tissue.stiffness": [2e3, 3e3, -1.0]}, duration=0.1)
+    assert study.labelled("tissue.stiffness") == "tissue.stiffness [N/m^n]"
+
+
+def test_units_of_a_graph_that_was_changed_since_are_not_left_out_in_silence(ball):
+    study = palpate.Study(ball, {"ball.young": [1e4, 2e4]}, KEEP)
+    ball.write_text(BALL.replace("Ball}", "Bull}"), encoding="utf-8")
+    with pytest.raises(PalpateError, match="has no class 'Bull'"):
+        _ = study.units
+
+
 def test_long_values_stand_by_their_number_in_legends(ball, client, tmp_path):
     flags = [str(tmp_path / f"{'long' * 20}{number}") for number in (1, 2)]
     study = palpate.Study(ball, {"ball.young": [1e4, 2e4], "ball.flag": flags}, KEEP).run(tmp_path / "out", client)

@@ -167,3 +167,20 @@ def test_what_a_reference_is_itself_off_by_stands_beside_the_differences_from_it
         kidney.load()
     )
     assert own_error(find("indentation").load()) == ""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["tune", "kidney", "--budget", "1 ms"],
+        ["rates", "kidney"],
+        ["fit-body", "kidney"],
+        ["bench", "accuracy", "--quick", "--touch", "plate"],
+    ],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_minutes_of_work(tmp_path, monkeypatch, words):
+    (tmp_path / "file").write_text("")
+    for work in ("tune.tune", "rates.rates", "fit_body.fit_body", "accuracy.cells.compute"):
+        monkeypatch.setattr(f"palpate.studies.{work}", lambda *given, **more: pytest.fail("it computes first"))
+    ran = CliRunner().invoke(app, [*words, "-o", str(tmp_path / "file" / "x.yaml")])
+    assert ran.exit_code == 2 and "x.yaml: Not a directory" in " ".join(ran.output.split()), ran.output

@@ -4,6 +4,7 @@ import importlib.util
 import io
 import math
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,7 +25,7 @@ from palpate.views.bodies import Bodies
 from palpate.views.pictures import PictureError, deformation, draw
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
-from palpate.views.pictures.touch import TouchStreams, together, touches, work
+from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
 from palpate.views.surface import off_screen, render
 from palpate.views.surface.moments import bodies_of, choose, displaced, instants
 
@@ -173,6 +174,21 @@ def test_the_area_of_a_loop_is_the_work_that_was_dissipated():
     s, rate = 8e-3 * np.sin(np.pi * time / 0.4) ** 2, 8e-3 * np.pi / 0.4 * np.sin(2 * np.pi * time / 0.4)
     lost = np.trapezoid(3e3 * s**1.5 * 5.0 * rate**2, time)
     assert work(s, 3e3 * s**1.5 * (1.0 + 5.0 * rate)) == pytest.approx(lost, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("energy", "text"),
+    [(2.41e-3, "2.4 mJ"), (4.5e-5, "0.045 mJ"), (-7.2e-5, "-0.072 mJ"), (3e-11, "0 mJ"), (0.0, "0 mJ")],
+)
+def test_a_small_energy_is_not_told_as_none(energy, text):
+    assert millijoules(energy) == text
+
+
+def test_the_page_on_pictures_names_those_of_a_run_and_of_the_fingertip_apart():
+    text = (Path(__file__).parents[2] / "docs" / "pictures.md").read_text(encoding="utf-8")
+    run, fingertip = ([line.split("`")[1] for line in part.splitlines() if line.startswith("| `")]
+                      for part in text.split("## Pictures of the finite-element fingertip"))  # fmt: skip
+    assert len(set(run)) == len(run) and fingertip == ["force.png", "strain.png", "isostrain.png", "flow.png"]
 
 
 def test_a_short_loss_of_contact_does_not_end_a_touch():

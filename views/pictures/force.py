@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
-from palpate.views.pictures.touch import Columns, TouchStreams, together, touches, work
+from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
 SPAN = 0.012  # [s] of the mean of noisy samples: short beside a press, long beside the noise of the encoders
 RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
@@ -41,8 +41,8 @@ def draw(touch: TouchStreams) -> Figure | None:
                 smooth = smoothed(contact["force"][other], contact["time"][other])
                 axes.plot(way[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
         _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
-        hysteresis = work(way[chosen], contact["force"][chosen]) * 1e3
-        axes.set(xlabel=label, title=f"{whose}: {hysteresis:.1f} mJ of hysteresis", xlim=(0.0, None), ylim=(0.0, None))
+        hysteresis = millijoules(work(way[chosen], contact["force"][chosen]))
+        axes.set(xlabel=label, title=f"{whose}: {hysteresis} of hysteresis", xlim=(0.0, None), ylim=(0.0, None))
     left.set_ylabel("normal force [N]")
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))

@@ -154,6 +154,13 @@ def touches(time: np.ndarray, force: np.ndarray) -> list[slice]:
     return [slice(max(b - 1, 0), min(e + 2, len(time))) for b, e in zip(begins.tolist(), ends.tolist(), strict=True)]
 
 
+def millijoules(energy: float) -> str:
+    """An energy [J] in words, with two digits where it is less than 1 mJ; 0 below 1 nJ, which is rounding."""
+    return (
+        f"{1e3 * energy:.1f} mJ" if abs(energy) >= 1e-3 else f"{1e3 * energy:.2g} mJ" if abs(energy) >= 1e-9 else "0 mJ"
+    )
+
+
 def work(way: np.ndarray, force: np.ndarray) -> float:
     """Work [J] done along a way [m] by a force [N], by the trapezoidal rule: the area within a closed loop."""
     return float(np.sum((force[1:] + force[:-1]) / 2 * np.diff(way)))

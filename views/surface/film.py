@@ -13,6 +13,7 @@ import numpy as np
 
 from palpate.messages import Surface
 from palpate.physics.extras import missing
+from palpate.physics.writable import check_file
 from palpate.records.reader import Recording
 from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import TouchStreams
@@ -94,6 +95,7 @@ def film(
     """
     if target.suffix.lower() not in ENDINGS:
         raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
+    check_file(target)
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = TouchStreams(Recording(file))
     ticks, times = _recorded(touch)

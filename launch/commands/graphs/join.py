@@ -24,6 +24,7 @@ def join(
         from palpate.launch.run.work.process import join as serve
 
         secured = None if unencrypted else keys.load(key)
+        typer.echo(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
         adopt_orphans()
         try:
             code = serve(address, group, timeout, secured)

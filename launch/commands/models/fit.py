@@ -47,6 +47,7 @@ def fit(
     """
     from palpate.models.fit.fit import fit_sessions, write_example
     from palpate.models.fit.sessions import SessionError
+    from palpate.physics.writable import check_folder
 
     if example is not None:
         write_example(example)
@@ -57,6 +58,11 @@ def fit(
         return
     if sessions is None:
         raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
+    if pictures is not None:
+        try:
+            check_folder(pictures)
+        except OSError as error:
+            raise SessionError(f"{pictures}: cannot be written: {error.strerror}") from None
     fitted = fit_sessions(
         sessions, law=law, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
         depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,

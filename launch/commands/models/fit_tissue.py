@@ -58,6 +58,7 @@ def fit_tissue(
     from palpate.models.fit.tissue.fit import fit_tissue as fitted_to
     from palpate.models.fit.tissue.report import data, markdown, scene
     from palpate.models.fit.tissue.rigs import Rig
+    from palpate.physics.writable import check_folder
     from palpate.studies.presses import Presses
 
     for option, found, known in (
@@ -72,6 +73,10 @@ def fit_tissue(
     tall = convert(height, "m") if height else None
     if tall is not None and not tall > 0:
         raise SessionError(f"--height: found {height!r}, expected a length above 0")
+    try:
+        check_folder(out)
+    except OSError as error:
+        raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
     made = Rig(rig, size or 8e-3, tall, plates, poisson)
     read = Presses(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]

@@ -33,10 +33,12 @@ def fit_body(
     Fits the model's constants to the force and indentation of the reference on the graph's own touch, writes a launch
     file, and prints what the model differs by in force, indentation and shape before and after.
     """
+    from palpate.physics.writable import check_file
     from palpate.studies import fit_body as study
 
     launch = chosen(graph, sets, scene).but(duration=duration)
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-fitted.yaml")
+    check_file(file)
     length = launch.duration or 0.0
     expected = 5e3 * PER_TICK * length
     with steps(f"fit-body: a touch of {length:g} s", 3, silent=as_json, seconds=expected, timed=False) as done:

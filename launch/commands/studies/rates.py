@@ -43,6 +43,7 @@ def rates(
     each, raises the rates until the error is kept, and writes a launch file with the measured figures. If no run keeps
     the error, nothing is written and the exit code is 1.
     """
+    from palpate.physics.writable import check_file
     from palpate.studies import rates as study
     from palpate.studies.search import read_error
 
@@ -52,6 +53,7 @@ def rates(
     planned = launch.plan()
     effects, length = len(study.effects_of(planned)), launch.duration or 0.0
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
+    check_file(file)
     moves = study.at_speeds(launch, fast)
     took = sum((motion.duration or 0.0) for motion in moves.values())
     title = f"rates: a touch of {length:g} s, then again at other rates of {effects} effects"

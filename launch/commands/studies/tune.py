@@ -43,6 +43,7 @@ def tune(
     Writes a launch file for `palpate run`, runs it, and prints predicted and measured figures. Exit code 1 if no model
     qualifies.
     """
+    from palpate.physics.writable import check_file
     from palpate.studies import tune as study
     from palpate.studies.search import read_error
 
@@ -51,6 +52,7 @@ def tune(
     goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
     launch = chosen(graph, sets, scene).but(duration=duration)
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-tuned.yaml")
+    check_file(file)
     loaded = launch.load()
     bodies, length = len(study.candidates(loaded)), launch.duration or 0.0
     title, count = f"tune: a touch of {length:g} s, then again with {bodies} bodies", bodies + 2

@@ -6,8 +6,13 @@ from typing import Any
 
 import yaml
 
+from palpate.engine.faults import Location
+from palpate.launch.load.files import TOP, Override
+from palpate.launch.load.values.source import YamlSource, parse
 from palpate.nodes.base import SettingError
 from palpate.physics.errors import ArgumentError
+
+LONG = 80  # letters of what Python says in a fault
 
 
 def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
@@ -26,16 +31,41 @@ def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
 
 def of_nodes(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[str]:
     """Overrides of nodes by name: a model, or settings by name. ArgumentError."""
+    yield from (f"{path}={text}" for path, text, _ in _parts(nodes))
+
+
+def of_keywords(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[Override]:
+    """The same of the keywords of `palpate.run`; faults are told in their words. ArgumentError, GraphError."""
+    for path, text, said in _parts(nodes):
+        value = parse(text, said)
+        yield Override(tuple(path.split(".")), YamlSource(value.data, {(): Location(said)}), keyword=True)
+
+
+def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
+    """Of each value its path and its text as of `--set`, and how Python says both."""
     for name, what in nodes.items():
         if isinstance(what, str):
-            yield f"{name}.use={what}"
+            yield f"{name}.use", what, f"{name}={what!r}"
         elif isinstance(what, Mapping):
-            yield from (f"{name}.{key}={_text(f'{name}.{key}', value)}" for key, value in what.items())
+            for key, value in what.items():
+                if not all(str(key).split(".")):
+                    raise ArgumentError(
+                        f"{name}: found {key!r}, expected the name of a setting, as in {name}={{'stiffness': 2e3}}"
+                    )
+                yield f"{name}.{key}", _text(f"{name}.{key}", value), f"{name}={shortened(repr({key: value}))}"
+        elif name in TOP:
+            raise ArgumentError(f"{name}: no node has this name; expected sets=['{name}={_text(name, what)}']")
         else:
             raise ArgumentError(
                 f"{name}: found {what!r}, expected a model, {name}='deformation.ReducedFE', or settings, "
                 f"{name}={{'stiffness': 2e3}}"
             )
+
+
+def shortened(text: str) -> str:
+    """A text as it fits in a line."""
+    line = " ".join(text.split())
+    return line if len(line) <= LONG else f"{line[: LONG - 4]} ..."
 
 
 def _text(name: str, value: Any) -> str:

@@ -88,7 +88,8 @@ def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> 
                   markerfacecolor=colour if first.computed == most else "white",
                   label=f"{first.title}: {first.computed}, {first.charged}")  # fmt: skip
     _front(axes, [points[k] for k in on_front], f"Pareto front of those with {most}")
-    _finish(axes, "rms error of the force over its peak, median of the touches computed", points)
+    below = f"; at {LEAST:g} what is less" if any(s.error < LEAST for s in told) else ""
+    _finish(axes, f"rms error of the force over its peak, median of the touches computed{below}", points)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
                 title="touches computed, unsupported")  # fmt: skip
     lowest = {s.method: k for k, s in sorted(enumerate(told), key=lambda one: -one[1].error) if s.computed == most}

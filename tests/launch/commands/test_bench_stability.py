@@ -98,3 +98,23 @@ def test_bodies_and_regions_come_with_tables_and_pictures(tmp_path):
 def test_what_is_no_body_or_has_no_encoder_is_refused(tmp_path, wrong, told):
     result = call("-o", str(tmp_path), *wrong)
     assert result.exit_code == 2 and told in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--mass", "-1"], "--mass: found -1"),
+        (["--rate", "nan"], "--rate: found nan"),
+        (["--body", "deformation.Nope"], "'deformation' has no class 'Nope'"),
+        (["--regions", "--resolution", "0"], "--regions: found --resolution 0"),
+        (["-o", "{file}/x"], "file/x: Not a directory"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_a_time_is_told(tmp_path, monkeypatch, options, said):
+    monkeypatch.setattr(walls, "row", lambda *given: pytest.fail("it computes first"))
+    (tmp_path / "file").write_text("")
+    given = [text.format(file=tmp_path / "file") for text in options]
+    result = CliRunner().invoke(app, ["bench", "stability", "-o", str(tmp_path / "out"), *given])
+    text = result.output + str(result.exception)
+    assert result.exit_code == 2 and said in " ".join(text.split()) and "roughly" not in text
+    assert not (tmp_path / "out").exists()

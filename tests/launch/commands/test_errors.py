@@ -11,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from palpate.launch.__main__ import app
 from palpate.launch.terminal.group import Verbs
 from palpate.physics import errors
 from palpate.physics.errors import PalpateError
@@ -130,3 +131,12 @@ def test_what_typer_itself_says_is_left_to_it():
     run = CliRunner().invoke(program(typer.BadParameter("no such thing")), ["group", "deep"])
     assert run.exit_code == 2 and "no such thing" in run.stderr
     assert CliRunner().invoke(program(typer.Exit(5)), ["group", "deep"]).exit_code == 5
+
+
+def test_join_says_for_whom_it_waits(monkeypatch):
+    monkeypatch.setattr("palpate.launch.run.work.process.join", lambda *given: 0)
+    for name in ("adopt_orphans", "end_descendants"):
+        monkeypatch.setattr(f"palpate.launch.run.descendants.{name}", lambda: None)
+    words = ["join", "tcp://10.0.0.1:5600", "far", "--unencrypted", "--timeout", "7"]
+    told = CliRunner().invoke(app, words)
+    assert told.exit_code == 0 and "waiting up to 7 s for the launcher at tcp://10.0.0.1:5600" in told.stderr

@@ -232,6 +232,22 @@ def test_wrong_options_are_refused_with_what_would_work(example, arguments, text
     assert text in refused(example, *arguments)
 
 
+@pytest.mark.parametrize(
+    ("option", "place", "text"),
+    [
+        ("--out", "file/x.yaml", "file/x.yaml: cannot be written: Not a directory"),
+        ("--out", "nowhere/x.yaml", "nowhere/x.yaml: cannot be written: No such file or directory"),
+        ("--out", ".", "cannot be written: this is a folder"),
+        ("--pictures", "file/x", "file/x: cannot be written: Not a directory"),
+    ],
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_fit(example, tmp_path, monkeypatch, option, place, text):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr("palpate.models.fit.fit.choose", lambda *given: pytest.fail("it fits first"))
+    assert text in refused(example, "--subject", "A", option, tmp_path / place)
+    assert {path.name for path in tmp_path.iterdir()} <= {"file", example.name}
+
+
 def test_the_example_does_not_write_over_a_file(example):
     before = example.read_bytes()
     assert "is there already" in refused("--example", example)

@@ -243,6 +243,15 @@ def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, ex
     assert expected in " ".join(str(result.exception or result.output).split()) + result.output
 
 
+def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, monkeypatch):
+    path = saved(tmp_path, "t,d,F\n" + ROWS)
+    monkeypatch.setattr("palpate.models.fit.tissue.fit.fit_tissue", lambda *given, **more: pytest.fail("it fits first"))
+    words = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball", "--radius", "30 mm"]
+    words += ["--law", "hertz", "-o", str(path / "out")]
+    result = CliRunner().invoke(app, ["fit-tissue", str(path), *words])
+    assert result.exit_code == 2 and "out: cannot be written: Not a directory" in " ".join(result.output.split())
+
+
 def test_data_of_every_fit_are_plain():
     for fitted in (pressed_cylinder(0.6e-3), fit_tissue([shallow(6e-3)], CYLINDER, "demiray")):
         told = data(fitted)

@@ -23,7 +23,7 @@ def accuracy(
     body: Annotated[
         list[str] | None, typer.Option(help="A body of your own beside them: mylab.tissue.Liver; may be given again.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: within two minutes.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 4 minutes of a core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
     rebuild: Annotated[
@@ -41,6 +41,7 @@ def accuracy(
     from dataclasses import asdict
 
     from palpate.launch.load.classes import find_class
+    from palpate.physics.writable import check_folder
     from palpate.studies.accuracy import methods as known
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.output.report import about as versions
@@ -54,6 +55,7 @@ def accuracy(
         return
     methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
     todo = matrix(wanted, methods, quick)
+    check_folder(out)
 
     title = f"bench accuracy: {len(todo)} cells, each a model on a touch"
     with steps(title, len(todo), silent=as_json) as done:

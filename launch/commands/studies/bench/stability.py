@@ -46,6 +46,7 @@ def stability(
     push of 0.1 N, and `stable` uses its own damping.
     """
     from palpate.physics.device.wall_loop import WallDevice
+    from palpate.physics.writable import check_folder
     from palpate.studies.stability.study import StabilityStudy
 
     device = WallDevice(mass, drag, coulomb, resolution, limit)
@@ -53,6 +54,8 @@ def stability(
         device, rate or [500.0, 1000.0, 4000.0], delay or [0, 1, 2, 5], damping or [0.0, 0.05, 0.1, 0.2], order, lost,
         jitter, seed, body or [], plane,
     )  # fmt: skip
+    study.check()
+    check_folder(out)
     count, work = len(study.cases) + len(study.loops), sum(one[0] for one in study.cases)
     total = work + sum(one[1] for one in study.loops)
     roughly = None if body else PER_SECOND * work
