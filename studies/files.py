@@ -1,8 +1,10 @@
 """Files of studies and experiments: YAML that describes one, and results that are whole at any time."""
 
+import contextlib
+import fcntl
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import IO, Annotated, Any
 
 import msgspec
 
@@ -38,6 +40,14 @@ def graph_of(path: Path, name: str) -> str:
     """The graph that a file names: one beside it, or one that ships."""
     beside = path.parent / name
     return str(beside) if beside.is_file() else name
+
+
+def locked(file: IO[Any]) -> bool:
+    """Lock a file for this process alone, until it is closed; False where another process has it."""
+    with contextlib.suppress(BlockingIOError):
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return True
+    return False
 
 
 def replace(file: Path, content: Any) -> None:

@@ -84,11 +84,8 @@ def fit_body(
             law: dict[str, Any] = power_law(*right.T)
         else:
             factor = _slope(right) / _slope(own)
-            law = {
-                "moduli": [
-                    float(f"{modulus * factor:.6g}") for modulus in BeamBundle(**graph.nodes[name].settings).moduli
-                ]
-            }
+            moduli = BeamBundle(**graph.nodes[name].settings).moduli
+            law = {"moduli": [float(f"{modulus * factor:.6g}") for modulus in moduli]}
         fitted = {f"{name}.{key}": value for key, value in law.items()}
         _, last = compare(recording, [[f"{key}={value}" for key, value in fitted.items()]], reference=base)
         show("the fitted model")
@@ -108,10 +105,8 @@ def fit_body(
 
 def words(off: dict[str, float]) -> str:
     """The differences by quantity."""
-    return (
-        ", ".join(f"{name} {100 * off[name]:.2g} %" for name in QUANTITIES)
-        + f"; force {100 * off['worst']:.2g} % at worst"
-    )
+    shares = ", ".join(f"{name} {100 * off[name]:.2g} %" for name in QUANTITIES)
+    return f"{shares}; force {100 * off['worst']:.2g} % at worst"
 
 
 def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[str, Any]:

@@ -6,6 +6,7 @@ full elements of those that can run. It is no truth: what it is known to be off 
 
 import tempfile
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 
 from palpate.engine.graph import Graph
@@ -92,17 +93,11 @@ def candidates(graph: Graph) -> list[Trial]:
     """Every model at every fidelity, the nearest to full elements first."""
     body = body_of(graph)
     vertices = graph.nodes[body].settings.get("vertices")
-    counts = [max(int(vertices) // n, 100) for n in COARSER] if vertices else [None]
-    return [
-        Trial(
-            {f"{body}.use": model}
-            | ({} if count in (None, vertices) else {"scene.surface.vertices": count})
-            | ({} if every == 1 else {f"{body}.every": every})
-        )
-        for model in bodies()
-        for count in counts
-        for every in EVERY
-    ]
+    counts = [max(int(vertices) // n, 100) for n in COARSER] if vertices else [vertices]
+    usual = {"scene.surface.vertices": vertices, f"{body}.every": 1}
+    tried = (dict(zip(usual, own, strict=True)) for own in product(counts, EVERY))
+    changes = [{key: value for key, value in own.items() if value != usual[key]} for own in tried]
+    return [Trial({f"{body}.use": model} | change) for model in bodies() for change in changes]
 
 
 def reference(recording: Recording, wanted: list[Trial]) -> Trial:

@@ -12,19 +12,10 @@ import numpy as np
 from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
+from palpate.models.fe.reduce import reduction
 from palpate.models.fe.reduce.holdout import errors
 from palpate.models.fe.reduce.indentation_table import LEVELS, PLACES, UNSEEN, dent_table, unseen
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
-from palpate.models.fe.reduce.reduction import (
-    CELLS,
-    UNSEEN_SEED,
-    build,
-    finger_pressed,
-    finger_touches,
-    organ_pressed,
-    organ_touches,
-)
-from palpate.models.fe.reduce.reduction import UNSEEN as UNSEEN_TOUCHES
 from palpate.models.fe.reduce.snapshots import press, press_from_rest
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import about, key, touches
@@ -149,7 +140,7 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
 def _sampled(node: ReducedFE, stages: Stages, check: bool) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
     finger = node.surface == "fingertip"
-    body = of_finger(FingertipDimensions(cells=CELLS)) if finger else of_organ(_organ(node, stages))
+    body = of_finger(FingertipDimensions(cells=reduction.CELLS)) if finger else of_organ(_organ(node, stages))
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(
             f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
@@ -161,26 +152,26 @@ def _sampled(node: ReducedFE, stages: Stages, check: bool) -> tuple[SampledBasis
             "of an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
         )
     pressing = stages.begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
-    seen, held = finger_pressed(body, pressing, touches()) if finger else organ_pressed(body, pressing)
+    seen, held = (
+        reduction.finger_pressed(body, pressing, touches()) if finger else reduction.organ_pressed(body, pressing)
+    )
     if len(seen) < 2 or not held:
         raise SettingError(
             f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held)} touches, "
             "too few for modes. A larger `bed` would support it"
         )
     sampling = stages.begin("sampling", f"{node.modes} modes")
-    basis = build(body, seen, held, node.modes, sampling)
+    basis = reduction.build(body, seen, held, node.modes, sampling)
     sampling(1.0)
     if not check:
         return basis, {}
-    checked = stages.begin("checking", f"{UNSEEN_TOUCHES} touches that it was not made from")
-    others = (finger_touches if finger else organ_touches)(body, UNSEEN_TOUCHES, UNSEEN_SEED)
+    checked = stages.begin("checking", f"{reduction.UNSEEN} touches that it was not made from")
+    others = (reduction.finger_touches if finger else reduction.organ_touches)(
+        body, reduction.UNSEEN, reduction.UNSEEN_SEED
+    )
     presses = (press if finger else press_from_rest)(body, others, checked)
     if not any(len(other.solutions) for other in presses):
         return basis, {}
     own, linear = (abs(miss) for miss in errors(body, basis, presses))
-    return basis, {
-        "mean": float(own.mean()),
-        "worst": float(own.max()),
-        "linear_mean": float(linear.mean()),
-        "linear_worst": float(linear.max()),
-    }
+    found = {"mean": own.mean(), "worst": own.max(), "linear_mean": linear.mean(), "linear_worst": linear.max()}
+    return basis, {name: float(value) for name, value in found.items()}

@@ -120,11 +120,8 @@ def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray
     basis = np.stack(model.basis(x, *optimum), axis=-1)
     parameters = np.concatenate([_linear(basis, y), optimum])
     near = 1e-6 * (high - low)
-    at_limit = tuple(
-        name
-        for name, f, a, b, e in zip(model.nonlinear, optimum, low, high, near, strict=True)
-        if f < a + e or f > b - e
-    )
+    at_end = (optimum < low + near) | (optimum > high - near)
+    at_limit = tuple(name for name, own in zip(model.nonlinear, at_end, strict=True) if own)
     return (parameters if at_limit else _polish(model, x, y, parameters, low, high)), at_limit
 
 

@@ -69,8 +69,9 @@ def fit_sessions(
         tables, notes = list(report.model_tables(chosen)), report.choice_notes(chosen)
     else:
         fitted = [_fit_law(s, law) for s in wanted]
-        data, text = report.fit_data(fitted), report.law_yaml(fitted, sessions)
-        tables, notes = list(report.law_tables(fitted)), [f.note for f in fitted if f.note]
+        data, text = {f.subject.name: report.plain(f.fit) for f in fitted}, report.law_yaml(fitted, sessions)
+        tables = [report.parameters(f"Subject {f.subject.name}: ", f.fit) for f in fitted]
+        notes = [f.note for f in fitted if f.note]
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
     _write(target, text)
     return Told(data, tables, notes, target, chosen, fitted)

@@ -43,15 +43,9 @@ def model_tables(choices: list[Chosen]) -> Iterator[Table]:
         yield _rmse("RMSE of the standard deviation, training sessions [mN]", choices, lambda c, m: c.spread[m][0])
         yield _rmse("RMSE of the standard deviation, all sessions [mN]", choices, lambda c, m: c.spread[m][1])
     for subject, _, _, choice in choices:
-        yield _parameters(f"Subject {subject.name}, force, all kept sessions: ", choice.mean)
+        yield parameters(f"Subject {subject.name}, force, all kept sessions: ", choice.mean)
         if choice.deviation is not None:
-            yield _parameters(f"Subject {subject.name}, standard deviation: ", choice.deviation)
-
-
-def law_tables(fits: list[Fitted]) -> Iterator[Table]:
-    """Parameters of a contact law for each subject."""
-    for subject, fit, _ in fits:
-        yield _parameters(f"Subject {subject.name}: ", fit)
+            yield parameters(f"Subject {subject.name}, standard deviation: ", choice.deviation)
 
 
 def _rmse(title: str, choices: list[Chosen], value: Callable[[ModelChoice, str], float]) -> Table:
@@ -68,7 +62,7 @@ def _rmse(title: str, choices: list[Chosen], value: Callable[[ModelChoice, str],
     return table
 
 
-def _parameters(title: str, fit: Fit) -> Table:
+def parameters(title: str, fit: Fit) -> Table:
     """Parameters of one fit; its model in the title."""
     model = f"{fit.model.name}, {fit.model.formula}; RMSE {fit.rmse * 1e3:.3g} mN"
     table = Table(title=escape(title + model), title_justify="left", min_width=78)
@@ -90,12 +84,8 @@ def _parameters(title: str, fit: Fit) -> Table:
 def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
     """Name, unit, value, standard error and interval of each parameter, and of those that follow from them."""
     intervals = fit.interval()
-    rows = [
-        (name, unit, float(value), float(error), (float(low), float(high)))
-        for (name, unit), value, error, (low, high) in zip(
-            fit.model.parameters.items(), fit.parameters, fit.errors, intervals, strict=True
-        )
-    ]
+    numbers = fit.parameters.tolist(), fit.errors.tolist(), map(tuple, intervals.tolist())
+    rows = [(name, unit, *own) for (name, unit), *own in zip(fit.model.parameters.items(), *numbers, strict=True)]
     if fit.model.name == "hunt-crossley":
         value, error = fit.ratio(1, 0)
         half = error * (intervals[0, 1] - fit.parameters[0]) / fit.errors[0] if fit.errors[0] > 0 else 0.0
@@ -128,11 +118,6 @@ def _dropped(subject: Subject, choice: ModelChoice) -> dict[str, str]:
     return dict(zip(("smallest", "largest"), (subject.sessions[i] for i in choice.dropped), strict=False))
 
 
-def fit_data(fits: list[Fitted]) -> dict[str, Any]:
-    """Plain data of a fitted law for each subject."""
-    return {subject.name: _fit(fit) for subject, fit, _ in fits}
-
-
 def choice_data(choices: list[Chosen]) -> dict[str, Any]:
     """Plain data of all errors and of the chosen models for each subject."""
     return {
@@ -149,29 +134,21 @@ def choice_data(choices: list[Chosen]) -> dict[str, Any]:
             },
             "deviation_rmse": {m: dict(zip(("training", "all"), v, strict=True)) for m, v in choice.spread.items()},
             "test_share": choice.test_share,
-            "mean": _fit(choice.mean),
-            "deviation": None if choice.deviation is None else _fit(choice.deviation),
+            "mean": plain(choice.mean),
+            "deviation": None if choice.deviation is None else plain(choice.deviation),
         }
         for subject, _, _, choice in choices
     }
 
 
-def _fit(fit: Fit) -> dict[str, Any]:
-    return {
-        "model": fit.model.name,
-        "formula": fit.model.formula,
-        "rmse": fit.rmse,
-        "parameters": {
-            name: {
-                "value": value,
-                "unit": unit,
-                "error": error if math.isfinite(error) else None,
-                "interval": [low, high] if math.isfinite(error) else None,
-            }
-            for name, unit, value, error, (low, high) in _listed(fit)
-        },
-        "at_limit": list(fit.at_limit),
-    }
+def plain(fit: Fit) -> dict[str, Any]:
+    """A fit as data."""
+    found = {}
+    for name, unit, value, error, ends in _listed(fit):
+        known = {"error": error, "interval": list(ends)} if math.isfinite(error) else {"error": None, "interval": None}
+        found[name] = {"value": value, "unit": unit, **known}
+    about = {"model": fit.model.name, "formula": fit.model.formula, "rmse": fit.rmse}
+    return {**about, "parameters": found, "at_limit": list(fit.at_limit)}
 
 
 def model_yaml(choices: list[Chosen], source: Path) -> str:

@@ -126,17 +126,16 @@ class _Chain:
             self.contact = Series(**contact)
             self.friction = LuGre(**SLIDING._asdict()) if touch.friction else None
             self.spread = Kernel(**surface, **given.get("spread", {}))
+            self.nodes = [n for n in (self.contact, self.friction, self.spread, self.body) if n is not None]
             self.start()
         except SettingError as error:
             raise UnsupportedError(str(error)) from None
         self.mesh = self.spread.mesh() if self.body.wants("displacement") else None
-        self.nodes = [n for n in (self.contact, self.friction, self.spread, self.body) if n is not None]
 
     def start(self) -> None:
         """At rest, and compiled."""
-        for node in (self.contact, self.friction, self.spread, self.body):
-            if node is not None:
-                node.start()
+        for node in self.nodes:
+            node.start()
 
     def through(
         self, inputs: list[Proximity], dt: float, keep: bool

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
@@ -43,6 +44,8 @@ SHARES = 8
 """Moduli between that of the tissue and that of a nodule that cells cut by its surface may have."""
 Pressure = Callable[[np.ndarray], np.ndarray]
 """At points [m] (...,3)."""
+Top = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Lines x and y [m] of the grid of the top, and the nodes (len(x),len(y)) on them."""
 STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
 
 
@@ -88,8 +91,7 @@ class Block:
     def pressure(self, points: np.ndarray) -> np.ndarray:
         """Of the patch, at points [m] (...,3) of the surface; its scale does not matter."""
         q = np.minimum(((points[..., 0] - self.place) ** 2 + points[..., 1] ** 2) / self.radius**2, 1.0)
-        pressure: np.ndarray = (1.0 - q) ** 2
-        return pressure
+        return (1.0 - q) ** 2
 
     def hardness(self) -> np.ndarray:
         """Modulus of each cell over that of the tissue, x fastest: its mean by volume, in `SHARES` steps."""
@@ -102,8 +104,7 @@ class Block:
         away = px[:, None, None] ** 2 + py[None, :, None] ** 2 + (pz[None, None, :] + self.nodule.depth) ** 2
         inside = (away < self.nodule.radius**2).reshape(count[0], 6, count[1], 6, count[2], 6).mean(axis=(1, 3, 5))
         share = np.round(SHARES * inside) / SHARES
-        moduli: np.ndarray = (1.0 + (self.nodule.ratio - 1.0) * share).transpose(2, 1, 0).ravel()
-        return moduli
+        return (1.0 + (self.nodule.ratio - 1.0) * share).transpose(2, 1, 0).ravel()
 
 
 @dataclass(frozen=True)
@@ -148,8 +149,7 @@ class Tetrahedra:
         """[m²] (F,) of the faces on the bed, which are plane."""
         corner = self.mesh.points[self.under[:, :3]]
         sides = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-        areas: np.ndarray = 0.5 * np.linalg.norm(sides, axis=1)
-        return areas
+        return 0.5 * np.linalg.norm(sides, axis=1)
 
 
 def tetrahedra(block: Block) -> Tetrahedra:
@@ -172,48 +172,49 @@ def tetrahedra(block: Block) -> Tetrahedra:
     return Tetrahedra(mesh, ratios, unit, fixed, under, top_grid(p, axes), x, y)
 
 
-def press(
-    block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> ContinuumCurve:
+def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with `fe.Solver`."""
     cut = tetrahedra(block)
-    materials = {k: neo_hooke(young * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
-    bed = ElasticFoundation(cut.under, BED * young)
+    materials = {k: neo_hooke(YOUNG * float(h), block.poisson) for k, h in enumerate(cut.ratios)}
+    bed = ElasticFoundation(cut.under, BED * YOUNG)
     body = Solver(cut.mesh, materials, cut.fixed, loads=lambda f: 0.5 * f * cut.unit, contacts=[bed], settings=STEPS)
+    return pressed(lambda force: reached(body, force), levels, cut.unit, (cut.x, cut.y, cut.top))
+
+
+def reached(body: Solver, load: float) -> np.ndarray:
+    """Displacement [m] (N,3) of a body at a load."""
+    body.advance(load)
+    return body.displacement
+
+
+def pressed(reach: Callable[[float], np.ndarray], levels: np.ndarray, unit: np.ndarray, top: Top) -> ContinuumCurve:
+    """The curve of a solver that `reach` brings to a force [N] and whose displacement [m] (N,3) it gives.
+
+    unit  [1] (N,3) nodal forces of a unit force
+    """
     depth, shape, seconds = [], [], []
-    for k, level in enumerate(levels):
+    for level in levels.tolist():
         begun = time.perf_counter()
-        body.advance(float(level))
+        u = reach(level)
         seconds.append(time.perf_counter() - begun)
-        depth.append(float(np.sum(cut.unit * body.displacement)))
-        shape.append(-body.displacement[cut.top, 2])
-        report((k + 1) / len(levels))
-    return curve(levels, depth, shape, cut.x, cut.y, cut.mesh.points.size, seconds)
+        depth.append(float(np.sum(unit * u)))
+        shape.append(-u[top[2], 2])
+    return curve(levels, depth, shape, top, unit.size, seconds)
 
 
 def curve(
-    levels: np.ndarray,
-    depth: list[float],
-    shape: list[np.ndarray],
-    x: np.ndarray,
-    y: np.ndarray,
-    unknowns: int,
-    seconds: list[float],
+    levels: np.ndarray, depth: list[float], shape: list[np.ndarray], top: Top, unknowns: int, seconds: list[float]
 ) -> ContinuumCurve:
     """With the work done, by the spline through the levels and rest."""
-    from scipy.interpolate import CubicSpline
-
-    s = np.append(0.0, depth)
-    f = np.append(0.0, levels)
+    s, f = np.append(0.0, depth), np.append(0.0, levels)
     work = CubicSpline(s, f).antiderivative()(s)[1:]
-    return ContinuumCurve(levels, s[1:], work, x, y, np.array(shape), unknowns, np.array(seconds))
+    return ContinuumCurve(levels, s[1:], work, *top[:2], np.array(shape), unknowns, np.array(seconds))
 
 
 def stuck(points: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarray:
     """Nodes of the top under the patch (N,) bool."""
     away = np.hypot(points[:, 0] - place, points[:, 1])
-    loaded: np.ndarray = (points[:, 2] > -1e-9) & (away < radius * (1.0 - 1e-9))
-    return loaded
+    return (points[:, 2] > -1e-9) & (away < radius * (1.0 - 1e-9))
 
 
 def on_triangles(points: np.ndarray, faces: np.ndarray, pressure: Pressure) -> np.ndarray:
@@ -263,5 +264,4 @@ def _out(length: float, size: float) -> np.ndarray:
         steps.append(steps[-1] * GROWTH)
     if len(steps) > 1 and sum(steps) - length > 0.5 * steps[-1]:
         steps.pop()
-    places: np.ndarray = np.cumsum(steps) * length / sum(steps)
-    return places
+    return np.cumsum(steps) * length / sum(steps)

@@ -74,5 +74,4 @@ def point_force(points: np.ndarray, young: float, poisson: float) -> np.ndarray:
     r, down = np.linalg.norm(points, axis=1), -points[:, 2]
     out = down / r**3 - (1 - 2 * poisson) / (r * (r + down))
     sink = down**2 / r**3 + 2 * (1 - poisson) / r
-    displacement: np.ndarray = np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1) / (4 * np.pi * shear)
-    return displacement
+    return np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1) / (4 * np.pi * shear)

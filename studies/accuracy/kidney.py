@@ -8,7 +8,6 @@ sideways. Its radius is a distance in space, as in spread.Kernel.
 `fe.Solver` takes quadratic tetrahedra on the grid, FElupe bricks of 27 nodes; each makes its own load and bed.
 """
 
-import time
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -22,18 +21,8 @@ from palpate.models.fe.solve.solver import Solver
 from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy.continuum import (
-    BED,
-    CUTS,
-    POISSON,
-    RADIUS,
-    STEPS,
-    YOUNG,
-    ContinuumCurve,
-    curve,
-    graded,
-    on_triangles,
-)
+from palpate.studies.accuracy import continuum
+from palpate.studies.accuracy.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
 from palpate.studies.peers import felupe
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
@@ -42,6 +31,8 @@ DOWN = -0.5
 """[1] As of `fe.meshing.organ`."""
 FAR = 0.5
 """[1] Share of the cube's half side up to which the path is told."""
+NO_TOP = (np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64))
+"""The curves here have no shape."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +63,7 @@ def inside(cube: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(square, -1, 0)
     rest = np.stack([1 - b / 2 - c / 2 + b * c / 3, 1 - a / 2 - c / 2 + a * c / 3, 1 - a / 2 - b / 2 + a * b / 3], -1)
     scale, offset = _fit()
-    points: np.ndarray = scale * shape(cube * np.sqrt(rest)) + offset
-    return points
+    return scale * shape(cube * np.sqrt(rest)) + offset
 
 
 @lru_cache(maxsize=1)
@@ -95,8 +85,7 @@ def along(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    longer: np.ndarray = vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return longer
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -108,13 +97,11 @@ class _Frame:
 
     def points(self, cube: np.ndarray) -> np.ndarray:
         """Points [m] (n,3) of points of the cube."""
-        placed: np.ndarray = (inside(cube) - self.foot) @ self.turn.T
-        return placed
+        return (inside(cube) - self.foot) @ self.turn.T
 
     def down(self, normals: np.ndarray) -> np.ndarray:
         """Which normals (...,3), of any length, look down at the bed."""
-        low: np.ndarray = normals @ self.turn[:, 2] < DOWN * np.linalg.norm(normals, axis=-1)
-        return low
+        return normals @ self.turn[:, 2] < DOWN * np.linalg.norm(normals, axis=-1)
 
 
 def _cut(block: Kidney) -> tuple[_Frame, list[np.ndarray]]:
@@ -129,7 +116,7 @@ def _cut(block: Kidney) -> tuple[_Frame, list[np.ndarray]]:
         line[:, axis] = t
         way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(inside(line), axis=0), axis=1)))
         way -= np.interp((middle, 0.0, 1.0)[axis], t, way)
-        axes.append(np.interp(graded(way[0], low, high, way[-1], size), way, t))
+        axes.append(np.interp(continuum.graded(way[0], low, high, way[-1], size), way, t))
     return frame, axes
 
 
@@ -152,24 +139,14 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
         placed[bent] = straight
     mesh = TetMesh(placed, elements)
     p, on_top = mesh.points, cube[:, 2] > 1.0 - 1e-9
-    unit = on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], _pressure)
+    unit = continuum.on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], _pressure)
     fixed = np.zeros(p.shape, dtype=bool)
     fixed[on_top & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9)), :2] = True
     share = frame.down(face_rule.normals(p, mesh.faces))
     bed = _PartBed(mesh.faces[share.any(axis=1)], BED * YOUNG, share[share.any(axis=1)])
     tissue = {0: neo_hooke(YOUNG, POISSON)}
     body = Solver(mesh, tissue, fixed, loads=lambda f: f * unit, contacts=[bed], settings=STEPS)
-    depth, seconds = [], []
-    for level in levels:
-        begun = time.perf_counter()
-        body.advance(float(level))
-        seconds.append(time.perf_counter() - begun)
-        depth.append(float(np.sum(unit * body.displacement)))
-    return _shapeless(levels, depth, p.size, seconds)
-
-
-def _shapeless(levels: np.ndarray, depth: list[float], unknowns: int, seconds: list[float]) -> ContinuumCurve:
-    return curve(levels, depth, [np.zeros((0, 0))] * len(levels), np.zeros(0), np.zeros(0), unknowns, seconds)
+    return pressed(lambda force: continuum.reached(body, force), levels, unit, NO_TOP)
 
 
 class _PartBed(ElasticFoundation):
@@ -189,8 +166,7 @@ class _PartBed(ElasticFoundation):
 def _pressure(points: np.ndarray) -> np.ndarray:
     """At points [m] (...,3) of a frame; its scale does not matter."""
     q = np.minimum((points**2).sum(axis=-1) / RADIUS**2, 1.0)
-    pressure: np.ndarray = (1.0 - q) ** 2
-    return pressure
+    return (1.0 - q) ** 2
 
 
 def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
@@ -210,11 +186,4 @@ def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     solid, outer = felupe.neo_hooke(fem, field, YOUNG, POISSON), felupe.Outer(field, unit, springs)
     under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
     held = {"stuck": fem.Boundary(field[0], mask=under, skip=(0, 0, 1))}
-    depth, seconds = [], []
-    for level in levels:
-        outer.force = float(level)
-        begun = time.perf_counter()
-        felupe.balance(fem, field, [solid, outer], held)
-        seconds.append(time.perf_counter() - begun)
-        depth.append(float(np.sum(unit * field[0].values)))
-    return _shapeless(levels, depth, p.size, seconds)
+    return pressed(lambda force: felupe.balanced(fem, field, [solid, outer], held, force), levels, unit, NO_TOP)

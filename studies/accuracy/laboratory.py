@@ -111,10 +111,10 @@ def _of_solver(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutc
     curve, base = curves[0], blocks[0]
     fine = np.arange(round(touch.duration * truth.RATE) + 1) / truth.RATE
     _, _, place, slip = touch.at(fine)
-    told = truth.in_time(touch, curve.force, np.array([c.indentation for c in curves]), at=truth.path_of(touch))
-    force, depth, elastic = told
+    depths, at = np.array([c.indentation for c in curves]), truth.path_of(touch)
+    force, depth, elastic = truth.in_time(touch, curve.force, depths, at=at)
     every = round(truth.RATE / TICKS)
-    values = truth.derived(touch, fine, slip, force, depth, elastic)
+    values = truth.derived(touch, slip, force, depth)
     shapes = []
     if touch.body == "slab":
         dent = truth.Dent(curve.force, curve.x, curve.y, curve.shape)

@@ -8,7 +8,6 @@ The last is Richardson's estimate with second order, which is below the order th
 
 import hashlib
 import json
-import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from functools import lru_cache, partial
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import MissingError, continuum, kidney
@@ -67,8 +67,7 @@ def cells_text(cells: int) -> str:
 
 def cache() -> Path:
     """Folder of what has been computed on this machine."""
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "palpate" / "bench"
+    return basis_store.cache().with_name("bench")
 
 
 @dataclass(frozen=True)

@@ -113,10 +113,9 @@ def truth(touch: BenchCase) -> Truth:
     refined = [np.maximum(one, 0.0) for one in refined]
     steps = [np.abs(a - np.interp(times, times[::2], b)) for a, b in zip(fine, coarse, strict=True)]
     spread = [np.abs(a - b) + np.abs(c - b) + d for a, b, c, d in zip(off, fine, bent, steps, strict=True)]
-    values, bands = derived(touch, times, slip, *refined), {}
-    above = derived(touch, times, slip, *(a + d for a, d in zip(refined, spread, strict=True)))
-    for name in values:
-        bands[name] = np.abs(above[name] - values[name])
+    values = derived(touch, slip, *refined[:2])
+    above = derived(touch, slip, *(a + d for a, d in zip(refined[:2], spread[:2], strict=True)))
+    bands = {name: np.abs(above[name] - value) for name, value in values.items()}
     return Truth(times, values, bands, refined[2], touch, places[0] if touch.body == "slab" else None)
 
 
@@ -125,11 +124,9 @@ def path_of(touch: BenchCase) -> np.ndarray:
     return np.array([PLACES[name].place for name in on_path(touch.place)])
 
 
-def derived(
-    touch: BenchCase, times: np.ndarray, slip: np.ndarray, force: np.ndarray, depth: np.ndarray, elastic: np.ndarray
-) -> dict[str, np.ndarray]:
-    """What is compared, from force [N], indentation [m] and elastic force [N] (T,) of a body under the patch; area and
-    traction on what is flat."""
+def derived(touch: BenchCase, slip: np.ndarray, force: np.ndarray, depth: np.ndarray) -> dict[str, np.ndarray]:
+    """What is compared, from force [N] and indentation [m] (T,) of a body under the patch; area and traction on what is
+    flat."""
     patch = math.pi * RADIUS**2
     values = {"force": force, "indentation": depth, "energy": worked(force, depth)}
     if touch.body == "slab":

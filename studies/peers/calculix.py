@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -20,18 +20,8 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError
-from palpate.studies.accuracy.continuum import (
-    BED,
-    LEVELS,
-    POISSON,
-    YOUNG,
-    Block,
-    ContinuumCurve,
-    Tetrahedra,
-    curve,
-    tetrahedra,
-)
+from palpate.studies.accuracy import MissingError, continuum
+from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
 
 INSTALL = "apt-get install calculix-ccx"
 MM = 1e3
@@ -53,24 +43,21 @@ def version() -> str | None:
     return found[1] if found else "of unknown version"
 
 
-def press(
-    block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> ContinuumCurve:
+def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with CalculiX. The time of a load step is that of the whole run over its load steps.
 
     MissingError: it is not installed. ArithmeticError: it gave up; says what it printed last.
     """
-    cut = tetrahedra(block)
+    cut = continuum.tetrahedra(block)
     with tempfile.TemporaryDirectory() as folder:
-        whole, status, said = run(deck(cut, levels, young), Path(folder))
+        whole, status, said = run(deck(cut, levels), Path(folder))
         seconds = whole / len(levels)
         moved = _read(Path(folder) / "run.dat", np.sort(cut.top.ravel()), cut.mesh.points.shape)
     if status or len(moved) != len(levels):
         raise ArithmeticError(f"CalculiX came to {len(moved)} of {len(levels)} forces; it said last: {said}")
-    report(1.0)
     depth = [float(np.sum(cut.unit * u)) for u in moved]
     shape = [-u[cut.top, 2] for u in moved]
-    return curve(levels, depth, shape, cut.x, cut.y, cut.mesh.points.size, [seconds] * len(levels))
+    return continuum.curve(levels, depth, shape, (cut.x, cut.y, cut.top), cut.unit.size, [seconds] * len(levels))
 
 
 def run(cards: Iterable[str], folder: Path) -> tuple[float, int, str]:
@@ -101,10 +88,10 @@ def solids(mesh: TetMesh, laws: Sequence[tuple[float, float]], scale: float = 1.
         yield f"*SOLID SECTION,ELSET=R{region},MATERIAL=M{region}"
 
 
-def deck(cut: Tetrahedra, levels: np.ndarray, young: float) -> Iterator[str]:
+def deck(cut: Tetrahedra, levels: np.ndarray) -> Iterator[str]:
     """Lines of its input: mesh, materials, bed, supports, and a step for each force [N]."""
-    yield from solids(cut.mesh, [moduli(MPA * young * float(ratio), POISSON) for ratio in cut.ratios], MM)
-    yield from _bed(cut, young, len(cut.mesh.elements))
+    yield from solids(cut.mesh, [moduli(MPA * YOUNG * float(ratio), POISSON) for ratio in cut.ratios], MM)
+    yield from _bed(cut, len(cut.mesh.elements))
     yield "*BOUNDARY"
     yield from (f"{node + 1},{axis + 1}" for node, axis in np.argwhere(cut.fixed))
     yield "*NSET,NSET=TOP"
@@ -116,10 +103,10 @@ def deck(cut: Tetrahedra, levels: np.ndarray, young: float) -> Iterator[str]:
         yield "*NODE PRINT,NSET=TOP\nU\n*END STEP"
 
 
-def _bed(cut: Tetrahedra, young: float, count: int) -> Iterator[str]:
+def _bed(cut: Tetrahedra, count: int) -> Iterator[str]:
     """Springs at the nodes of the underside, numbered from `count` on; those of one stiffness [N/mm] share a card."""
     stiffness = np.zeros(len(cut.mesh.points))
-    np.add.at(stiffness, cut.under[:, 3:], BED * young * cut.areas()[:, None] / 3.0 / MM)
+    np.add.at(stiffness, cut.under[:, 3:], BED * YOUNG * cut.areas()[:, None] / 3.0 / MM)
     held = np.flatnonzero(stiffness)
     for k, value in enumerate(np.unique(stiffness[held].round(12))):
         for axis in (1, 2, 3):

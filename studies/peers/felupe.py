@@ -3,31 +3,18 @@
 A. Dutzler, FElupe: finite element analysis for continuum mechanics of solid bodies, https://felupe.readthedocs.io.
 """
 
-import time
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.linalg import splu
 
 from palpate.physics.extras import install, missing
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError
-from palpate.studies.accuracy.continuum import (
-    BED,
-    LEVELS,
-    POISSON,
-    YOUNG,
-    Block,
-    ContinuumCurve,
-    Pressure,
-    curve,
-    downwards,
-    halved,
-    stuck,
-    top_grid,
-)
+from palpate.studies.accuracy import MissingError, continuum
+from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Pressure
 
 INSTALL = install("bench")
 POINTS = 8
@@ -52,9 +39,7 @@ def library() -> Any:
     return felupe
 
 
-def press(
-    block: Block, levels: np.ndarray = LEVELS, young: float = YOUNG, report: Callable[[float], None] = lambda done: None
-) -> ContinuumCurve:
+def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with FElupe.
 
     MissingError: it is not installed.
@@ -65,29 +50,28 @@ def press(
     field, hardness = displaced(fem, mesh), block.hardness()
     solids = [
         neo_hooke(fem, displaced(fem, fem.Mesh(mesh.points, mesh.cells[hardness == ratio], mesh.cell_type)),
-                  young * float(ratio), POISSON)
+                  YOUNG * float(ratio), POISSON)
         for ratio in np.unique(hardness)
     ]  # fmt: skip
     p, near = mesh.points, 1e-9
     *_, under, top = sides(p, axes)
     unit = on_bricks(p, top, block.pressure, POINTS)
-    outer = Outer(field, unit, BED * young * springs(p, under))
+    outer = Outer(field, unit, BED * YOUNG * springs(p, under))
     half = {"middle": fem.Boundary(field[0], mask=p[:, 1] < near, skip=(1, 0, 1))}
     if block.sticks:
-        half["stuck"] = fem.Boundary(field[0], mask=stuck(p, block.place, block.radius), skip=(0, 0, 1))
-    x, y = (halved(a) for a in axes[:2])
-    at = top_grid(p, axes)
-    depth, shape, seconds = [], [], []
-    for k, level in enumerate(levels):
-        outer.force = 0.5 * float(level)
-        begun = time.perf_counter()
-        balance(fem, field, [*solids, outer], half)
-        seconds.append(time.perf_counter() - begun)
-        u = field[0].values
-        depth.append(float(np.sum(unit * u)))
-        shape.append(-u[at, 2])
-        report((k + 1) / len(levels))
-    return curve(levels, depth, shape, x, y, p.size, seconds)
+        half["stuck"] = fem.Boundary(field[0], mask=continuum.stuck(p, block.place, block.radius), skip=(0, 0, 1))
+    x, y = (continuum.halved(a) for a in axes[:2])
+    top_nodes = continuum.top_grid(p, axes)
+    return continuum.pressed(
+        lambda force: balanced(fem, field, [*solids, outer], half, 0.5 * force), levels, unit, (x, y, top_nodes)
+    )
+
+
+def balanced(fem: Any, field: Any, items: list[Any], held: dict[str, Any], force: float) -> np.ndarray:
+    """Displacement [m] (N,3) in balance with a force [N] of the last of these items, which is `Outer`."""
+    items[-1].force = force
+    balance(fem, field, items, held)
+    return field[0].values
 
 
 def displaced(fem: Any, mesh: Any) -> Any:
@@ -188,7 +172,9 @@ def on_bricks(points: np.ndarray, faces: np.ndarray, pressure: Pressure, count: 
     """Nodal forces (N,3) along -z that sum to one, of a pressure on curved faces of nine nodes (F,9), at `count` points
     a direction."""
     value, own, normal = _on_face(points, faces, count)
-    return downwards(points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * pressure(own), value))
+    return continuum.downwards(
+        points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * pressure(own), value)
+    )
 
 
 def springs(
@@ -206,9 +192,5 @@ def springs(
 
 def _solve(matrix: Any, rhs: Any) -> np.ndarray:
     """SuperLU with an order for symmetric patterns."""
-    from scipy.sparse.linalg import splu
-
-    solution: np.ndarray = splu(
-        matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    ).solve(np.asarray(rhs).ravel())
-    return solution
+    order = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    return splu(matrix.tocsc(), **order).solve(np.asarray(rhs).ravel())

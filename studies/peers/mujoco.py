@@ -7,7 +7,6 @@ takes the elasticity implicitly. Mass and damping are such that this takes few s
 MuJoCo: E. Todorov et al., IEEE/RSJ IROS (2012) 5026-5033; https://mujoco.readthedocs.io, `deformable/flex`.
 """
 
-import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,21 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.fe.element.mesh import edge_nodes
+from palpate.models.fe.element.mesh import edge_nodes, six_volumes
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.physics.extras import install, missing
-from palpate.studies.accuracy import MissingError
-from palpate.studies.accuracy.continuum import (
-    BED,
-    LEVELS,
-    POISSON,
-    YOUNG,
-    Block,
-    ContinuumCurve,
-    Tetrahedra,
-    curve,
-    tetrahedra,
-)
+from palpate.studies.accuracy import MissingError, continuum
+from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
 
 INSTALL = install("bench")
 
@@ -65,60 +54,50 @@ def library() -> Any:
     return mujoco
 
 
-def press(
-    block: Block,
-    levels: np.ndarray = LEVELS,
-    young: float = YOUNG,
-    report: Callable[[float], None] = lambda done: None,
-    material: str = "neo-Hookean",
-) -> ContinuumCurve:
+def press(block: Block, levels: np.ndarray = LEVELS, material: str = "neo-Hookean") -> ContinuumCurve:
     """Press the block with MuJoCo.
 
     MissingError: it is not installed. ArithmeticError: it does not come to rest, or elements are inside out.
     """
-    mujoco, cut = library(), tetrahedra(block)
+    mujoco, cut = library(), continuum.tetrahedra(block)
     corners = cut.mesh.elements[:, :4]
     count = int(corners.max()) + 1
     points, edges = cut.mesh.points[:count], edge_nodes(count, corners)[1]
     unit = _on_corners(cut.unit, edges)
     with _quiet(mujoco):
-        model, joint = _model(mujoco, cut, points, corners, edges, young, MATERIALS[material])
+        model, joint = _model(mujoco, cut, points, corners, MATERIALS[material])
         data = mujoco.MjData(model)
         free = joint >= 0
         pull = np.zeros(model.nv)
         pull[joint[free]] = unit[free]
-        top = cut.top[::2, ::2]
-        depth, shape, seconds = [], [], []
-        for k, level in enumerate(levels):
-            begun = time.perf_counter()
-            data.qfrc_applied[:] = 0.5 * float(level) * pull
-            depth.append(_rested(partial(mujoco.mj_step, model, data), lambda: float(pull @ data.qpos), float(level)))
-            seconds.append(time.perf_counter() - begun)
+
+        def reach(level: float) -> np.ndarray:
+            data.qfrc_applied[:] = 0.5 * level * pull
+            _rest(partial(mujoco.mj_step, model, data), lambda: float(pull @ data.qpos), level)
             moved = np.zeros(points.shape)
             moved[free] = data.qpos[joint[free]]
-            _upright(points + moved, corners, float(level), material)
-            shape.append(-moved[top, 2])
-            report((k + 1) / len(levels))
-    return curve(levels, depth, shape, cut.x[::2], cut.y[::2], points.size, seconds)
+            _upright(points + moved, corners, level, material)
+            return moved
+
+        return continuum.pressed(reach, levels, unit, (cut.x[::2], cut.y[::2], cut.top[::2, ::2]))
 
 
-def _rested(step: Callable[[], None], depth: Callable[[], float], level: float) -> float:
-    """The indentation [m] where it has come to rest. ArithmeticError: it does not."""
+def _rest(step: Callable[[], None], depth: Callable[[], float], level: float) -> None:
+    """Step until the indentation [m] comes to rest. ArithmeticError: it does not."""
     still, last = 0, depth()
     for _ in range(LONGEST):
         step()
         now = depth()
         still = still + 1 if abs(now - last) < REST * abs(now) else 0
         if still == STILL:
-            return now
+            return
         last = now
     raise ArithmeticError(f"MuJoCo did not come to rest at {level:g} N within {LONGEST} steps of {STEP:g} s")
 
 
 def _upright(points: np.ndarray, corners: np.ndarray, level: float, material: str) -> None:
     """ArithmeticError: elements are inside out."""
-    a, b, c, d = (points[corners[:, k]] for k in range(4))
-    turned = int((np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) <= 0.0).sum())
+    turned = int((six_volumes(points, corners) <= 0.0).sum())
     if turned or not np.isfinite(points).all():
         raise ArithmeticError(f"at {level:g} N {turned} of {len(corners)} {material} elements of MuJoCo are inside out")
 
@@ -134,7 +113,7 @@ def _on_corners(quadratic: np.ndarray, edges: np.ndarray) -> np.ndarray:
 
 
 def _model(
-    mujoco: Any, cut: Tetrahedra, points: np.ndarray, corners: np.ndarray, edges: np.ndarray, young: float, elastic: int
+    mujoco: Any, cut: Tetrahedra, points: np.ndarray, corners: np.ndarray, elastic: int
 ) -> tuple[Any, np.ndarray]:
     """The model, and which of its joints (N,3) moves a node in a direction; -1: none does."""
     spec = mujoco.MjSpec()
@@ -142,7 +121,7 @@ def _model(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.solver = mujoco.mjtSolver.mjSOL_CG
     bed = np.zeros(len(points))
-    np.add.at(bed, cut.under[:, :3], BED * young * cut.areas()[:, None] / 3.0)
+    np.add.at(bed, cut.under[:, :3], BED * YOUNG * cut.areas()[:, None] / 3.0)
     mass = DENSITY * SLAB * float(np.prod(np.ptp(points[:, :2], axis=0))) / len(points)
     joint = np.full(points.shape, -1)
     joint[~cut.fixed[: len(points)]] = np.arange(int((~cut.fixed[: len(points)]).sum()))
@@ -157,7 +136,7 @@ def _model(
         flex = spec.add_flex(name=f"r{region}", dim=3, contype=0, conaffinity=0)
         flex.vertbody, flex.elem = [f"n{k}" for k in used], numbers.ravel().astype(int)
         flex.vert = np.zeros(3 * len(used))
-        flex.young, flex.poisson, flex.damping, flex.elastic3d = young * float(ratio), POISSON, DAMPING, elastic
+        flex.young, flex.poisson, flex.damping, flex.elastic3d = YOUNG * float(ratio), POISSON, DAMPING, elastic
     return spec.compile(), joint
 
 

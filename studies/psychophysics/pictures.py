@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.studies.psychophysics.analysis import ALL, Outcome
 from palpate.studies.psychophysics.functions import proportion
+from palpate.views.pictures.style import FINGER, INK, LOOK, TISSUE, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +25,6 @@ NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "c
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     """A picture for each task, a panel for each participant and block."""
     from matplotlib import rc_context
-
-    from palpate.views.pictures.style import LOOK, figure
 
     files = []
     for task in dict.fromkeys(one.task for one in outcomes):
@@ -44,8 +43,6 @@ def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 
 def _function(axes: Axes, one: Outcome) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
-
-    from palpate.views.pictures.style import FINGER, INK, TISSUE
 
     fitted = one.fitted
     assert fitted is not None
@@ -76,8 +73,6 @@ def _function(axes: Axes, one: Outcome) -> None:
 
 
 def _magnitude(axes: Axes, one: Outcome) -> None:
-    from palpate.views.pictures.style import INK, TISSUE
-
     level, mean, n = np.array(one.levels), np.array(one.shares), one.numbers["exponent"].value
     axes.loglog(level, mean, "o", color=TISSUE)
     if math.isfinite(n):

@@ -1,7 +1,6 @@
 """Which level comes next: constant stimuli, up-down staircases, QUEST+."""
 
 import re
-from typing import Protocol
 
 import numpy as np
 
@@ -11,17 +10,6 @@ from palpate.studies.psychophysics.questplus import QuestPlus
 from palpate.studies.psychophysics.stimuli import Stimuli
 
 RULE = re.compile(r"([1-9])-down-([1-9])-up")
-
-
-class Procedure(Protocol):
-    """`level` is the next one, None at the end; `take` is told the answer; `most` trials come at most (0: unknown)."""
-
-    most: int
-
-    @property
-    def level(self) -> float | None: ...
-
-    def take(self, hit: bool) -> None: ...
 
 
 class Constant:
@@ -121,6 +109,10 @@ class Quest:
         assert level is not None
         self._trials += 1
         self._quest.update(self._x[self._levels.index(level)], hit)
+
+
+Procedure = Constant | Staircase | Quest
+"""`level` is the next one, None at the end; `take` is told the answer; `most` trials come at most (0: unknown)."""
 
 
 def procedures(name: str, block: Block, stimuli: Stimuli, random: np.random.Generator) -> list[Procedure]:

@@ -8,7 +8,6 @@ FOLDER/sourcedata/sub-01/ses-01/beh/...trial-003_interval-1.mcap          the re
 A row is on the disk before the next trial begins. What a power cut has left of the last row is moved aside.
 """
 
-import fcntl
 import itertools
 import json
 import os
@@ -18,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.files import replace
+from palpate.studies.files import locked, replace
 
 NONE = "n/a"
 COLUMNS: dict[str, dict[str, Any]] = {
@@ -60,11 +59,9 @@ class Table:
         self.recordings.mkdir(parents=True, exist_ok=True)
         self.recovered: Path | None = None
         self._file = open(self.path, "a+b", buffering=0)  # noqa: SIM115 - open as long as the session goes on
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+        if not locked(self._file):
             self._file.close()
-            raise ArgumentError(f"{self.path}: another `palpate experiment` has this session open") from None
+            raise ArgumentError(f"{self.path}: another `palpate experiment` has this session open")
         self.rows = self._recover()
 
     def close(self) -> None:

@@ -60,16 +60,12 @@ def axis(name: str, given: Any) -> Axis:
             raise ArgumentError(f"over {name}: found {_short(dict(given))}, expected {EXPECTED}")
         ((kind, how),) = given.items()
         if kind in GRIDS:
-            numbers, texts = _numbers(name, how, 3)
-            if numbers[2] > MOST:
-                raise ArgumentError(f"over {name}: found {numbers[2]:,.0f} values, expected up to {MOST:,}")
-            if (
-                numbers[2] != int(numbers[2])
-                or numbers[2] < 1
-                or (kind == "geomspace" and numbers[0] * numbers[1] <= 0)
-            ):
+            (low, high, count), texts = _numbers(name, how, 3)
+            if count > MOST:
+                raise ArgumentError(f"over {name}: found {count:,.0f} values, expected up to {MOST:,}")
+            if count != int(count) or count < 1 or (kind == "geomspace" and low * high <= 0):
                 raise ArgumentError(f"over {name}: found {_short(how)}, expected [low, high, number of values]")
-            given = rounded(GRIDS[kind](*numbers[:2], int(numbers[2])))
+            given = rounded(GRIDS[kind](low, high, int(count)))
             return _listed(name, paths, given.tolist(), None, texts)
         if kind == "named" and isinstance(how, Mapping):
             return _listed(name, paths, list(how.values()), [str(key) for key in how], ())

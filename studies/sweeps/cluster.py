@@ -136,7 +136,7 @@ def compute(
                 flight[client.submit(work, task, batch, pure=False)] = batch
             for future in _finished(flight):
                 batch = flight.pop(future)
-                machine, done = _result(client, future, batch, deaths)
+                machine, done = _result(future, batch, deaths)
                 waiting.extendleft(reversed(batch[len(done) :]))
                 for point, one in zip(batch, done, strict=False):
                     if one.lost:
@@ -159,9 +159,7 @@ def _finished(flight: Mapping[distributed.Future, Any]) -> list[distributed.Futu
     return [future for future in flight if future.done()]
 
 
-def _result(
-    client: distributed.Client, future: distributed.Future, batch: list[Point], deaths: Counter[str]
-) -> tuple[str, list[Computed]]:
+def _result(future: distributed.Future, batch: list[Point], deaths: Counter[str]) -> tuple[str, list[Computed]]:
     """What a task has done. A worker that dies under it, again and again, is the fault of its only point."""
     try:
         return future.result()

@@ -1,17 +1,13 @@
 """The points of a study as an xarray Dataset."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from palpate.physics.errors import RunError
 from palpate.physics.extras import missing
+from palpate.studies.sweeps.results import Results
 from palpate.studies.sweeps.store import Store
-
-if TYPE_CHECKING:
-    from palpate.studies.sweeps.results import Results
 
 
 def dataset(study: Results) -> Any:

@@ -51,20 +51,11 @@ def load(path: Path, sensitivity: str | None = None, samples: int | None = None)
     GraphError: what is wrong with the file. ArgumentError: what is wrong with the study.
     """
     given, _ = filled(_File, path, "graph, over and keep")
-    study = Study(
-        graph_of(path, given.graph),
-        given.over,
-        given.keep,
-        scene=given.scene,
-        duration=given.duration,
-        sets=overrides(given.set, "set"),
-        samples=given.samples if samples is None else samples,
-        design=given.design,
-        seed=given.seed,
-        sensitivity=sensitivity or given.sensitivity,
-        limit=None if given.limit == "none" else given.limit,
-    )
-    jobs = given.slurm.get("jobs", 1)
+    own = msgspec.structs.asdict(given)
+    slurm, sets = own.pop("slurm"), overrides(own.pop("set"), "set")
+    own |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}
+    own |= {"sensitivity": sensitivity or given.sensitivity, "samples": given.samples if samples is None else samples}
+    study, jobs = Study(**own, sets=sets), slurm.get("jobs", 1)
     if not isinstance(jobs, int) or jobs < 1:
         raise ArgumentError(f"{path}: slurm: jobs: found {jobs!r}, expected a whole number from 1")
-    return study, given.slurm
+    return study, slurm

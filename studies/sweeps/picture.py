@@ -11,14 +11,15 @@ import numpy as np
 
 from palpate.engine.faults import choices
 from palpate.physics.extras import missing
+from palpate.studies.sweeps.keep import Kept
+from palpate.studies.sweeps.results import Results
 from palpate.views.pictures import PictureError
+from palpate.views.pictures.plot import PREFIXES
+from palpate.views.pictures.style import FRICTION, INK, LOOK, NORMAL, figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-    from palpate.studies.sweeps.keep import Kept
-    from palpate.studies.sweeps.results import Results
 
 LEGEND = 8
 """Lines that have names; more of them have a scale of colours where they have a number."""
@@ -41,8 +42,6 @@ def draw(study: Results, name: str) -> Figure:
     found.sort(key=lambda one: one.how != "curve")
     one = found[0] if study.sensitivity is None else next((k for k in found if k.how != "curve"), found[0])
     from matplotlib import rc_context
-
-    from palpate.views.pictures.style import LOOK, figure
 
     with rc_context(LOOK):
         fig = figure(9.0, 4.6, f"{study.name}: {one.text}")
@@ -69,8 +68,6 @@ def draw_all(study: Results, folder: Path) -> list[Path]:
 
 def _scaled(one: Kept, values: Any) -> tuple[Any, str]:
     """Values in the unit that figures show, and the name of the axis."""
-    from palpate.views.pictures.plot import PREFIXES
-
     factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
     return np.asarray(values) * factor, f"{one.quantity} [{unit}]"
 
@@ -97,7 +94,6 @@ def _curves(study: Results, one: Kept, axes: Axes) -> None:
     from matplotlib.lines import Line2D
 
     from palpate.studies.sweeps.store import Store
-    from palpate.views.pictures.style import INK
 
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
@@ -153,8 +149,6 @@ def _numbers(study: Results, one: Kept, axes: Axes) -> None:
 
 
 def _shares(study: Results, one: Kept, axes: Axes) -> None:
-    from palpate.views.pictures.style import FRICTION, NORMAL
-
     table = study.indices()
     table = table[table["of"] == one.text]
     names = [", ".join(str(v) for k, v in row.items() if k in study.space.paths) for row in table.to_dict("records")]

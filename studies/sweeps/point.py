@@ -4,8 +4,6 @@ A process of its own computes with pinned arithmetic whatever Dask's worker has 
 a point takes too long or takes its process down.
 """
 
-import contextlib
-import fcntl
 import hashlib
 import os
 import platform
@@ -17,7 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 
@@ -36,6 +34,7 @@ from palpate.nodes.logger import Mcap
 from palpate.physics import arithmetic, kernel_cache
 from palpate.physics.errors import PalpateError
 from palpate.records.samples import Run
+from palpate.studies.files import locked
 from palpate.studies.sweeps.keep import Kept
 
 ROOMS = ("palpate.physics", "palpate.models.fe", "palpate.messages", "palpate.nodes", "palpate.engine")
@@ -179,7 +178,7 @@ def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:
     _warmed.add(name)
     own = os.getpid()  # a second process compiles, too
     with open(folder / "warm.lock", "a") as lock:
-        while not _locked(lock):
+        while not locked(lock):
             begins()
             time.sleep(0.1)
         if not (folder / name).exists():
@@ -187,13 +186,6 @@ def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:
             with compiling(lambda count: begins() if os.getpid() == own else None):
                 execute(replace(launch, record=None, duration=1.0 / first.rate), first)
             (folder / name).touch()
-
-
-def _locked(file: TextIO) -> bool:
-    with contextlib.suppress(BlockingIOError):
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        return True
-    return False
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ written anew under another name and then renamed, so that a full disk or a kill 
 import contextlib
 import datetime
 import errno
-import fcntl
 import json
 import math
 import time
@@ -25,7 +24,7 @@ import numpy as np
 
 from palpate.physics.errors import RunError
 from palpate.physics.extras import missing
-from palpate.studies.files import replace
+from palpate.studies.files import locked, replace
 from palpate.studies.sweeps.point import Computed, Point
 
 try:
@@ -56,13 +55,9 @@ class Store:
         if write:
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = open(folder / ".lock", "w")  # noqa: SIM115 - until `close`
-            try:
-                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+            if not locked(self._lock):
                 self._lock.close()
-                raise RunError(
-                    f"{folder}: another process writes this study; wait for it, or take another folder"
-                ) from None
+                raise RunError(f"{folder}: another process writes this study; wait for it, or take another folder")
         try:
             rows = pyarrow.parquet.read_table(self._table).to_pylist() if self._table.exists() else []
             self.about: dict[str, Any] = json.loads(self._about.read_text()) if self._about.exists() else {"bases": {}}

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,16 @@ def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
     assert text.rstrip().endswith(page.NOT_COVERED[-1])
     assert "at the reference" in text
     assert "exponential law cannot: it is a fingertip's law" in text
+
+
+def test_without_matplotlib_there_are_table_and_page(cells, tmp_path, monkeypatch):
+    for name in ("labels", "pictures"):
+        monkeypatch.delitem(sys.modules, f"palpate.studies.accuracy.output.{name}", raising=False)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert report.written(cells, {"processor": "some"}, tmp_path).keys() == {"page", "table"}
+    assert {file.name for file in tmp_path.iterdir()} == {"accuracy.csv", "accuracy.md"}
 
 
 def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):

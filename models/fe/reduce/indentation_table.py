@@ -4,12 +4,11 @@ The full model is pressed at scattered places (`fe.indent`), every time to the s
 patch; between the places its values are carried over the surface by a spline.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.sparse import csr_array, kron
 
 from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.reduce.indentation import OrganPress, PressCurve
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, hat_moments, patch_radius, rise
@@ -27,14 +26,11 @@ INSIDE = np.array([0.5, 0.3, 0.2])
 """Where in a triangle the organ is pressed: a place like any other; at corners a load is narrower than elsewhere."""
 
 
-def press(
-    organ: Reducible, patches: np.ndarray, depths: np.ndarray, report: Callable[[float], None] = lambda share: None
-) -> list[PressCurve]:
+def press(organ: Reducible, patches: np.ndarray, depths: np.ndarray, report: Report = unheard) -> list[PressCurve]:
     """Force curves of the organ of modulus 1 Pa at places (P,) whose surface sticks to the finger.
 
     patches  (P,V,3)  unit loads at each place, by the vertices of the surface
     depths   [m] (P,L) growing indentations, each the mean displacement along the load, weighted as it is
-    report   hears the share done
     """
     model, hats = OrganPress(organ), organ.hats
     done = 0
@@ -44,12 +40,8 @@ def press(
         done += levels
         report(done / depths.size)
 
-    return model.run(
-        [
-            model.curve(hats @ unit_load, deep, sticking(hats, unit_load), count)
-            for unit_load, deep in zip(patches, depths, strict=True)
-        ]
-    )
+    places = zip(patches, depths, strict=True)
+    return model.run([model.curve(hats @ load, deep, sticking(hats, load), count) for load, deep in places])
 
 
 def sticking(hats: np.ndarray, load: np.ndarray) -> csr_array:
@@ -97,11 +89,7 @@ def scattered(points: np.ndarray, count: int, apart: float) -> np.ndarray:
 
 
 def dent_table(
-    organ: Reducible,
-    places: int = PLACES,
-    radius: float = RADIUS,
-    report: Callable[[float], None] = lambda share: None,
-    levels: int = LEVELS,
+    organ: Reducible, places: int = PLACES, radius: float = RADIUS, report: Report = unheard, levels: int = LEVELS
 ) -> np.ndarray:
     """Dents (V,L) [1] at every vertex of the organ's surface and every indentation s/R = SPACING, 2 SPACING ..., see
     `physics.bodies.indentation_table`: found for patches at scattered places, a spline through these between."""
@@ -130,9 +118,8 @@ def unseen(organ: Reducible, table: np.ndarray) -> np.ndarray:
 
 
 def _pressed(
-    organ: Reducible, feet: np.ndarray, normals: np.ndarray, radius: float, deep: np.ndarray,
-    report: Callable[[float], None] = lambda share: None,
-) -> tuple[list[PressCurve], np.ndarray, np.ndarray]:  # fmt: skip
+    organ: Reducible, feet: np.ndarray, normals: np.ndarray, radius: float, deep: np.ndarray, report: Report = unheard
+) -> tuple[list[PressCurve], np.ndarray, np.ndarray]:
     """Curves of patches at these places (P,3), pressed to indentations s/R (L,); shares (P,V) of the vertices in each
     load, and its radius [m] (P,)."""
     surface = organ.surface

@@ -11,6 +11,7 @@ from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, FingertipDimensions, materials
 from palpate.models.fe.meshing.organ import Organ
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.body import ElasticBody, hats
 from palpate.models.fe.solve.solver import DEFAULT, Settings, Solver
 from palpate.models.fe.sparse.cholesky import Cholesky
@@ -59,7 +60,7 @@ class Reducible:
             hasher.update(np.ascontiguousarray(part).tobytes())
         return hasher.digest()
 
-    def compliance(self, report: Callable[[float], None] = lambda share: None) -> np.ndarray:
+    def compliance(self, report: Report = unheard) -> np.ndarray:
         """Displacement under each vertex of the surface (mean under its hat) for a unit force on each [m/N] (3V,3V)."""
         return self.elastic.compliance(self.fixed, self.hats, report)
 

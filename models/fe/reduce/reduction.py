@@ -1,26 +1,15 @@
 """From a body to its sampled basis, and the touches that the layered fingertip is reduced from."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
 
+from palpate.models.fe.progress import Report, unheard
+from palpate.models.fe.reduce import snapshots
 from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible
 from palpate.models.fe.reduce.sampling import SAMPLING, at_rest, bent, chosen, modes, points_of, sample
-from palpate.models.fe.reduce.snapshots import (
-    MILD,
-    STIFFENING,
-    LoadPath,
-    PressSolution,
-    aside,
-    mirror,
-    mirrored,
-    press,
-    press_from_rest,
-    scatter,
-    touch,
-)
+from palpate.models.fe.reduce.snapshots import LoadPath, PressSolution, mirror
 from palpate.physics.bodies.sampled.energy import Points, scratch
 from palpate.physics.bodies.sampled.solve import settle, unhurried
 from palpate.physics.bodies.sampled_body import SampledBasis
@@ -64,37 +53,33 @@ def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False)
         foot = np.array([0.0, min(y, 0.0), 0.0]) + radius * out
         patch = RADII[0] + x[2] * (RADII[1] - RADII[0])
         share = 1.0 if pulled else max(2.0 * x[3] - 1.0, 0.0)
-        pull = ASIDE * share * aside(out, np.array([0.0, 1.0, 0.0]), x[4])
-        touches.append(touch(body.surface, foot, out, patch, HARDEST * patch**2 * STIFFENING, pull))
+        pull = ASIDE * share * snapshots.aside(out, np.array([0.0, 1.0, 0.0]), x[4])
+        touches.append(snapshots.touch(body.surface, foot, out, patch, HARDEST * patch**2 * snapshots.STIFFENING, pull))
     return touches
 
 
 def finger_pressed(
-    body: Reducible, report: Callable[[float], None] = lambda share: None, folder: Path | None = None
+    body: Reducible, report: Report = unheard, folder: Path | None = None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of the fingertip's touches and of their mirror images; and of those that are held out."""
     touches = finger_touches(body, TOUCHES, SEED) + finger_touches(body, PULLED, PULLED_SEED, pulled=True)
-    presses = press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
+    presses = snapshots.press(body, touches + finger_touches(body, HELD, HELD_SEED), report, folder)
     seen, held = ([p for p in part if len(p.solutions)] for part in (presses[: len(touches)], presses[len(touches) :]))
-    return seen + mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices)), held
+    return seen + snapshots.mirrored(seen, mirror(body.mesh.points), mirror(body.surface.vertices)), held
 
 
 def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPath]:
     """Touches of the part of an organ that does not look down on its bed."""
     surface = body.surface
     region = surface.face_vectors[:, 2] > -0.5 * np.linalg.norm(surface.face_vectors, axis=1)
-    return scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * MILD, seed)
+    return snapshots.scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * snapshots.MILD, seed)
 
 
-def organ_pressed(
-    body: Reducible, report: Callable[[float], None] = lambda share: None
-) -> tuple[list[PressSolution], list[PressSolution]]:
+def organ_pressed(body: Reducible, report: Report = unheard) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of an organ's touches; and of those that are held out."""
-    presses = press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
-    return (
-        [p for p in presses[:ORGAN_TOUCHES] if len(p.solutions)],
-        [p for p in presses[ORGAN_TOUCHES:] if len(p.solutions)],
-    )
+    presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
+    seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:ORGAN_TOUCHES], presses[ORGAN_TOUCHES:]))
+    return seen, held
 
 
 def build(
@@ -102,11 +87,10 @@ def build(
     pressed: list[PressSolution],
     held: list[PressSolution],
     count: int,
-    report: Callable[[float], None] = lambda share: None,
+    report: Report = unheard,
     tolerance: float = SAMPLING,
 ) -> SampledBasis:
-    """The sampled basis of a body in `count` modes of its full solutions, its points sampled to a tolerance; `report`
-    hears the share done.
+    """The sampled basis of a body in `count` modes of its full solutions, its points sampled to a tolerance.
 
     held  touches that the modes were not made from: the error there tells how it stiffens. Of their own touches
           they miss next to nothing, which tells nothing

@@ -19,12 +19,11 @@ The weights change the tangent at rest, Phi'K0 Phi = 1, a little, to M. The mode
 G_p M^(-1/2): at rest the sampled body is the full one in these modes, exactly.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from palpate.models.fe.element.elements import gradients
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.reduce.snapshots import PressSolution
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch, tangent
@@ -121,11 +120,7 @@ def at_rest(points: Points) -> Points:
 
 
 def sample(
-    points: Points,
-    states: np.ndarray,
-    tolerance: float = SAMPLING,
-    most: int = 1000,
-    report: Callable[[float], None] = lambda share: None,
+    points: Points, states: np.ndarray, tolerance: float = SAMPLING, most: int = 1000, report: Report = unheard
 ) -> tuple[np.ndarray, np.ndarray]:
     """Points and their weights > 0 that give the generalised forces at states q (S,r) to a tolerance; a state that so
     few modes cannot take without inverting a point is left out."""
@@ -152,11 +147,7 @@ def sample(
 
 
 def nonnegative(
-    columns: np.ndarray,
-    goal: np.ndarray,
-    tolerance: float,
-    most: int,
-    report: Callable[[float], None] = lambda share: None,
+    columns: np.ndarray, goal: np.ndarray, tolerance: float, most: int, report: Report = unheard
 ) -> tuple[np.ndarray, np.ndarray]:
     """Columns and coefficients x > 0, as few as bring |sum_k x_k column_k - goal| to `tolerance` |goal|.
 
@@ -184,12 +175,8 @@ def nonnegative(
         column = columns[best].astype(np.float64)
         across = own @ column
         gram = np.block([[gram, across[:, None]], [across[None], column @ column]])
-        kept, own, right, x = (
-            [*kept, best],
-            np.vstack([own, column]),
-            np.append(right, column @ goal),
-            np.append(x, 0.0),
-        )
+        own, right = np.vstack([own, column]), np.append(right, column @ goal)
+        kept, x = [*kept, best], np.append(x, 0.0)
         # the kept columns' least squares; on the way to it the first coefficient that would pass 0 leaves
         while True:
             solution = cho_solve(cho_factor(gram + 1e-12 * np.trace(gram) / len(kept) * np.eye(len(kept))), right)

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.reduce.indentation_table import patch
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.solve.solver import ConvergenceError, Settings
@@ -97,13 +98,9 @@ def scatter(
 
 
 def press(
-    body: Reducible,
-    touches: list[LoadPath],
-    report: Callable[[float], None] = lambda share: None,
-    folder: Path | None = None,
+    body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
 ) -> list[PressSolution]:
-    """The full model's answers; `report` hears the share done. A folder keeps each as soon as it is found: what it
-    holds is not computed again."""
+    """The full model's answers. A folder keeps each as soon as it is found: what it holds is not computed again."""
     presses = []
     for k, own in enumerate(touches):
         presses.append(pressed(body, own) if folder is None else _kept(body, own, folder))
@@ -148,9 +145,7 @@ def pressed(body: Reducible, own: LoadPath) -> PressSolution:
     return PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
 
-def press_from_rest(
-    body: Reducible, touches: list[LoadPath], report: Callable[[float], None] = lambda share: None
-) -> list[PressSolution]:
+def press_from_rest(body: Reducible, touches: list[LoadPath], report: Report = unheard) -> list[PressSolution]:
     """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
     mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
     solver = body.elastic.rest(body.fixed)

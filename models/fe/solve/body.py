@@ -2,7 +2,7 @@
 a press and a reduction all need of it is said here once."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,6 +12,7 @@ from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.sparse.pattern import Pattern, pattern
 from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.materials.compiled import LAW, compiled
@@ -117,13 +118,10 @@ class ElasticBody:
         tangent.factor(self.tangent(np.zeros_like(self.mesh.points)))
         return tangent
 
-    def compliance(
-        self, fixed: np.ndarray, hats: np.ndarray, report: Callable[[float], None] = lambda share: None
-    ) -> np.ndarray:
+    def compliance(self, fixed: np.ndarray, hats: np.ndarray, report: Report = unheard) -> np.ndarray:
         """Mean displacement under each hat for a unit force on each [m/N] (3V,3V), these components (N,3) bool held.
 
-        Symmetric and positive: work of any load on the displacement that it causes is what the body stores. `report`
-        hears the share done.
+        Symmetric and positive: work of any load on the displacement that it causes is what the body stores.
         """
         solver, count = self.rest(fixed), hats.shape[1]
         compliance = np.empty((count, 3, count, 3))

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import MeshError, TetMesh, point_text
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
 from palpate.models.fe.solve.checkpoint import SolverState, read_state, write_state
 from palpate.models.fe.solve.checks import check_held, check_locking, check_units, checked
@@ -107,7 +108,7 @@ class Solver:
         self._body = Assembly(mesh, self.materials, self.fixed, loads, self.contacts)
         self._support = Support(mesh, self.fixed)
 
-    def advance(self, load: float, report: Callable[[float], None] = lambda share: None) -> None:
+    def advance(self, load: float, report: Report = unheard) -> None:
         """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first
         step is as large as the one before would have gone on with.
 
@@ -231,7 +232,7 @@ class Solver:
         now = self._body.balance(u, load)
         jump = np.where(self.fixed, goal - u, 0.0)
         if jump.any():
-            pull = self._body.tangent.product(now.data, jump) + self._body.skew(jump)
+            pull = (self._body.tangent.pattern.matrix(now.data) @ jump.ravel()).reshape(-1, 3) + self._body.skew(jump)
             u = np.where(self.fixed, goal, u + self._direction(now.data, now.force + pull))
             now = self._body.balance(u, load)
         return u, now

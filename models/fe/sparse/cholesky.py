@@ -63,7 +63,7 @@ class Cholesky:
         # of each: pivots and rows in nodes, where its boundary begins, where its panel does
         self._fronts = self._pivots, self._rows, tree.start, self._panel
         self._blocks = _destinations(tree, indptr, indices)
-        self._stack = _stack(tree)
+        self._stack = _stack(tree, self._children)
         self._set(single)
 
     def _set(self, single: bool) -> None:
@@ -162,11 +162,10 @@ def _destinations(tree: Tree, indptr: np.ndarray, indices: np.ndarray) -> tuple[
     return which, begin, row, j - tree.first[front]
 
 
-def _stack(tree: Tree) -> int:
+def _stack(tree: Tree, children: np.ndarray) -> int:
     """Largest size of the stack of update matrices, in numbers."""
     sizes = (3 * np.diff(tree.start)) ** 2
     waiting: list[int] = []
-    children = np.bincount(tree.parent[tree.parent >= 0], minlength=len(tree.parent))
     most = 1
     for t, size in enumerate(sizes):
         if children[t]:

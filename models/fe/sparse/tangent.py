@@ -34,17 +34,16 @@ SEEN = 3
 """Conjugate gradients after which the rate is trusted to foretell how many more there will be."""
 
 
+Linear = Callable[[np.ndarray], np.ndarray]
+"""A linear map of displacements or forces."""
+
+
 class UnheldError(ArithmeticError):
     """A tangent that no reasonable shift makes positive definite."""
 
 
 def descend(
-    matrix: sparray,
-    rhs: np.ndarray,
-    start: np.ndarray,
-    solve: Callable[[np.ndarray], np.ndarray],
-    tolerance: float,
-    most: int,
+    matrix: sparray, rhs: np.ndarray, start: np.ndarray, solve: Linear, tolerance: float, most: int
 ) -> tuple[np.ndarray, bool]:
     """Solution (n,) of a symmetric positive definite system, and whether its residual is below `tolerance` [1] of rhs
     (n,). It is not where that takes more than `most` iterations, by the rate of the first ones, or where the matrix or
@@ -106,11 +105,7 @@ class Tangent:
         """Mean stiffness of each node [N/m] (N,) from the blocks (B,3,3)."""
         return np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
 
-    def product(self, data: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Forces [N] (N,3) of the blocks (B,3,3) for a change (N,3) of displacement."""
-        return (self.pattern.matrix(data) @ change.ravel()).reshape(-1, 3)
-
-    def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Linear) -> np.ndarray:
         """Change of displacement [m] (N,3) for forces [N] (N,3), to `ENOUGH` of them; `skew` is the product of a change
         with what the blocks (B,3,3) leave out of the tangent.
 

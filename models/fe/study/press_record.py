@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import numpy as np
 
 from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.study.pressing import Pressing
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
@@ -209,18 +209,14 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
 """What reading a damaged file may raise."""
 
 
-def record(
-    pressing: Pressing, end: float, run: PressRun | None = None, report: Callable[[float], None] = lambda share: None
-) -> Record:
+def record(pressing: Pressing, end: float, run: PressRun | None = None, report: Report = unheard) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
     broken off goes on from its last step.
 
     ConvergenceError: a step that fails; the steps before it are in the folder.
     ArgumentError: a folder of another run, or a damaged one.
     """
-    rows: list[list[float]] = [[0.0] * (3 + len(LEVELS))]
-    if run is not None:
-        rows = run.begin(pressing)
+    rows = [[0.0] * (3 + len(LEVELS))] if run is None else run.begin(pressing)
     report(pressing.solver.load)
 
     def keep(load: float) -> None:

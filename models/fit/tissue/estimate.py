@@ -85,7 +85,7 @@ class Problem:
         lengths = [float(np.ptp(p.time)) for p in presses if p.time is not None]
         if kind != "none" and len(lengths) < len(presses):
             raise SessionError(f"--relaxation {kind}: expected a column of time in every file")
-        self.parameters = (*law.parameters, *relaxing.parameters(kind, law, max(lengths, default=1.0)))
+        self.parameters = (*law.parameters, *relaxing.parameters(kind, max(lengths, default=1.0)))
         self.free_touch, self.relative = free_touch, relative
         peaks = [float(np.abs(p.force).max()) for p in presses]
         self.weight = [

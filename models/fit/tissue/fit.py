@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.estimate import ALIKE, Estimate, Problem, between, estimate
 from palpate.models.fit.tissue.measured import LEAST_ROWS, Press
@@ -62,7 +63,7 @@ def fit_tissue(
     touch: bool = True,
     relative: bool | None = None,
     deepest: float = math.inf,
-    report: Callable[[float], None] = lambda share: None,
+    report: Report = unheard,
 ) -> Fit:
     """Fit a law to presses of one rig.
 
@@ -95,7 +96,7 @@ def fit_tissue(
 
     problem = made(loaded)
     best = estimate(problem)
-    between(problem, lambda one: made(one), best)
+    between(problem, made, best)
     kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = Fit(rig, law, relaxation, loaded, best, [], {}, [], notes)
     fitted.held_out = [_predicted(problem, best, press) for press in kept]
@@ -161,14 +162,13 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
 
 
 def _law(
-    rig: Rig, name: str, relaxation: str, presses: list[Press], touch: bool, relative: bool, reach: float,
-    report: Callable[[float], None],
-) -> tuple[Law, list[str]]:  # fmt: skip
+    rig: Rig, name: str, relaxation: str, loaded: list[Press], touch: bool, relative: bool, reach: float, report: Report
+) -> tuple[Law, list[str]]:
     """The law in closed form, or tabulated about what the closed form finds."""
     rubber = name in SHAPES and name != "linear"
     if rig.kind == "cylinder" and rubber and rig.plates == "bonded":
         first = replace(rig, plates="frictionless")
-        rough = estimate(Problem(presses, closed_form(first, name), relaxation, touch, relative), profiles=False)
+        rough = estimate(Problem(loaded, closed_form(first, name), relaxation, touch, relative), profiles=False)
         middle = next((rough.values[p.name] for p in SHAPES[name]), None)
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the truth lies between the two"
         return tabulated(rig, name, reach, middle, report=report), [note]
@@ -204,14 +204,12 @@ def _sensitivity(fit: Fit, made: Callable[[Sequence[Press]], Problem]) -> dict[s
     if "finite elements" in fit.law.remark:
         return {}
     first = fit.estimate.parameters[0].name
-    lengths = {"radius": "radius", "height": "height", "poisson": "poisson"}
     out = {}
     for key in fit.law.fixed:
-        name = lengths.get(key)
-        if name is None or (key == "poisson" and fit.rig.kind == "cylinder"):
+        if key not in ("radius", "height", "poisson") or (key == "poisson" and fit.rig.kind == "cylinder"):
             continue
-        now = getattr(fit.rig, name)
-        other = replace(fit.rig, **{name: now - 0.01 if key == "poisson" else 1.01 * now})
+        now = getattr(fit.rig, key)
+        other = replace(fit.rig, **{key: now - 0.01 if key == "poisson" else 1.01 * now})
         problem = made(fit.presses)
         problem.law = closed_form(other, fit.law.name)
         x = problem.start()

@@ -17,7 +17,7 @@ from palpate.physics.materials.prony import Prony
 KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
 
 
-def parameters(kind: str, law: Law, duration: float) -> tuple[Parameter, ...]:
+def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
     """Those of a kind of relaxation, for a record of this length [s].
 
     SessionError: no such kind.

@@ -6,12 +6,12 @@ the result with a finer mesh.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from scipy.interpolate import BarycentricInterpolator, PchipInterpolator
 
 from palpate.models.fe.axisymmetric import Indenter, cylinder, layer, press
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, Values, _young, material
 
@@ -38,9 +38,8 @@ def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> 
 
 
 def tabulated(
-    rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8,
-    report: Callable[[float], None] = lambda share: None,
-) -> Law:  # fmt: skip
+    rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8, report: Report = unheard
+) -> Law:
     """A law of `SHAPES` with at most one shape parameter, about `middle` of it, down to `deepest` [m].
 
     SessionError: no such law, no thickness, or no equilibrium near the touch.
@@ -74,10 +73,7 @@ def tabulated(
     knots = np.r_[0.0, depths[:reached]]
 
     def force(values: Values, s: np.ndarray) -> np.ndarray:
-        if across is None:
-            row = ratio[0]
-        else:
-            row = across(own.searched(values[own.name]))
+        row = ratio[0] if across is None else across(own.searched(values[own.name]))
         along = PchipInterpolator(knots, np.r_[row[0], row])
         return values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
 

@@ -1,15 +1,11 @@
 """Labels at points of a plot that do not lie on one another."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 from matplotlib.transforms import Bbox
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 PLACES = [
     (dx, dy) for far in (6, 14, 26, 42, 62) for dx, dy in
@@ -45,20 +41,11 @@ def place(
                 arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.5, "alpha": 0.6, "shrinkB": 3},
             )  # fmt: skip
             label.set_in_layout(False)
-            box = Bbox.from_bounds(*_text_box(label, renderer))
+            label.update_positions(renderer)
+            box = Text.get_window_extent(label, renderer)  # of the text alone, without its line
             inside = all((frame.x0 + CLEAR < box.x0, box.x1 < frame.x1, frame.y0 + CLEAR < box.y0, box.y1 < frame.y1))
-            others = taken + boxes
-            if inside and not any(box.overlaps(b) for b in others):
+            if inside and not any(box.overlaps(b) for b in taken + boxes):
                 boxes.append(box)
                 break
             label.remove()
     return boxes
-
-
-def _text_box(label: object, renderer: object) -> tuple[float, float, float, float]:
-    """Of the text alone, without its line."""
-    from matplotlib.text import Text
-
-    label.update_positions(renderer)  # type: ignore[attr-defined]
-    extent = Text.get_window_extent(label, renderer)  # type: ignore[arg-type]
-    return extent.x0, extent.y0, extent.width, extent.height

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.score import CHARGED
 
 GAIN = 0.98
 """[1] Share of the error of the cheaper ones below which a point counts as more accurate than they."""
@@ -24,12 +23,9 @@ def front(points: Sequence[tuple[float, float]]) -> list[int]:
     return beaten_by_none
 
 
-def point(cell: Cell, quantity: str = "force") -> tuple[float, float]:
-    """Time [s] of a step, p99, and rms error [1] of a cell, that of a quantity it does not tell charged in full. An
-    error below the reference's own stands at that."""
-    own = cell.errors.get(quantity)
-    if own is None:
-        return cell.p99, CHARGED
+def point(cell: Cell) -> tuple[float, float]:
+    """Time [s] of a step, p99, and rms error [1] of the force; an error below the reference's own stands at that."""
+    own = cell.errors["force"]
     return cell.p99, max(own["rms"], own["band"], 1e-12)
 
 

@@ -1,13 +1,13 @@
 """The pictures: error over time of a step, for each touch and for all, and orders of convergence."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
@@ -17,9 +17,6 @@ from palpate.studies.accuracy.refinement import OrderStudy
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
 MARKS = "osD^vPX<>hdp8H"
@@ -28,6 +25,12 @@ HARD = "\u00a0"
 """A space at which no line is broken."""
 LEAST = 1e-4
 """[1] Errors below which a mark stands at it."""
+SIZES = "size of a cell over the radius, or of a triangle over the slab [1]"
+ORDERS = (
+    (True, "time, by theory 1", "length of the step [s]", "change of the force by halving the step, over its peak"),
+    (False, "space, by theory 2 to 4", SIZES, "rms error of the force over its peak"),
+)
+"""Whether a panel of orders is in time, its title and its axes."""
 INK, FAINT = "#2b2b33", "#b9b9c4"
 
 
@@ -101,17 +104,11 @@ def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> 
 
 def convergence(studies: Sequence[OrderStudy], path: Path) -> None:
     """How fast each method comes to its own limit: a line a touch, and the orders that were observed."""
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(11, 6.4), layout="constrained", facecolor="white")
     methods = list(dict.fromkeys(s.method for s in studies))
-    kinds = (
-        ("step", "length of the step [s]"),
-        ("mesh", "size of a cell over the radius, or of a triangle over the slab [1]"),
-    )
-    for axes, (axis, label) in zip(figure.subplots(1, 2), kinds, strict=True):
+    for axes, (in_time, title, across, up) in zip(figure.subplots(1, 2), ORDERS, strict=True):
         for k, method in enumerate(methods):
-            own = [s for s in studies if (s.axis == "step") == (axis == "step") and s.method == method]
+            own = [s for s in studies if (s.axis == "step") == in_time and s.method == method]
             colour, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
             for study in own:
                 axes.loglog(
@@ -122,17 +119,8 @@ def convergence(studies: Sequence[OrderStudy], path: Path) -> None:
                 span = f"{orders[0]:.2f} to {orders[-1]:.2f}" if len(orders) > 1 else f"{orders[0]:.2f}"
                 axes.plot([], [], mark + "-", color=colour, markersize=4,
                           label=f"{own[0].title}: {span}, median {np.median(orders):.2f}")  # fmt: skip
-        axes.set_title(
-            f"order of convergence in {'time, by theory 1' if axis == 'step' else 'space, by theory 2 to 4'}",
-            loc="left",
-            fontsize=11,
-        )
-        axes.set_xlabel(label)
-        axes.set_ylabel(
-            "change of the force by halving the step, over its peak"
-            if axis == "step"
-            else "rms error of the force over its peak"
-        )
+        axes.set_title(f"order of convergence in {title}", loc="left", fontsize=11)
+        axes.set(xlabel=across, ylabel=up)
         axes.grid(alpha=0.25)
         if axes.lines:
             axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
@@ -145,10 +133,7 @@ def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
     return {m: (COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]) for k, m in enumerate(order)}
 
 
-def _empty(title: str) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def _empty(title: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(10.5, 6.2), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)
     axes = figure.subplots()
@@ -176,6 +161,6 @@ def _front(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> Non
     axes.step(*np.array(points).T, where="post", color=INK, linewidth=1.2, linestyle=":", label=label, zorder=1)
 
 
-def _save(figure: Any, path: Path) -> None:
+def _save(figure: Figure, path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)

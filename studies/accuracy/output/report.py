@@ -49,18 +49,16 @@ def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
 
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
     """The pictures; none where matplotlib is missing."""
-    from palpate.studies.accuracy.output.pictures import convergence, overview, touch_picture
-
-    drawn: dict[str, Path] = {}
     try:
-        for touch in dict.fromkeys(c.touch for c in cells):
-            drawn[touch] = folder / f"{touch}.png"
-            touch_picture([c for c in cells if c.touch == touch], drawn[touch])
-        drawn["overview"] = folder / "overview.png"
-        overview(summaries(cells), cells, drawn["overview"])
-        if orders := studies(cells):
-            drawn["convergence"] = folder / "convergence.png"
-            convergence(orders, drawn["convergence"])
+        from palpate.studies.accuracy.output.pictures import convergence, overview, touch_picture
     except ImportError:
         return {}
+    drawn = {touch: folder / f"{touch}.png" for touch in dict.fromkeys(c.touch for c in cells)}
+    for touch, file in drawn.items():
+        touch_picture([c for c in cells if c.touch == touch], file)
+    drawn["overview"] = folder / "overview.png"
+    overview(summaries(cells), cells, drawn["overview"])
+    if orders := studies(cells):
+        drawn["convergence"] = folder / "convergence.png"
+        convergence(orders, drawn["convergence"])
     return drawn

@@ -22,9 +22,9 @@ from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import Press, prepared, read_presses
-from palpate.models.fit.tissue.recorded import _deepest_touch, recorded_press
 from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.rigs import FINGER, Rig, closed_form
+from palpate.studies.presses import _deepest_touch, recorded_press
 
 PHANTOMS = Path(__file__).parent / "phantoms"
 CYLINDER = Rig("cylinder", 25e-3, 30e-3)
