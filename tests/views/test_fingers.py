@@ -1,6 +1,7 @@
 """Several fingers: which streams belong to which, and all of them in the pictures of a run."""
 
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,8 +74,11 @@ def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
     assert thumb[1] < -0.015 and index[1] > 0.015
     assert (deep.loads > 0.8).all() and (deep.depths > 3e-3).all()
     assert deep.forces[0][1] < -0.5 and deep.forces[1][1] > 0.5
+    deep.loads[1] += 0.1
     loads = f"{deep.loads[0]:.2f}, {deep.loads[1]:.2f} N"
-    assert deep.title().endswith(loads)
+    assert deep.title().endswith(loads)  # the thumb is on the left of the picture, whoever comes first
+    turned = replace(deep, tips=deep.tips[::-1], loads=deep.loads[::-1], depths=deep.depths[::-1])
+    assert turned.title() == deep.title()
     moved = np.linalg.norm(deep.displacement, axis=1) > 1e-3
     sides = bodies_of(touch).mesh.vertices[moved][:, 1]
     assert sides.min() < -0.02 and sides.max() > 0.02

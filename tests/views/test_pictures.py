@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from msgspec import structs
 from rich.console import Console
 from typer.testing import CliRunner
 
@@ -22,7 +23,7 @@ from palpate.physics.geometry.mesh import plane
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.bodies import Bodies
-from palpate.views.pictures import PictureError, deformation, draw
+from palpate.views.pictures import PictureError, deformation, draw, force
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
@@ -323,6 +324,24 @@ def test_without_pyvista_the_plots_are_made_and_one_line_tells_what_to_install(t
     made, told = drawn(touch_file, tmp_path)
     assert made == PLOTS
     assert len(told) == 1 and 'pip install "palpate[view]"' in told[0]
+
+
+def test_a_picture_of_an_earlier_recording_in_the_folder_is_told(touch_file, tmp_path, without_3d):
+    for name in ("deformation.png", "force.png", "mine.png"):
+        (tmp_path / name).write_bytes(b"")
+    made, told = drawn(touch_file, tmp_path)
+    assert made == PLOTS
+    assert [line for line in told if "earlier" in line] == [
+        f"{tmp_path / 'deformation.png'} is of an earlier recording: this one has no such picture"
+    ]
+
+
+@pytest.mark.parametrize("indentation, panels", [(1e-8, 1), (1e-4, 2)])
+def test_of_a_tissue_that_is_as_good_as_rigid_only_the_fingertip_is_drawn(tmp_path, indentation, panels):
+    shape = np.sin(np.linspace(0, np.pi, 200))
+    contacts = [structs.replace(press(indentation * x, 2.0 * x), compression=3e-3 * x) for x in (0.0, *shape, 0.0)]
+    touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"contact": contacts})))
+    assert len(force.draw(touch).axes) == panels
 
 
 def test_without_matplotlib_one_line_tells_what_to_install(touch_file, tmp_path, monkeypatch):

@@ -97,6 +97,9 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     finally:
         if views is not None:
             views.close()
+    every = {folder / f"{name}.png" for name in (*PICTURES, "deformation")}
+    for older in sorted(file for file in every.difference(made) if file.exists()):
+        _tell(console, f"{older} is of an earlier recording: this one has no such picture")
     return made
 
 

@@ -8,7 +8,7 @@ from palpate.views.surface.colour import COLOURS, painted, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
 from palpate.views.surface.off_screen import Rendering
 
-TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand)"
+TITLE = "The surface under the finger  (ball: fingertip; arrow: force on the hand"
 COUNT, COLUMNS = 6, 3
 
 
@@ -38,7 +38,8 @@ class Views:
         pixels = self._rendering.pixels()
         columns = self.columns
         rows = -(-len(self.instants) // columns)
-        out = figure(4.2 * columns + 1.0, 2.6 * rows + 3.3, TITLE)
+        several = "; numbers from left to right" if len(self.instants[0].tips) > 1 else ""
+        out = figure(4.2 * columns + 1.0, 2.6 * rows + 3.3, f"{TITLE}{several})")
         grid = out.subplots(rows + 1, columns, squeeze=False, height_ratios=[1.0] * rows + [1.22])
         for axes in grid.ravel():
             axes.set_axis_off()

@@ -8,6 +8,7 @@ from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
+NOTHING = 1e-4  # [1] indentation over approach: a tissue that gives less is as good as rigid
 SPAN = 0.012  # [s] of the mean of noisy samples: short beside a press, long beside the noise of the encoders
 RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
 QUIET = 2e-3  # [1] noise over range: samples with less are drawn as they are
@@ -28,7 +29,7 @@ def draw(touch: TouchStreams) -> Figure | None:
         ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
         ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
     ]
-    if not contact["indentation"].any():
+    if contact["indentation"].max() < NOTHING * approach.max():
         ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
     band = beside(touch)
     count = len(ways) + (band is not None)

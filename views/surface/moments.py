@@ -14,6 +14,7 @@ from palpate.views.bodies import Bodies
 from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
+from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35
 """Instants with less than this share of the deepest indentation show hardly anything."""
@@ -48,9 +49,10 @@ class Instant:
         return float(self.depths.max())
 
     def title(self) -> str:
-        """Time, indentation and normal force of each finger."""
-        deep = ", ".join(f"{depth * 1e3:.1f}" for depth in self.depths)
-        return f"{self.time:.2f} s:  {deep} mm deep,  {', '.join(f'{load:.2f}' for load in self.loads)} N"
+        """Time, indentation and normal force of each finger, from left to right as the picture shows them."""
+        order = np.argsort(self.tips @ RIGHT, kind="stable")
+        deep = ", ".join(f"{depth * 1e3:.1f}" for depth in self.depths[order])
+        return f"{self.time:.2f} s:  {deep} mm deep,  {', '.join(f'{load:.2f}' for load in self.loads[order])} N"
 
 
 def bodies_of(touch: TouchStreams) -> Bodies:

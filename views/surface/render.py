@@ -21,6 +21,8 @@ LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
 NEAR = 0.46  # share of the height that is seen from near
 VIEW = (0.2, -0.8, 0.95)
 """Direction from the surface to the camera, where the surface's normal is upwards (z)."""
+RIGHT = np.cross((0.0, 0.0, 1.0), VIEW) / np.hypot(*VIEW[:2])
+"""Direction to the right in the pictures."""
 
 
 def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -108,9 +110,7 @@ def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, heads: np.nda
     """Look at the whole surface, the fingers' places and the heads of their arrows so that they fill the picture, or at
     the fingers from near."""
     direction = np.array(VIEW) / np.linalg.norm(VIEW)
-    right = np.cross((0.0, 0.0, 1.0), direction)
-    right /= np.linalg.norm(right)
-    axes = np.array([right, np.cross(direction, right), direction])
+    axes = np.array([RIGHT, np.cross(direction, RIGHT), direction])
     seen, round_it, ahead = vertices @ axes.T, balls @ axes.T, heads @ axes.T
     low = np.concatenate([seen, round_it - FINGER_RADIUS, ahead - HEAD]).min(axis=0)
     high = np.concatenate([seen, round_it + FINGER_RADIUS, ahead + HEAD]).max(axis=0)

@@ -104,7 +104,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     patience  [s] to wait for it
     key       that secures the run; None: nothing does
 
-    TimeoutError: no launcher answered there.
+    RunError: no launcher answered there.
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
@@ -125,7 +125,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
                     break
         else:
             what = "" if key is None else " and has the same key"
-            raise TimeoutError(f"no launcher at {address} that waits for group {group!r}{what}")
+            raise RunError(f"no launcher at {address} that waits for group {group!r}{what}")
     assert take is not None
     return serve(reports.Start(take.job, take.run, orders_at, reports_at, key, key is not None), alone=True)
 
