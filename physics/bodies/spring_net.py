@@ -272,7 +272,9 @@ def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, c
     # 4. no edge is strained beyond what the law holds for; nodes that have come to rest leave the list
     limit_differences(state, 0, count, tables.edges, where, active)
     count = drop_rested(where, active, state, count)
-    out[:count] = state[:count, :3]
+    for slot in range(count):
+        for k in range(3):
+            out[slot, k] = state[slot, k]
     return count
 
 

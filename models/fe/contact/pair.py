@@ -5,16 +5,16 @@ normal, traction t = <l - e g> on the slave and its reaction on the master, as i
 or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
 """
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.kernel import kernel
 
 
-@numba.njit(cache=True)
+@kernel
 def _face_shape(x, y, value, slope):
     z = 1.0 - x - y
     value[0], value[1], value[2] = z * (2.0 * z - 1.0), x * (2.0 * x - 1.0), y * (2.0 * y - 1.0)
@@ -26,7 +26,7 @@ def _face_shape(x, y, value, slope):
     slope[5, 0], slope[5, 1] = -4.0 * y, 4.0 * (z - y)
 
 
-@numba.njit(cache=True)
+@kernel
 def _place(x, y, points, face, shape, frame):
     """Fill a point of a face [m] (3) and its derivatives by x and y [m] (3), and the shape functions there."""
     (value, slope), (at, e1, e2) = shape, frame
@@ -39,7 +39,7 @@ def _place(x, y, points, face, shape, frame):
             e2[i] += slope[a, 1] * points[face[a], i]
 
 
-@numba.njit(cache=True)
+@kernel
 def _project(point, points, face, value, slope, normal):
     """Nearest point of a face by Gauss-Newton, held in the triangle: distance, and its part along the normal."""
     x, y = 1.0 / 3.0, 1.0 / 3.0
@@ -73,12 +73,13 @@ def _project(point, points, face, value, slope, normal):
     _place(x, y, points, face, (value, slope), (at, e1, e2))
     n = np.cross(e1, e2)
     n /= max(np.sqrt(np.dot(n, n)), 1e-300)
-    normal[:] = n
+    for i in range(3):
+        normal[i] = n[i]
     r = point - at
     return np.sqrt(np.dot(r, r)), np.dot(r, n)
 
 
-@numba.njit(cache=True)
+@kernel
 def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
     """`faces`: the slave's (F,6) and the master's (G,6), which of them may meet (C,1 + n), the nodes that these couple
     (C,k) and their blocks of the tangent (C,k,k), shape functions (6,6) and areas [m²] (F,6) of the slave's points;
@@ -107,8 +108,10 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                 away, g = _project(x, points, master[candidates[c, b]], m, slope, n)
                 if away < nearest:
                     nearest, hit, best_gap = away, candidates[c, b], g
-                    best_n[:] = n
-                    best_m[:] = m
+                    for i in range(3):
+                        best_n[i] = n[i]
+                    for a in range(6):
+                        best_m[a] = m[a]
             shear[f, k] = 0.0
             traction[f, k] = 0.0
             slip[f, k] = False
@@ -122,8 +125,10 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             if not t > 0.0:
                 continue
             traction[f, k] = t
-            normals[f, k] = best_n
-            feet[f, k] = best_m
+            for i in range(3):
+                normals[f, k, i] = best_n[i]
+            for a in range(6):
+                feet[f, k, a] = best_m[a]
             hits[f, k] = hit
             # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their place in the clique
             for a in range(6):
@@ -141,14 +146,16 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                     for a in range(12):
                         node = cliques[c, spot[a]]
                         s[i] += share[a] * (points[node, i] - start[node, i])
-                q[:] = sliding[f, k] - penalty * s
+                for i in range(3):
+                    q[i] = sliding[f, k, i] - penalty * s[i]
                 q -= np.dot(q, best_n) * best_n
                 length = np.sqrt(np.dot(q, q))
                 cut = 1.0
                 if length > friction * t:
                     cut = friction * t / length
                     slip[f, k] = True
-                shear[f, k] = cut * q
+                for i in range(3):
+                    shear[f, k, i] = cut * q[i]
             # forces on both surfaces, equal and opposite
             w = area[f, k]
             for i in range(3):

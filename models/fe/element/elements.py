@@ -5,8 +5,9 @@ The plain element integrates W(F) + U(J) at four points. The mixed one takes U a
 stays symmetric. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985) 177-208.
 """
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 _A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
 POINTS = np.array([[_B, _B, _B], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A]])
@@ -35,7 +36,7 @@ def gradients(points: np.ndarray, elements: np.ndarray, at: np.ndarray = POINTS)
     return np.einsum("nak,enki->enai", natural, np.linalg.inv(jacobian)), np.linalg.det(jacobian)
 
 
-@numba.njit(cache=True)
+@kernel
 def integrate(law, gradient, weight, elements, displacement, p, mixed, small, tangent, where, force, data):
     """Energy, forces and tangent of elements of one material; returns the energy and the first element with a volume
     ratio that is not positive, or -1.

@@ -13,28 +13,31 @@ G. A. Holzapfel, Int. J. Numer. Methods Eng. 39 (1996) 3903-3926.
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.prony import Prony
 
 
-@numba.njit(cache=True)
+@kernel
 def _deform(F, displacement, nodes, slope):
     """The deformation gradient [1] (3,3) into F."""
-    F[:] = np.eye(3)
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = 1.0 if i == j else 0.0
     for a in range(10):
         for i in range(3):
-            F[i] += displacement[nodes[a], i] * slope[a]
+            for j in range(3):
+                F[i, j] += displacement[nodes[a], i] * slope[a, j]
 
 
-@numba.njit(cache=True)
+@kernel
 def _elastic(law, gradient, elements, displacement, p, small, stress):
     """S_e = F^-1 dW/dF [Pa] (E,n,3,3) into `stress`."""
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
@@ -46,7 +49,7 @@ def _elastic(law, gradient, elements, displacement, p, small, stress):
             stress[e, q] = P if small else np.linalg.solve(F, P)
 
 
-@numba.njit(cache=True)
+@kernel
 def _add(law, gradient, weight, elements, displacement, p, small, share, history, tangent, where, force, data):
     """Add (share - 1) dW/dF + F history: what relaxation changes of the elastic forces."""
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
@@ -67,7 +70,9 @@ def _add(law, gradient, weight, elements, displacement, p, small, share, history
             A *= share - 1.0
             if not small:
                 for i in range(3):
-                    A[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += H
+                    for j in range(3):
+                        for k in range(3):
+                            A[3 * i + j, 3 * i + k] += H[j, k]
             for a in range(10):
                 for b in range(10):
                     for i in range(3):
