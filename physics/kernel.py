@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import gc
 from collections.abc import Callable
 from functools import cached_property, partial
 from pathlib import Path
@@ -9,11 +10,16 @@ from types import FunctionType
 from typing import Any
 
 import numba
+from numba import types
 from numba.core.registry import CPUDispatcher
 
 
 class Kept(CPUDispatcher):
-    """numba's compiled function, on disk. What another process compiles right now is waited for, and loaded."""
+    """numba's compiled function, on disk. What another process compiles right now is waited for, and loaded.
+
+    Meanwhile no garbage is collected: the compiler makes millions of objects and keeps them, and looking through them
+    takes 6 % of its time.
+    """
 
     def __init__(self, py_func: Any, targetoptions: Any = None, **more: Any) -> None:
         super().__init__(py_func, targetoptions=targetoptions, **more)
@@ -22,6 +28,9 @@ class Kept(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         """Its code for these types, compiled or loaded."""
         with contextlib.ExitStack() as stack:
+            if gc.isenabled():  # a kernel compiles those that it calls
+                stack.callback(gc.enable)
+                gc.disable()
             with contextlib.suppress(OSError):  # where nobody can write, each process compiles for itself
                 folder = Path(self.stats.cache_path or "")
                 folder.mkdir(parents=True, exist_ok=True)
@@ -47,7 +56,9 @@ class Kernel(Kept):
         return Kept(bare, {**self.targetoptions, "no_cpython_wrapper": True})
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """How a kernel calls it: its types."""
+        """How a kernel calls it: its types, for which a constant is a number like others. numba would compile it for
+        each constant that it is called with, and the code of the caller, which holds it, knows the constant anyway."""
+        args, kws = [types.unliteral(one) for one in args], {name: types.unliteral(one) for name, one in kws.items()}
         return self.bare.get_call_template(args, kws)  # type: ignore[attr-defined]
 
     def get_overload(self, sig: Any) -> Any:

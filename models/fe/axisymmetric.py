@@ -13,11 +13,11 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material, rest_moduli
 
@@ -39,7 +39,7 @@ def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array([0.5 * x * (x - 1), 1 - x * x, 0.5 * x * (x + 1)]), np.array([x - 0.5, -2 * x, x + 0.5])
 
 
-@numba.njit(cache=True)
+@kernel
 def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
     """Inner forces (N,2) and tangent (E,18,18) of the elements, none where E is 0; False where one is inside out.
 

@@ -117,7 +117,8 @@ def bed_step(nodes, forces, dt, count, beams, moving, contacts):
             place[j] = -1
         else:
             active[kept], place[j] = j, kept
-            moving.moved[kept] = displacement[j]
+            for a in range(3):
+                moving.moved[kept, a] = displacement[j, a]
             kept += 1
     return kept, limited
 
@@ -185,7 +186,8 @@ def _shared(i, j, dt, beams, moving, contacts):
             continue
         area, beam, force = beams.areas[v], beams.normals[v], moving.force[v]
         here, there, along = _dot(beam, n), _dot(beam, m), _dot(force, beam)
-        moving.chain[:] = moving.strains[v]
+        for a in range(len(moving.chain)):
+            moving.chain[a] = moving.strains[v, a]
         chain_stress_step(moving.chain, beams.moduli, beams.viscosities, beams.shares, max(-along, 0.0) / area, dt)
         axial = beams.length * _chain_compliance(moving.chain, beams, dt)
         side = _shear_left(force, along, beams.softness / area, beams.length) * beams.softness
@@ -222,9 +224,11 @@ def _response(i, dt, beams, moving, contacts):
         area, beam, strains, force = beams.areas[j], beams.normals[j], moving.strains[j], moving.force[j]
         face = _dot(beam, normal)
         previous -= w * _dot(moving.displacement[j], normal)
-        chain[:] = strains
+        for a in range(len(chain)):
+            chain[a] = strains[a]
         free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt)
-        chain[:] = strains
+        for a in range(len(chain)):
+            chain[a] = strains[a]
         along = _dot(force, beam)
         push = max(-along, 0.0) if loaded else max(face, 0.0) * w * LEAST_FORCE
         deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt)

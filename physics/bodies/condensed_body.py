@@ -21,6 +21,7 @@ so the same step stays passive at a place: the load's work is at least the growt
 from __future__ import annotations
 
 import copy
+from collections.abc import Callable
 
 import numpy as np
 
@@ -67,6 +68,8 @@ class CondensedBody(CoarseBody):
     apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None where there is neither
     """
 
+    _take: Callable[..., tuple[int, int]]
+
     def __init__(
         self,
         basis: Basis,
@@ -111,6 +114,10 @@ class CondensedBody(CoarseBody):
         see `bodies.condensed_contacts`."""
         other = copy.copy(self)
         other._rest(fields, marks, numbers)
+        zero = (0.0, 0.0, 0.0)
+        other._take = entry_point(
+            take_load, self._model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, marks, numbers, 0
+        )
         return other
 
     def _kernels(self) -> None:
@@ -149,10 +156,10 @@ class CondensedBody(CoarseBody):
         return compliance, free, now
 
     def take(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> None:
-        """The first part of a step: what the linear body does under this load alone."""
+        """The first part of a step of `another`: what the linear body does under this load alone."""
         patch, pull, share = self._patch(nodes, forces, foot, normal)
         self._normal = normal
-        self._count, self._touched = take_load(
+        self._count, self._touched = self._take(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._numbers, self._count
         )
 

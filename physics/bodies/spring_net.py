@@ -22,6 +22,7 @@ import numpy as np
 from palpate.physics.bodies.mass_spring import Net, admit, drop_rested, limit_differences, take_load
 from palpate.physics.bodies.stretch import Neighbours
 from palpate.physics.contact.terminal import indentation, terminal_force
+from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
@@ -272,7 +273,9 @@ def net_step(nodes, forces, normal, dt, law, rings, tables, listed, room, out, c
     # 4. no edge is strained beyond what the law holds for; nodes that have come to rest leave the list
     limit_differences(state, 0, count, tables.edges, where, active)
     count = drop_rested(where, active, state, count)
-    out[:count] = state[:count, :3]
+    for slot in range(count):
+        for k in range(3):
+            out[slot, k] = state[slot, k]
     return count
 
 
@@ -306,9 +309,10 @@ class NetBody:
         tables = Tables(net.vertices, net.normals, net.nodal, net.edges)
         room = NetWorkspace(np.zeros((count, 5)), np.zeros((size, 17)), np.zeros(size), np.zeros(1))
         self._fixed = law, rings, tables, (*net.slots, net.state), room, net.displacement
+        self._step = entry_point(net_step, NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0), 0.0, *self._fixed, 0)
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
         net = self.net
-        net.count = net_step(nodes, forces, normal, dt, *self._fixed, net.count)
+        net.count = self._step(nodes, forces, normal, dt, *self._fixed, net.count)
         return net.displaced

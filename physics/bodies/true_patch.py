@@ -150,7 +150,9 @@ def _held_sideways(block, normal, more, force):
     out = normal[k]
     for i in range(3):
         along[0, i] -= out * normal[i]
-    along[0] /= np.sqrt(np.dot(along[0], along[0]))
+    size = np.sqrt(np.dot(along[0], along[0]))
+    for i in range(3):
+        along[0, i] /= size
     along[1, 0] = normal[1] * along[0, 2] - normal[2] * along[0, 1]
     along[1, 1] = normal[2] * along[0, 0] - normal[0] * along[0, 2]
     along[1, 2] = normal[0] * along[0, 1] - normal[1] * along[0, 0]

@@ -42,8 +42,10 @@ def internal_forces(points, forces):
     count = len(points)
     arm, left = points.copy(), forces.copy()
     for axis in range(3):
-        arm[:, axis] -= points[:, axis].mean()
-        left[:, axis] -= forces[:, axis].mean()
+        centre, mean = points[:, axis].mean(), forces[:, axis].mean()
+        for i in range(count):
+            arm[i, axis] -= centre
+            left[i, axis] -= mean
     moment, scale = np.zeros(3), 0.0
     for i in range(count):
         _cross(arm[i], left[i], moment)

@@ -72,12 +72,14 @@ def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
             return
         if worst < least:
             least = worst
-            best[:] = force
+            for i in range(count):
+                best[i] = force[i]
             if _solve(matrix, miss):
                 for i in range(count):
                     force[i] = max(force[i] + miss[i], 0.0)
                 continue
-        force[:] = best
+        for i in range(count):
+            force[i] = best[i]
         for i in range(count):
             _one(i, _others(i, coupling, force), approach, dt, before, fingers, laws, out)
             force[i] = out[i, 0]

@@ -57,11 +57,13 @@ def _run(device, wall, gains, state, past, controlled, steps, lost, out):
         dt, before = steps[i], x
         x, v = advance(x, v, force - push, mass, drag, coulomb, dt)
         energy += force * (x - before)
-        line[1:] = line[:-1].copy()
+        for k in range(len(line) - 1, 0, -1):
+            line[k] = line[k - 1]
         line[0] = x
         if not lost[i]:
             seen = line[-1] if resolution == 0.0 else resolution * math.floor(line[-1] / resolution + 0.5)
-        seen_at[:-1] = seen_at[1:].copy()
+        for k in range(last):
+            seen_at[k] = seen_at[k + 1]
         seen_at[last] = seen
         rate = (seen - seen_at[0]) / (order * dt)
         force = 0.0

@@ -83,7 +83,8 @@ def _find(points, cells, discs, star_at, star, queries, work, foot, results):
         work[0] = -1
         q = queries[k]
         track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, foot)
-        results[k] = foot
+        for i in range(len(foot)):
+            results[k, i] = foot[i]
 
 
 @kernel

@@ -9,6 +9,7 @@ It stays stiff in compression, where the law of St. Venant and Kirchhoff softens
 import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 from palpate.physics.materials.invariants import cofactor, strain_squares
 from palpate.physics.materials.principal import principal_stress
@@ -16,7 +17,7 @@ from palpate.physics.materials.principal import principal_stress
 EXAMPLE = (1e4, 0.3)
 
 
-@numba.njit(cache=True)
+@kernel
 def _principal(C, N):
     """Turn C (3,3) into its diagonal form, eigenvectors as the columns of N, by Jacobi's rotations."""
     for i in range(3):
@@ -45,7 +46,7 @@ def _principal(C, N):
                 C[p, q] = C[q, p] = 0.0
 
 
-@numba.njit(cache=True)
+@kernel
 def log_stretch(F, C, N, E):
     """ln U of F = R U into E (3,3); C and N (3,3) are memory.
 
@@ -102,7 +103,7 @@ def log_stretch(F, C, N, E):
             E[i, j] = e0 * N[i, 0] * N[j, 0] + e1 * N[i, 1] * N[j, 1] + e2 * N[i, 2] * N[j, 2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _stress_alone(F, J, p, P, A):
     """`energy` without its tangent: A lends the memory. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 is
     2 mu F^-T dev(ln U)."""
@@ -130,7 +131,7 @@ def energy(F, J, p, P, A):
     return _stress_and_tangent(F, J, p, P, A)
 
 
-@numba.njit(cache=True)
+@kernel
 def _stress_and_tangent(F, J, p, P, A):
     shear, bulk = p[0], p[1]
     c, N = np.linalg.eigh(F.T @ F)

@@ -29,11 +29,11 @@ from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, cast
 
-import numba
 import numpy as np
 
 from palpate.physics import materials
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import LAW, address, compiled
 from palpate.registry import modules
 
@@ -108,7 +108,7 @@ def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
     return moduli(young, poisson)
 
 
-@numba.njit(cache=True)
+@kernel
 def _uniaxial(law, p, stretch, stress):
     P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
     for i in range(len(stretch)):

@@ -10,6 +10,8 @@ import math
 import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
+
 
 @numba.njit(inline="always")
 def cofactor(F, G):
@@ -23,7 +25,7 @@ def cofactor(F, G):
     return a * G[0, 0] + b * G[0, 1] + c * G[0, 2]
 
 
-@numba.njit(cache=True)
+@kernel
 def products(F, C, B):
     """Write F'F into C and FF' into B."""
     for i in range(3):
@@ -90,7 +92,7 @@ def shape_stress(F, w1, w2, w11, w12, w22, P, A):
         _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A)
 
 
-@numba.njit(cache=True)
+@kernel
 def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
     C, B, G, H = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     D1, D2 = np.empty((3, 3)), np.empty((3, 3))

@@ -1,10 +1,11 @@
 """What laws in the principal stretches share: stress and tangent, from the Kirchhoff stresses and their slopes."""
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 
-@numba.njit(cache=True)
+
+@kernel
 def principal_stress(F, c, N, tau, curve, P, A):
     """P = dW/dF and, where it is wanted, A = d2W/dF2 of an energy in the logarithms of the principal stretches.
 
@@ -18,7 +19,10 @@ def principal_stress(F, c, N, tau, curve, P, A):
     S = tau / c  # second Piola-Kirchhoff, in its own frame
     M = F @ N  # rows i, columns in the principal frame
     full = N @ np.diag(S) @ N.T
-    P[:] = F @ full
+    turned = F @ full
+    for i in range(3):
+        for j in range(3):
+            P[i, j] = turned[i, j]
     if np.isnan(A[0, 0]):
         return
     spread = np.zeros((3, 3))  # (S_b - S_a)/(c_b - c_a), its limit where two stretches are equal

@@ -10,13 +10,13 @@ Goudreau, Int. J. Numer. Methods Eng. 2 (1970) 45-59 for the recursion.
 
 from collections.abc import Sequence
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import MaterialError
 
 
-@numba.njit(cache=True)
+@kernel
 def _relaxed(shares, times, time, elastic):
     out = np.empty(len(elastic))
     history = shares * elastic[0]

@@ -15,13 +15,13 @@ V. A. Ho, S. Hirai, "Beam bundle model of human fingertip", eq. 2-5; there phi_j
 equal lengths only.
 """
 
-import numba
+from palpate.physics.kernel import kernel
 
 STRAIN_LIMIT = 0.9
 """Largest compressive strain of an element [1]; the linear law has no meaning beyond, and at 1 the length is gone."""
 
 
-@numba.njit(cache=True)
+@kernel
 def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
     """Step one chain to an imposed strain; `strains` is changed in place. Stress [Pa], >= 0: a plate pushes only.
 
@@ -75,7 +75,7 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
     return stress
 
 
-@numba.njit(cache=True)
+@kernel
 def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
     """Step one chain under an imposed stress >= 0; `strains` is changed in place. Strain [1] of the whole chain.
 
@@ -90,7 +90,7 @@ def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
     return total
 
 
-@numba.njit(cache=True)
+@kernel
 def chain_compliance(moduli, viscosities, shares, dt):
     """d strain / d stress [1/Pa] of the next step of length dt > 0 [s], no element at its limit."""
     total = 0.0

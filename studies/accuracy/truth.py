@@ -20,12 +20,12 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 
-import numba
 import numpy as np
 from scipy.interpolate import CubicSpline, RectBivariateSpline
 
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
+from palpate.physics.kernel import kernel
 from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.places import PLACES, ReferenceSite, on_path, stored
 from palpate.studies.accuracy.touches import BenchCase
@@ -173,7 +173,7 @@ def _shares(place: np.ndarray, at: np.ndarray, smooth: bool) -> np.ndarray:
     return np.stack([np.prod((place[:, None] - o) / (a - o), axis=1) for a, o in zip(at, others, strict=True)], axis=1)
 
 
-@numba.njit(cache=True)
+@kernel
 def _at(x, c, h):
     """A cubic spline, straight on beyond its last point."""
     k = min(max(np.searchsorted(x, h) - 1, 0), len(x) - 2)
@@ -184,7 +184,7 @@ def _at(x, c, h):
     return value
 
 
-@numba.njit(cache=True)
+@kernel
 def _kelvin_voigt(approach, dt, tau, b, m, c, x, of_places, shares):
     force, depth, elastic = np.zeros(len(approach)), np.zeros(len(approach)), np.zeros(len(approach))
     h = s1 = 0.0
@@ -213,14 +213,14 @@ def _kelvin_voigt(approach, dt, tau, b, m, c, x, of_places, shares):
     return force, depth, elastic
 
 
-@numba.njit(cache=True)
+@kernel
 def _finger(s, before, dt, b, m, c):
     if s <= 0.0:
         return 0.0
     return b / m * math.expm1(m * s) * max(1.0 + c * (s - before) / dt, 0.0)
 
 
-@numba.njit(cache=True)
+@kernel
 def _lugre(force, slip, dt, mu_slide, mu_static, stribeck, stiffness, damping, viscous):
     """Size of the friction force [N] of a finger that slides along a line; bristles grow exactly at constant speed."""
     friction = np.zeros(len(force))

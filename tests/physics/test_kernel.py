@@ -1,5 +1,6 @@
 """Kernels are compiled once: for Python only where Python calls them, and by one process at a time."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -27,6 +28,14 @@ def outer(x):
 @kernel(error_model="numpy")
 def other(x):
     return inner(x) / 0.0
+
+@kernel
+def times(x, k, up):
+    return x * k if up else x / k
+
+@kernel
+def twice_and_half(x):
+    return times(x, 2, True) + times(x, 4, up=True) + times(x, 2, False)
 """
 COMPILED = """
 import numba.core.event, numpy as np, kernels
@@ -55,6 +64,14 @@ def test_a_kernel_that_only_kernels_call_has_no_wrapper_for_python(folder):
     assert not kernels.inner.signatures and len(kernels.inner.bare.signatures) == 1
     assert kernels.inner(np.ones(3)) == kernels.outer(np.ones(3)) - 1.0
     assert len(kernels.inner.signatures) == 1
+
+
+def test_constants_that_a_kernel_is_called_with_make_no_code_of_their_own(folder):
+    import kernels
+
+    assert kernels.twice_and_half(3.0) == 6.0 + 12.0 + 1.5
+    assert len(kernels.times.bare.signatures) == 1
+    assert gc.isenabled()
 
 
 def test_two_processes_that_need_the_same_kernels_compile_them_once(folder):

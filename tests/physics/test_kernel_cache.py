@@ -36,6 +36,7 @@ def tree(tmp_path):
 def run(tree, *arguments, cache=None):
     # Python goes by time and size of a source, and here both stay.
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # plugins of others take longer to import than all the rest
     environment.pop("NUMBA_CACHE_DIR", None)
     if cache is not None:
         environment["NUMBA_CACHE_DIR"] = str(cache)

@@ -2,7 +2,6 @@
 cores."""
 
 import contextlib
-import gc
 import mmap
 import os
 import signal
@@ -21,9 +20,6 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
     holds, and not in a process that has not imported numba yet.
 
     others  calls that compile, too: a second process makes them from the first kernel on, and leaves them on disk
-
-    Meanwhile no garbage is collected: the compiler makes millions of objects and keeps them, and looking through them
-    takes 6 % of its time.
     """
     if "numba" not in sys.modules:
         yield
@@ -31,7 +27,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
     from numba.core import event
 
     class Compiled(event.Listener):  # type: ignore[misc]
-        count = depth = 0
+        count = 0
         helper: int | None = None
         helped = mmap.mmap(-1, 1)  # how many the second process has compiled
 
@@ -41,24 +37,19 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
                 if not self.helper:
                     _call(others)
             self.count += 1
-            self.depth += 1
-            gc.disable()
             if self.helper == 0:
                 self.helped[0] = min(self.count, 255)
             else:
                 report(self.count + self.helped[0])
 
         def on_end(self, event: Any) -> None:
-            self.depth -= 1
-            if not self.depth:  # a kernel compiles those that it calls
-                gc.enable()
+            pass
 
     listener = Compiled()
     with event.install_listener("numba:compile", listener):
         try:
             yield
         finally:
-            gc.enable()  # an interrupt may have come before the end of a kernel
             if listener.helper:
                 os.kill(listener.helper, signal.SIGKILL)
                 os.waitpid(listener.helper, 0)

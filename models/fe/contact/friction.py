@@ -1,10 +1,11 @@
 """Coulomb friction of a penalty contact at one point: return map and tangent, compiled."""
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 
-@numba.njit(cache=True)
+
+@kernel
 def cut_to_cone(q, normal, most, shear):
     """Coulomb's return map. The trial traction q [Pa] (3) loses its part along the normal; `shear` (3) gets it, cut to
     the length `most` [Pa]. Returns the factor of the cut, q's length [Pa], and whether the point slips."""
@@ -19,7 +20,7 @@ def cut_to_cone(q, normal, most, shear):
     return cut, length, slips
 
 
-@numba.njit(cache=True)
+@kernel
 def add_tangent(penalty, normal, q, cut, length, slips, block):
     """Add the tangent [Pa/m] of both tractions to `block` (3,3): penalty n x n, and along the surface cut penalty
     (1 - n x n), less q x q where it slips; cut = 0: no friction."""

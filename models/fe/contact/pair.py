@@ -5,7 +5,6 @@ normal, traction t = <l - e g> on the slave and its reaction on the master, as i
 or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
 """
 
-import numba
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -13,9 +12,10 @@ from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces,
 from palpate.models.fe.contact.friction import add_tangent, cut_to_cone
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.kernel import kernel
 
 
-@numba.njit(cache=True)
+@kernel
 def _face_shape(x, y, value, slope):
     z = 1.0 - x - y
     value[0], value[1], value[2] = z * (2.0 * z - 1.0), x * (2.0 * x - 1.0), y * (2.0 * y - 1.0)
@@ -27,7 +27,7 @@ def _face_shape(x, y, value, slope):
     slope[5, 0], slope[5, 1] = -4.0 * y, 4.0 * (z - y)
 
 
-@numba.njit(cache=True)
+@kernel
 def _place(x, y, points, face, shape, frame):
     """Fill a point of a face [m] (3) and its derivatives by x and y [m] (3), and the shape functions there."""
     (value, slope), (at, e1, e2) = shape, frame
@@ -40,7 +40,7 @@ def _place(x, y, points, face, shape, frame):
             e2[i] += slope[a, 1] * points[face[a], i]
 
 
-@numba.njit(cache=True)
+@kernel
 def _project(point, points, face, value, slope, normal):
     """Nearest point of a face by Gauss-Newton, held in the triangle: distance, and its part along the normal."""
     x, y = 1.0 / 3.0, 1.0 / 3.0
@@ -74,12 +74,31 @@ def _project(point, points, face, value, slope, normal):
     _place(x, y, points, face, (value, slope), (at, e1, e2))
     n = np.cross(e1, e2)
     n /= max(np.sqrt(np.dot(n, n)), 1e-300)
-    normal[:] = n
+    for i in range(3):
+        normal[i] = n[i]
     r = point - at
     return np.sqrt(np.dot(r, r)), np.dot(r, n)
 
 
-@numba.njit(cache=True)
+@kernel
+def _nearest(point, points, faces, among, room, value, normal):
+    """Of the faces `among`, up to a negative one, the nearest: the distance to it, which one it is (-1: none), and the gap
+    [m]; its shape functions (6) and normal (3) at the foot go to `value` and `normal`."""
+    nearest, hit, gap = np.inf, -1, np.inf
+    for b in range(len(among)):
+        if among[b] < 0:
+            break
+        away, g = _project(point, points, faces[among[b]], *room)
+        if away < nearest:
+            nearest, hit, gap = away, among[b], g
+            for a in range(6):
+                value[a] = room[0][a]
+            for i in range(3):
+                normal[i] = room[2][i]
+    return nearest, hit, gap
+
+
+@kernel
 def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
     """`faces`: the slave's (F,6) and the master's (G,6), which of them may meet (C,1 + n), the nodes that these couple
     (C,k) and their blocks of the tangent (C,k,k), shape functions (6,6) and areas [m²] (F,6) of the slave's points;
@@ -101,15 +120,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                 x[i] = 0.0
                 for a in range(6):
                     x[i] += value[k, a] * points[slave[f, a], i]
-            nearest, hit, best_gap = np.inf, -1, np.inf
-            for b in range(1, candidates.shape[1]):
-                if candidates[c, b] < 0:
-                    break
-                away, g = _project(x, points, master[candidates[c, b]], m, slope, n)
-                if away < nearest:
-                    nearest, hit, best_gap = away, candidates[c, b], g
-                    best_n[:] = n
-                    best_m[:] = m
+            nearest, hit, best_gap = _nearest(x, points, master, candidates[c, 1:], (m, slope, n), best_m, best_n)
             shear[f, k] = 0.0
             traction[f, k] = 0.0
             slip[f, k] = False
@@ -123,7 +134,10 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             if not t > 0.0:
                 continue
             traction[f, k], hits[f, k] = t, hit
-            normals[f, k], feet[f, k] = best_n, best_m
+            for i in range(3):
+                normals[f, k, i] = best_n[i]
+            for a in range(6):
+                feet[f, k, a] = best_m[a]
             # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their place in the clique
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]

@@ -23,6 +23,7 @@ from palpate.models.fe.contact.friction import add_tangent, cut_to_cone
 from palpate.models.fe.contact.switching import Switching
 from palpate.models.fe.element.mesh import point_text
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import MATRIX, VECTOR, compiled
 
 LEAP = 0.1
@@ -39,7 +40,8 @@ SHAPE = types.float64(VECTOR, VECTOR, VECTOR, MATRIX)
 @numba.njit(cache=True)
 def plane(x, p, normal, curvature):
     """Half-space below z = 0 of the frame with unit normal p[0:3]."""
-    normal[:] = p[:3]
+    for i in range(3):
+        normal[i] = p[i]
     curvature[:] = 0.0
     return x[0] * p[0] + x[1] * p[1] + x[2] * p[2]
 
@@ -70,7 +72,7 @@ def capsule(x, p, normal, curvature):
     return r - p[0]
 
 
-@numba.njit(cache=True)
+@kernel
 def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, force, data):
     """`mine`: faces (F,6) that may touch, their blocks of the tangent (F,6,6), shape functions (6,6) and areas [m²]
     (F,6) of their points; `law`: penalty and coefficient of friction; `given`: multipliers, those of the shear, the
@@ -146,7 +148,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
                             data[where[f, a, b], i, j] += scale * block[i, j]
 
 
-@numba.njit(cache=True)
+@kernel
 def _deepest(shape, points, move, turn, p):
     """The point (N,3) that lies deepest in the rigid body, and its gap [m]."""
     normal, curvature, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3)

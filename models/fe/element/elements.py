@@ -5,8 +5,9 @@ The plain element integrates W(F) + U(J) at four points. The mixed one takes U a
 stays symmetric. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985) 177-208.
 """
 
-import numba
 import numpy as np
+
+from palpate.physics.kernel import kernel
 
 _A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
 POINTS = np.array([[_B, _B, _B], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A]])
@@ -35,7 +36,7 @@ def gradients(points: np.ndarray, elements: np.ndarray, at: np.ndarray = POINTS)
     return np.einsum("nak,enki->enai", natural, np.linalg.inv(jacobian)), np.linalg.det(jacobian)
 
 
-@numba.njit(cache=True)
+@kernel
 def _deformation(u, slope, small, F, C):
     """F = 1 + du/dX and C = cof F = dJ/dF at a point, from the displacements (10,3) of the element's nodes and the
     gradients (10,3) of its shape functions; returns J = det F."""
@@ -57,7 +58,7 @@ def _deformation(u, slope, small, F, C):
     return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
 
 
-@numba.njit(cache=True)
+@kernel
 def _add_forces(P, C, slope, w, f, V):
     """Internal forces f_a += w P grad N_a; V_a += w cof F grad N_a, how the volume grows with a node."""
     for a in range(10):
@@ -70,7 +71,7 @@ def _add_forces(P, C, slope, w, f, V):
             V[a, i] += w * y
 
 
-@numba.njit(cache=True)
+@kernel
 def _add_second_of_volume(F, dU, A):
     """A += U' d2J/dF dF, with d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn."""
     for i in range(3):
@@ -83,7 +84,7 @@ def _add_second_of_volume(F, dU, A):
             A[3 * k + j, 3 * i + l] -= dU * F[m, n]
 
 
-@numba.njit(cache=True)
+@kernel
 def _add_bulk(C, ddU, A):
     """A += U'' cof F x cof F."""
     for i in range(3):
@@ -93,7 +94,7 @@ def _add_bulk(C, ddU, A):
                     A[3 * i + j, 3 * k + l] += ddU * C[i, j] * C[k, l]
 
 
-@numba.njit(cache=True)
+@kernel
 def _add_stiffness(A, slope, w, T, K):
     """K_ab += w grad N_a A grad N_b, in two products (the first in T) and for b <= a alone: it is symmetric."""
     for a in range(10):
@@ -113,7 +114,7 @@ def _add_stiffness(A, slope, w, T, K):
                     K[a, i, b, k] += x
 
 
-@numba.njit(cache=True)
+@kernel
 def _scatter(K, V, bulk, where, data):
     """Add the element's tangent to the blocks of its nodes, with bulk V x V of its mean volume ratio."""
     for a in range(10):
@@ -128,7 +129,7 @@ def _scatter(K, V, bulk, where, data):
                         data[where[b, a], k, i] += x
 
 
-@numba.njit(cache=True)
+@kernel
 def integrate(law, gradient, weight, elements, displacement, p, mixed, small, tangent, where, force, data):
     """Energy, forces and tangent of elements of one material; returns the energy and the first element with a volume
     ratio that is not positive, or -1.

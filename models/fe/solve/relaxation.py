@@ -13,61 +13,73 @@ G. A. Holzapfel, Int. J. Numer. Methods Eng. 39 (1996) 3903-3926.
 from collections.abc import Mapping
 from typing import Any
 
-import numba
 import numpy as np
 
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.sparse.pattern import Pattern
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
+from palpate.physics.materials.invariants import cofactor
 from palpate.physics.materials.prony import Prony
 
 
-@numba.njit(cache=True)
+@kernel
 def _deform(F, displacement, nodes, slope):
     """The deformation gradient [1] (3,3) into F."""
-    F[:] = np.eye(3)
+    for i in range(3):
+        for j in range(3):
+            F[i, j] = 1.0 if i == j else 0.0
     for a in range(10):
         for i in range(3):
-            F[i] += displacement[nodes[a], i] * slope[a]
+            for j in range(3):
+                F[i, j] += displacement[nodes[a], i] * slope[a, j]
 
 
-@numba.njit(cache=True)
+@kernel
 def _elastic(law, gradient, elements, displacement, p, small, stress):
     """S_e = F^-1 dW/dF [Pa] (E,n,3,3) into `stress`."""
-    P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
+    P, A, F, C = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3)), np.zeros((3, 3))
     for e in range(len(elements)):
         for q in range(gradient.shape[1]):
             _deform(F, displacement, elements[e], gradient[e, q])
             A[0, 0] = np.nan
-            law(F, np.linalg.det(F), p, P, A)
-            stress[e, q] = P if small else np.linalg.solve(F, P)
+            J = cofactor(F, C)
+            law(F, J, p, P, A)
+            for i in range(3):
+                for j in range(3):
+                    turned = C[0, i] * P[0, j] + C[1, i] * P[1, j] + C[2, i] * P[2, j]
+                    stress[e, q, i, j] = P[i, j] if small else turned / J
 
 
-@numba.njit(cache=True)
+@kernel
 def _add(law, gradient, weight, elements, displacement, p, small, share, history, tangent, where, force, data):
     """Add (share - 1) dW/dF + F history: what relaxation changes of the elastic forces."""
-    P, A, F = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3))
+    P, A, F, C = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((3, 3)), np.zeros((3, 3))
     for e in range(len(elements)):
         for q in range(gradient.shape[1]):
             _deform(F, displacement, elements[e], gradient[e, q])
             A[0, 0] = 0.0 if tangent else np.nan
-            law(F, np.linalg.det(F), p, P, A)
+            law(F, cofactor(F, C), p, P, A)
             H, w, slope = history[e, q], weight[e, q], gradient[e, q]
-            P *= share - 1.0
-            P += H if small else F @ H
-            f = slope @ P.T
+            for i in range(3):
+                for j in range(3):
+                    turned = F[i, 0] * H[0, j] + F[i, 1] * H[1, j] + F[i, 2] * H[2, j]
+                    P[i, j] = (share - 1.0) * P[i, j] + (H[i, j] if small else turned)
             for a in range(10):
                 for i in range(3):
-                    force[elements[e, a], i] += w * f[a, i]
+                    pull = slope[a, 0] * P[i, 0] + slope[a, 1] * P[i, 1] + slope[a, 2] * P[i, 2]
+                    force[elements[e, a], i] += w * pull
             if not tangent:
                 continue
             A *= share - 1.0
             if not small:
                 for i in range(3):
-                    A[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] += H
+                    for j in range(3):
+                        for k in range(3):
+                            A[3 * i + j, 3 * i + k] += H[j, k]
             for a in range(10):
                 for b in range(10):
                     for i in range(3):

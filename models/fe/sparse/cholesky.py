@@ -11,13 +11,12 @@ from __future__ import annotations
 from copy import copy
 from typing import Any
 
-import numba
-import numba.experimental.function_type  # lets kernels take the routines of BLAS as arguments, which can be cached
 import numpy as np
 from numba import types
 from numba.extending import get_cython_function_address
 
 from palpate.models.fe.sparse.ordering import Tree, dissect
+from palpate.physics.kernel import kernel
 
 _LETTERS = np.frombuffer(b"LRTN", dtype=np.uint8)
 
@@ -175,7 +174,7 @@ def _stack(tree: Tree, children: np.ndarray) -> int:
     return most
 
 
-@numba.njit(cache=True)
+@kernel
 def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, updates, words):
     pivots, rows, start, panel = fronts
     children, relative = below_them
@@ -236,12 +235,14 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
         top += u * u
         waiting[depth] = t
         depth += 1
-        factor[panel[t] : panel[t] + n * p] = front[: n * p]
+        own = factor[panel[t] : panel[t] + n * p]
+        for k in range(n * p):
+            own[k] = front[k]
         done += pivots[t]
     return -1
 
 
-@numba.njit(cache=True)
+@kernel
 def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
     pivots, rows, start, panel = fronts
     letter, scale, size = words

@@ -100,8 +100,9 @@ def forces(points, q, work, g):
     total, pull, _ = barrier(np.dot(q, q), points.limit)
     if not total < np.inf:
         return np.inf
-    work.x[:] = q
-    g[:] = 0.0
+    for i in range(len(q)):
+        work.x[i] = q[i]
+        g[i] = 0.0
     for start in range(0, len(points.kinds), NEAR):  # the modes of so many points stay in the cache for both products
         end = min(start + NEAR, len(points.kinds))
         own = points.modes[9 * start : 9 * end]
@@ -137,7 +138,8 @@ def tangent(points, q, work, hessian):
     _, pull, curve = barrier(np.dot(q, q), points.limit)
     if not pull < np.inf:
         return False
-    work.x[:] = q
+    for i in range(len(q)):
+        work.x[i] = q[i]
     np.dot(points.modes, work.x, D)
     for i in range(len(q)):
         for j in range(len(q)):
@@ -146,7 +148,9 @@ def tangent(points, q, work, hessian):
     for start in range(0, len(points.kinds), NEAR):
         end = min(start + NEAR, len(points.kinds))
         rows = 9 * (end - start)
-        M[:rows] = points.modes[9 * start : 9 * end]
+        for i in range(rows):
+            for j in range(len(q)):
+                M[i, j] = points.modes[9 * start + i, j]
         for p in range(start, end):
             at = 9 * p
             J = _deform(D, at, F, C)
