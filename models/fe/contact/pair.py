@@ -82,8 +82,8 @@ def _project(point, points, face, value, slope, normal):
 
 @kernel
 def _nearest(point, points, faces, among, room, value, normal):
-    """Of the faces `among`, up to a negative one, the nearest: the distance to it, which one it is (-1: none), and the gap
-    [m]; its shape functions (6) and normal (3) at the foot go to `value` and `normal`."""
+    """The nearest of the faces `among`, up to a negative one: the distance to it, which one (-1: none), the gap [m];
+    its shape functions (6) and normal (3) at the foot go to `value` and `normal`."""
     nearest, hit, gap = np.inf, -1, np.inf
     for b in range(len(among)):
         if among[b] < 0:
