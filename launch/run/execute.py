@@ -1,7 +1,6 @@
 """One run from its launch file to its result: plan, place, start, watch, record."""
 
 import contextlib
-import errno
 import os
 import resource
 import socket
@@ -31,6 +30,7 @@ from palpate.launch.run.wire import keys
 from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
+from palpate.physics.writable import check_file
 from palpate.records.format.mcap_file import is_complete
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
@@ -250,12 +250,10 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
 
 
 def _check_writable(file: Path) -> None:
+    """Make its folders. OSError: the recording cannot be written there."""
     try:
+        check_file(file)
         file.parent.mkdir(parents=True, exist_ok=True)
-        if file.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "this is a folder, expected the name of a file")
-        if not os.access(file if file.exists() else file.parent, os.W_OK):
-            raise PermissionError(errno.EACCES, "no permission to write there")
     except OSError as error:
         raise OSError(f"recording {file}: {error.strerror}; --record FILE takes another place") from None
 

@@ -55,7 +55,7 @@ def test_devices_lists_what_is_plugged_in(bus):
 def test_devices_says_what_to_do_next(bus, monkeypatch):
     (bus / "ttyUSB3").unlink()
     assert "--install-udev" in json.loads(run("devices", "--json").stdout)["devices"][1]["next"]
-    monkeypatch.setattr(discover, "_installed", lambda module: False)
+    monkeypatch.setattr(discover, "find_spec", lambda module: None)
     assert 'pip install "palpate[devices]"' in json.loads(run("devices", "--json").stdout)["devices"][0]["next"]
     assert "Novint Falcon" in run("devices").stdout
 

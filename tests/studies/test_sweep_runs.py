@@ -202,7 +202,7 @@ def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
 
 def test_a_long_point_holds_up_no_other(ball, client, tmp_path):
     """It is started first, on one of two workers: the short ones come on the other."""
-    study = palpate.Study(ball, {"ball.pause": [1.5, *np.arange(12) * 1e-3]}, ["peak ball.force"])
+    study = palpate.Study(ball, {"ball.pause": [5.0, *np.arange(12) * 1e-3]}, ["peak ball.force"])
     order = []
     study.run(tmp_path, client, done=lambda point, done, left: order.append(point.slot))
     assert order[-1] == 0 and len(order) == 13

@@ -141,15 +141,16 @@ def test_streams_that_hold_too_little_draw_nothing_and_do_no_harm(tmp_path):
         points=np.zeros((0, 2)),
     )
     rub = Friction(force=(0.0, 0.0, 0.0), bristle=UP, stick=True)
-    for streams, expected in (
+    cases = (
         ({"pins": [flat] * 2}, set()),
         ({"pins": [flat] * 2, "c": [press(0.0)] * 2}, set()),
         ({"pins": [flat] * 2, "c": [press(1e-3)] * 2}, {"force", "compression", "pins"}),
         ({"slip": [one]}, set()),
         ({"slip": [one] * 2, "c": [press(1e-3)] * 2, "f": [rub] * 2}, {"force", "compression", "slip"}),
         ({"band": [band] * 2, "c": [press(1e-3)] * 2}, {"force", "compression"}),
-    ):
-        made, told = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
+    )
+    for k, (streams, expected) in enumerate(cases):
+        made, told = drawn(record(tmp_path / "r.mcap", streams), tmp_path / str(k))
         assert made == expected and told == "", streams
 
 
