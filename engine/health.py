@@ -73,9 +73,10 @@ class HealthCounters:
 
     def report(self, forces: dict[str, float] | None = None) -> Counters:
         """The counters as they travel, with the forces that the node sent last."""
-        steps, durations = self.step.count + self.asleep, (self.step.report(), self.age.report())
-        counts = self.late, self.lost, self.held, self.asleep, self.state
-        return Counters(self.tick, steps, *counts, *durations, forces or {}, self.overdue)
+        return Counters(
+            self.tick, self.step.count + self.asleep, self.late, self.lost, self.held, self.asleep, self.state,
+            self.step.report(), self.age.report(), forces or {}, self.overdue,
+        )  # fmt: skip
 
 
 class Counters(msgspec.Struct, frozen=True):
@@ -96,14 +97,9 @@ class Counters(msgspec.Struct, frozen=True):
 
 def message(node: str, time: int, since: int, counters: Counters) -> messages.Health:
     """A report as observers get it. `time` [ns] on the graph's clock; `since`: tick at which its worker began."""
-    same = {name: getattr(counters, name) for name in ("tick", "steps", "late", "lost", "held", "asleep", "state")}
     return messages.Health(
-        time=time,
-        source=node,
-        since=since,
-        **same,
-        median=counters.step["p50"],
-        p99=counters.step["p99"],
-        longest=counters.step["longest"],
+        tick=counters.tick, time=time, source=node, since=since, steps=counters.steps, late=counters.late,
+        lost=counters.lost, held=counters.held, asleep=counters.asleep, state=counters.state,
+        median=counters.step["p50"], p99=counters.step["p99"], longest=counters.step["longest"],
         age=counters.age["p50"],
-    )
+    )  # fmt: skip
