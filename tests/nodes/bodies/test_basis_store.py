@@ -178,7 +178,7 @@ def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
 def test_a_shipped_basis_is_the_one_that_would_be_built_now():
     """The slab: its compliance at three vertices, and its dents where it is pressed at three of its places, through
     which the table goes exactly."""
-    name, radius = "plane-indentation_table.npz", indentation_table.RADIUS
+    name, radius = "plane-dents.npz", indentation_table.RADIUS
     node = node_of(basis_store.shipped()[name]["command"])
     basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed))
     half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # of the steps that it is stored in

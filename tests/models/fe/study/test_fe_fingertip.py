@@ -91,20 +91,20 @@ def test_pressing_makes_force_area_and_strain_and_the_bone_stays_rigid():
 @pytest.mark.long
 def test_dividing_all_moduli_divides_the_force_on_a_rigid_plate():
     _, whole = pressed()
-    soft = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical/16"), 2.5e-4)
+    soft = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical/16"), 1.5e-4)
     assert soft.force[-1] == approx(whole.softened(16.0).force[-1], rel=5e-3)
     depth, area, volumes = soft.at(0.5 * soft.force[-1])
-    assert 0 < depth < 2.5e-4 and area > 0 and volumes.shape == LEVELS.shape
+    assert 0 < depth < 1.5e-4 and area > 0 and volumes.shape == LEVELS.shape
     with pytest.raises(ValueError, match="ends at"):
         soft.at(100.0)
 
 
 @pytest.mark.long
 def test_a_broken_run_goes_on_from_its_last_step(tmp_path):
-    record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 1.25e-4, PressRun(tmp_path))
-    again = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 2.5e-4, PressRun(tmp_path))
+    record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 7.5e-5, PressRun(tmp_path))
+    again = record(Pressing(FingertipDimensions(cells=3), "steel", "cortical"), 1.5e-4, PressRun(tmp_path))
     _, whole = pressed()
-    assert again.indentation[-1] == approx(2.5e-4)
+    assert again.indentation[-1] == approx(1.5e-4)
     assert again.force[-1] == approx(whole.force[-1], rel=5e-3)
 
 
