@@ -1,7 +1,6 @@
 """What a recording says of its run: graph as resolved, versions, machine, commit."""
 
 import datetime
-import importlib.metadata
 import os
 import platform
 import sys
@@ -10,6 +9,7 @@ from typing import Any
 
 from palpate.engine.plan import Plan
 from palpate.physics.arithmetic import in_force
+from palpate.physics.extras import package_version
 
 PACKAGES = ("palpate", "pyzmq", "msgspec", "mcap")
 
@@ -75,14 +75,6 @@ def made_by(recorded: dict[str, Any] | None) -> str:
 
 def _versions(packages: tuple[str, ...]) -> dict[str, str | None]:
     return {"python": platform.python_version(), **{name: package_version(name) for name in packages}}
-
-
-def package_version(package: str) -> str | None:
-    """None: it is not installed."""
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None
 
 
 def _processor() -> str:

@@ -54,3 +54,13 @@ def install(extra: str) -> str:
     if prefix.parent.name.startswith("archive-v"):  # the cache of uv
         return f"uvx --from {wanted} palpate ..."
     return f"{'uv ' if find_spec('pip') is None else ''}pip install {wanted}"
+
+
+def package_version(package: str) -> str | None:
+    """None: it is not installed."""
+    from importlib.metadata import PackageNotFoundError, version  # slow to import
+
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None

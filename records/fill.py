@@ -1,5 +1,5 @@
-"""Complete recordings: of one that was cut off or damaged, and of one that holds its sources only, by computing the
-rest and holding it against its checks.
+"""Completes recordings that were cut off or damaged, and recordings of sources alone, whose other messages it computes
+and holds against their checks.
 
 A recording of sources has the messages of the sources, and of each other stream one every 0.2 s. On the simulated clock
 the rules of that clock say what each step used; of a run on the real clock the file holds the heads of all messages,

@@ -172,7 +172,7 @@ def apply(overrides: list[Override], graph: YamlSource, scene: YamlSource, fault
             faults.add(f"found {'.'.join(override.keys)!r}, expected {head}.setting, {head}.use or {head}.in.input", "",
                        override.place, node=head)  # fmt: skip
         elif override.keyword:
-            cure = f"{choices('Nodes', head, nodes)} What is no node stands in sets=['scene.finger.thickness=3 mm']."
+            cure = f"{choices('Nodes', head, nodes)} Anything else goes into sets=['scene.finger.thickness=3 mm']."
             faults.add(f"found {head!r}, expected the name of a node, or effects", cure, override.place)
         else:
             cure = choices("Targets", head, [*nodes, "scene.<path>", "effects.<name>", *TOP])

@@ -12,8 +12,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.engine.provenance import package_version
-from palpate.physics.extras import EXTRAS, install
+from palpate.physics.extras import EXTRAS, install, package_version
 
 TUNING = (
     "Set the CPU governor to performance (cpupower frequency-set -g performance), keep a core free (isolcpus, and"
@@ -60,15 +59,12 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]
 
 
 def _packages() -> Iterator[Finding]:
-    import zmq
-
-    more = {"pyzmq": f", ZeroMQ {zmq.zmq_version()}"}
     for line in importlib.metadata.requires("palpate") or []:
         if "extra ==" in line:
             continue
         name = re.split(r"[\s<>=!~;\[]", line, maxsplit=1)[0]
         if version := package_version(name):
-            yield Finding(name, "ok", version + more.get(name, ""))
+            yield Finding(name, "ok", version + (f", ZeroMQ {_zeromq()}" if name == "pyzmq" else ""))
         else:
             yield Finding(name, "fault", "not installed", f"pip install {name}")
     for extra, packages in EXTRAS.items():
@@ -76,6 +72,12 @@ def _packages() -> Iterator[Finding]:
         lacking = [name for name, version in versions.items() if version is None]
         listing = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
         yield Finding(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
+
+
+def _zeromq() -> str:
+    import zmq
+
+    return zmq.zmq_version()
 
 
 def _pictures() -> Finding:

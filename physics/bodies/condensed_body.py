@@ -156,7 +156,7 @@ class CondensedBody(CoarseBody):
         return compliance, free, now
 
     def take(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> None:
-        """The first part of a step of `another`: what the linear body does under this load alone."""
+        """The first part of a step, only of what `another` returned: what the linear body does under this load."""
         patch, pull, share = self._patch(nodes, forces, foot, normal)
         self._normal = normal
         self._count, self._touched = self._take(

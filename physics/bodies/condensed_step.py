@@ -66,8 +66,8 @@ def single_step(model, patch, pull, share, normal, dt, fields, marks, curve, num
 
 @kernel
 def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count):
-    """The load and the patch on the vertices of the coarse mesh, and the history h of the load. Returns the first two
-    numbers of `take_load`."""
+    """The load and the patch on the vertices of the coarse mesh, and the history h of the load. Returns how
+    many vertices hold load, and how many the patch touches."""
     held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
     active, marked, order = marks[0], marks[1], marks[2]
     # the load, and the patch weights m

@@ -210,7 +210,7 @@ class Study(Results):
     def _unit(self, base: Graph, first: Mapping[str, Any], name: str, values: Sequence[float]) -> str | None:
         """The unit of the first setting that follows a path; `base` is the graph at the values `first`."""
         others = [value for value in dict.fromkeys(values) if value != first[name]]
-        for value in others[:: -max(1, len(others) // SEVERAL)]:
+        for value in others[:: min(-1, -len(others) // SEVERAL)]:
             try:
                 after = self.launch.but(overrides=overrides({**first, name: value})).load()
             except GraphError:  # a point that fails, which its row tells; or a value that only goes with others

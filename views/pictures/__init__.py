@@ -97,9 +97,9 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     finally:
         if views is not None:
             views.close()
-    every = {folder / f"{name}.png" for name in (*PICTURES, "deformation")}
-    for older in sorted(file for file in every.difference(made) if file.exists()):
-        _tell(console, f"{older} is of an earlier recording: this one has no such picture")
+    names = [*(f"{name}.png" for name in ("deformation", *PICTURES)), *(f"{name}-*.png" for name in OF_A_FINGER)]
+    if older := sorted({file.name for name in names for file in folder.glob(name)} - {file.name for file in made}):
+        _tell(console, f"in {folder} already, and not drawn anew: {', '.join(older)}")
     return made
 
 

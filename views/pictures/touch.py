@@ -155,10 +155,10 @@ def touches(time: np.ndarray, force: np.ndarray) -> list[slice]:
 
 
 def millijoules(energy: float) -> str:
-    """An energy [J] in words, with two digits where it is less than 1 mJ; 0 below 1 nJ, which is rounding."""
-    return (
-        f"{1e3 * energy:.1f} mJ" if abs(energy) >= 1e-3 else f"{1e3 * energy:.2g} mJ" if abs(energy) >= 1e-9 else "0 mJ"
-    )
+    """An energy [J] with its unit, by two digits where it is less than 1 mJ; 0 below 1 nJ, which is rounding."""
+    if abs(energy) < 1e-9:
+        return "0 mJ"
+    return f"{1e3 * energy:.1f} mJ" if abs(energy) >= 1e-3 else f"{1e3 * energy:.2g} mJ"
 
 
 def work(way: np.ndarray, force: np.ndarray) -> float:

@@ -44,6 +44,9 @@ def of_keywords(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[Overri
 def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
     """Of each value its path and its text as of `--set`, and how Python says both."""
     for name, what in nodes.items():
+        if name in TOP:
+            said = what if isinstance(what, str) else _text(name, what)
+            raise ArgumentError(f"{name}: no node has this name; expected sets=['{name}={said}']")
         if isinstance(what, str):
             yield f"{name}.use", what, f"{name}={what!r}"
         elif isinstance(what, Mapping):
@@ -53,8 +56,6 @@ def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, 
                         f"{name}: found {key!r}, expected the name of a setting, as in {name}={{'stiffness': 2e3}}"
                     )
                 yield f"{name}.{key}", _text(f"{name}.{key}", value), f"{name}={shortened(repr({key: value}))}"
-        elif name in TOP:
-            raise ArgumentError(f"{name}: no node has this name; expected sets=['{name}={_text(name, what)}']")
         else:
             raise ArgumentError(
                 f"{name}: found {what!r}, expected a model, {name}='deformation.ReducedFE', or settings, "

@@ -53,7 +53,7 @@ def set_aside() -> None:
 
 
 def _others_froze() -> bool:
-    """Whether somebody has set aside what was there before. It takes the longer the more that is, and is asked once."""
+    """Whether somebody has set aside what was there before. To ask takes the longer the more that is: a yes is kept."""
     global _frozen
     _frozen = _frozen or gc.get_freeze_count() > 0
     return _frozen

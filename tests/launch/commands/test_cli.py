@@ -343,6 +343,14 @@ def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 
 
+def test_doctor_needs_none_of_the_packages_that_it_looks_for():
+    words = "sys.argv[1:] = ['doctor', '--no-pictures', '--seconds', '0']"
+    gone = "sys.modules |= dict.fromkeys(['msgspec', 'numpy'])"
+    code = f"import sys; {gone}; {words}; from palpate.launch.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "msgspec" in done.stdout and done.stderr == "" and done.returncode == 0
+
+
 def test_trouble_that_nobody_foresaw_is_one_line(monkeypatch, whole):
     def burst(self):
         raise RuntimeError("the pipe burst")
