@@ -62,11 +62,12 @@ def run_real(worker: Worker, origin: int) -> None:
 
 
 def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
-    """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out."""
+    """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out,
+    but for the last one of the run."""
     tick = worker.tick + 1
     late = sleep_until(origin + round(tick * period))
     if late > period:
-        skipped = int(late // period)
+        skipped = int(late // period) if worker.last is None else min(int(late // period), worker.last - tick)
         if worker.tick >= 0:  # a worker that was started again begins where the run is
             lead.health.late += skipped
         tick += skipped

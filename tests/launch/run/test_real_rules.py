@@ -38,6 +38,7 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
         wait=wait,
         stopping=False,
         tick=-1,
+        last=None,
         blocked=set(),
         drain=lambda: None,
     )
@@ -162,6 +163,13 @@ def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatc
     assert real._pace(here, made, origin, MS) == (before + 1 + skipped, 77)
     assert deadlines == [origin + (before + 1) * MS]
     assert made.health.late == (skipped if before >= 0 else 0)
+
+
+def test_a_machine_that_stalls_at_the_end_makes_no_tick_beyond_the_last(monkeypatch):
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: 10 * MS)
+    made, here = slot("Source", ("torque", {"loop": True})), worker()
+    here.tick, here.last = 597, 599
+    assert real._pace(here, made, 0, MS)[0] == 599 and made.health.late == 1
 
 
 def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
