@@ -26,6 +26,25 @@ def cofactor(F, G):
 
 
 @kernel
+def volume_tangent(F, C, dU, ddU, A):
+    """Add the tangent of U(J) to A (9,9): U'' C C' with the cofactors C of F, and U' d2J/dF dF, which is
+    eps_ikm eps_jln F_mn."""
+    for i in range(3):
+        k, m = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            l, n = (j + 1) % 3, (j + 2) % 3
+            A[3 * i + j, 3 * k + l] += dU * F[m, n]
+            A[3 * k + l, 3 * i + j] += dU * F[m, n]
+            A[3 * i + l, 3 * k + j] -= dU * F[m, n]
+            A[3 * k + j, 3 * i + l] -= dU * F[m, n]
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                for l in range(3):
+                    A[3 * i + j, 3 * k + l] += ddU * C[i, j] * C[k, l]
+
+
+@kernel
 def products(F, C, B):
     """Write F'F into C and FF' into B."""
     for i in range(3):

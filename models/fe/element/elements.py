@@ -8,6 +8,7 @@ stays symmetric. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. M
 import numpy as np
 
 from palpate.physics.kernel import kernel
+from palpate.physics.materials.invariants import cofactor, volume_tangent
 
 _A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
 POINTS = np.array([[_B, _B, _B], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A]])
@@ -50,12 +51,7 @@ def _deformation(u, slope, small, F, C):
         for i in range(3):
             C[i, i] = 1.0
         return F[0, 0] + F[1, 1] + F[2, 2] - 2.0
-    for i in range(3):
-        i1, i2 = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            j1, j2 = (j + 1) % 3, (j + 2) % 3
-            C[i, j] = F[i1, j1] * F[i2, j2] - F[i1, j2] * F[i2, j1]
-    return F[0, 0] * C[0, 0] + F[0, 1] * C[0, 1] + F[0, 2] * C[0, 2]
+    return cofactor(F, C)
 
 
 @kernel
@@ -69,29 +65,6 @@ def _add_forces(P, C, slope, w, f, V):
                 y += C[i, j] * slope[a, j]
             f[a, i] += w * x
             V[a, i] += w * y
-
-
-@kernel
-def _add_second_of_volume(F, dU, A):
-    """A += U' d2J/dF dF, with d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn."""
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            l, n = (j + 1) % 3, (j + 2) % 3
-            A[3 * i + j, 3 * k + l] += dU * F[m, n]
-            A[3 * k + l, 3 * i + j] += dU * F[m, n]
-            A[3 * i + l, 3 * k + j] -= dU * F[m, n]
-            A[3 * k + j, 3 * i + l] -= dU * F[m, n]
-
-
-@kernel
-def _add_bulk(C, ddU, A):
-    """A += U'' cof F x cof F."""
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                for l in range(3):
-                    A[3 * i + j, 3 * k + l] += ddU * C[i, j] * C[k, l]
 
 
 @kernel
@@ -178,13 +151,10 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
             _add_forces(P, C[q], gradient[e, q], w, f, V)
             if not tangent:
                 continue
-            if not small:
-                _add_second_of_volume(F[q], dU, A)
             # the volumetric part U'' cof F x cof F is local here, and of the whole element below where J is its mean
             if mixed:
-                curve = ddU
-            else:
-                _add_bulk(C[q], ddU, A)
+                curve, ddU = ddU, 0.0
+            volume_tangent(F[q], C[q], 0.0 if small else dU, ddU, A)
             _add_stiffness(A, gradient[e, q], w, T, K)
         for a in range(10):
             for i in range(3):

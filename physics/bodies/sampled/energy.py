@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import law_at
-from palpate.physics.materials.invariants import cofactor
+from palpate.physics.materials.invariants import cofactor, volume_tangent
 
 ROOM = 3.0
 """Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins."""
@@ -159,28 +159,10 @@ def tangent(points, q, work, hessian):
             A[0, 0] = 0.0
             law = law_at(points.laws[points.kinds[p]])
             _, _, dU, ddU = law(F, J, points.constants[p], P, A)
-            _volume_part(A, F, C, dU, ddU)
+            volume_tangent(F, C, dU, ddU, A)
             A *= points.weights[p]
             at = 9 * (p - start)
             np.dot(A, M[at : at + 9], T[at : at + 9])
         np.dot(M[:rows].T, T[:rows], work.K)
         hessian += work.K
     return True
-
-
-@kernel(error_model="numpy")
-def _volume_part(A, F, C, dU, ddU):
-    """Add the tangent of U(J): ddU C C' and dU times the second derivative of J, eps_ikm eps_jln F_mn."""
-    for i in range(3):
-        k, m = (i + 1) % 3, (i + 2) % 3
-        for j in range(3):
-            l, n = (j + 1) % 3, (j + 2) % 3
-            A[3 * i + j, 3 * k + l] += dU * F[m, n]
-            A[3 * k + l, 3 * i + j] += dU * F[m, n]
-            A[3 * i + l, 3 * k + j] -= dU * F[m, n]
-            A[3 * k + j, 3 * i + l] -= dU * F[m, n]
-    for i in range(3):
-        for j in range(3):
-            for k in range(3):
-                for l in range(3):
-                    A[3 * i + j, 3 * k + l] += ddU * C[i, j] * C[k, l]
