@@ -118,6 +118,11 @@ class Launcher:
         """How many kernels the workers have compiled so far: none but in the first run."""
         return sum(member.kernels for member in self.members.values())
 
+    @property
+    def foreign(self) -> int:
+        """How many frames were dropped so far because they are none of this run's."""
+        return self._control.foreign + sum(member.foreign for member in self.members.values())
+
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
@@ -147,10 +152,9 @@ class Launcher:
         finally:
             self.phase = "ended"
             self.printed(self.forkserver.close())
-            foreign = self._control.foreign + sum(member.foreign for member in self.members.values())
-            if foreign:
-                self.result.notes.append(f"{foreign} frames that are none of this run's were dropped")
-            self.result.foreign = foreign
+            self.result.foreign = self.foreign
+            if self.foreign:
+                self.result.notes.append(f"{self.foreign} frames that are none of this run's were dropped")
             self._control.close(200)
 
     def _fork(self, member: WorkerHandle) -> None:
@@ -193,11 +197,13 @@ class Launcher:
     # -- reports -------------------------------------------------------------------------------------------------
 
     def _next_report(self, wait: int = 0) -> bool:
-        """Take the next report, if one comes within so many milliseconds."""
-        addressed = self._control.report(wait)
+        """Take what comes next to where workers report, if anything does within so many milliseconds."""
+        if not self._control.reported(wait):
+            return False
+        addressed = self._control.report()
         if addressed is not None:
             self._take(self.members[addressed.group], addressed.report)
-        return addressed is not None
+        return True
 
     def _take(self, member: WorkerHandle, report: reports.Report) -> None:
         if member.state == "gone" and not isinstance(report, reports.Alive):
@@ -244,8 +250,9 @@ class Launcher:
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
         if not self._barrier.ready(member, report):
             return
-        if self._real and not any(lead.alive for lead in self._leads()):
-            self._control.tell(member.job.group, reports.Stop())  # started again too late: the run has ended meanwhile
+        if self._ending.near or (self._real and not any(lead.alive for lead in self._leads())):
+            self._control.tell(member.job.group, reports.Stop())  # it did not hear that the run has ended meanwhile
+            return
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
             self._barrier.link(member)
@@ -256,7 +263,7 @@ class Launcher:
 
     def _linked(self, member: WorkerHandle) -> None:
         member.state = "linked"
-        if self.phase == "linking" and self._barrier.all("linked"):
+        if self.phase == "linking" and self._barrier.all("linked") and not self._ending.near:
             self._go()
         elif self.phase == "running":  # it was started again, and joins the run
             self._control.tell(member.job.group, reports.Go(self.origin))

@@ -88,18 +88,20 @@ class ControlChannel:
             elif note[:1] not in (b"\x00", b"\x01"):
                 self.foreign += 1
 
-    def report(self, wait: int = 0) -> Addressed | None:
-        """The next report of a worker of this run; None where none comes within so many milliseconds."""
-        while self._told.poll(wait):
-            try:
-                addressed = REPORTS.decode(self._told.recv())
-            except (msgspec.MsgspecError, ValueError):
-                self.foreign += 1
-                continue
-            if addressed.group in self._expected:
-                return addressed
+    def reported(self, wait: int = 0) -> bool:
+        """Whether something has come to where workers report, or comes within so many milliseconds."""
+        return bool(self._told.poll(wait))
+
+    def report(self) -> Addressed | None:
+        """Take what has come; None where it is no report of a worker of this run."""
+        try:
+            addressed = REPORTS.decode(self._told.recv())
+        except (msgspec.MsgspecError, ValueError):
+            addressed = None
+        if addressed is None or addressed.group not in self._expected:
             self.foreign += 1
-        return None
+            return None
+        return addressed
 
     def close(self, linger: int) -> None:
         """Close; orders under way get so many milliseconds."""

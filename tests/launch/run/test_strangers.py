@@ -25,8 +25,9 @@ from palpate.launch.run.wire import addresses, keys
 from palpate.launch.run.wire.wires import ControlChannel
 
 
-def run(folder: Path, during) -> Result:
-    """A run of a second of real time; `during` gets the launcher once, in a thread, when it has begun."""
+def run(folder: Path, during, foreign: int = 0) -> Result:
+    """A run on the real clock; `during` gets the launcher once, in a thread, when it has begun. The run ends when that
+    has, and when so many frames were dropped, or after a minute."""
     launch = LaunchFile(graph=write_graph(folder, f"rate: 200\n{GRAPH}".replace("logger.Mcap", "nodes_for_runs.Slow")))
     plan = launch.plan()
     threads: list[threading.Thread] = []
@@ -35,8 +36,10 @@ def run(folder: Path, during) -> Result:
         if launcher.phase == "running" and not threads:
             threads.append(threading.Thread(target=during, args=(launcher,)))
             threads[0].start()
+        if threads and not threads[0].is_alive() and launcher.foreign >= foreign:
+            launcher.stop()
 
-    work = jobs(plan, launch.placement(plan), clock="real", ticks=200)
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=12_000)
     result = Launcher(work, show=look).run()
     threads[0].join()
     return result
@@ -59,7 +62,7 @@ def test_frames_that_are_no_reports_are_dropped_and_counted(tmp_path):
             for data in sent:
                 socket.send(data)
 
-    result = run(tmp_path, send)
+    result = run(tmp_path, send, len(sent))
     assert result.ok, result.deaths
     assert result.foreign == len(sent)
     assert any(f"{len(sent)} frames that are none of this run's were dropped" in note for note in result.notes)
@@ -80,9 +83,25 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_
                         socket.send(data)
                     time.sleep(0.3)
 
-    result = run(tmp_path, send)
+    result = run(tmp_path, send, 100)
     assert result.ok, result.deaths
     assert result.foreign == 100
+
+
+def test_frames_that_are_no_reports_are_taken_one_at_a_time():
+    """Who sends them without end would else keep the launcher from all that it has to do: it takes so many a turn."""
+    control = ControlChannel(f"{os.getpid()}-flood", {}, None, None)
+    try:
+        with zmq.Context() as context, context.socket(zmq.PUSH) as stranger:
+            stranger.connect(control.reports)
+            for _ in range(3):
+                stranger.send(b"x")
+            for count in (1, 2, 3):
+                assert control.reported(60_000) and control.report() is None
+                assert control.foreign == count
+            assert not control.reported()
+    finally:
+        control.close(0)
 
 
 def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_off():
