@@ -1,6 +1,7 @@
 """The command `palpate`. Each verb imports what it needs when it runs, so that help and listings answer at once."""
 
 import signal
+import sys
 import threading
 
 _here = threading.current_thread() is threading.main_thread()
@@ -41,8 +42,11 @@ if _here:
 
 
 def main() -> None:
-    """Run the command line."""
-    app(prog_name="palpate")
+    """Run the command line. Ctrl-C outside a verb ends it without a traceback."""
+    try:
+        app(prog_name="palpate")
+    except KeyboardInterrupt:
+        sys.exit(128 + signal.SIGINT)
 
 
 if __name__ == "__main__":

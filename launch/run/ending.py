@@ -37,6 +37,11 @@ class Ending:
         """Whether the workers have been told to end, or will be."""
         return self._deadline is not None
 
+    @property
+    def over(self) -> bool:
+        """Whether nobody should begin any more."""
+        return self.near or self.closed
+
     def stop(self) -> None:
         """Tell all workers to end in order."""
         self._control.tell("*", Stop())

@@ -250,7 +250,7 @@ class Launcher:
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
         if not self._barrier.ready(member, report):
             return
-        if self._ending.near or (self._real and not any(lead.alive for lead in self._leads())):
+        if self._ending.over or (self._real and not any(lead.alive for lead in self._leads())):
             self._control.tell(member.job.group, reports.Stop())  # it did not hear that the run has ended meanwhile
             return
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
@@ -263,7 +263,7 @@ class Launcher:
 
     def _linked(self, member: WorkerHandle) -> None:
         member.state = "linked"
-        if self.phase == "linking" and self._barrier.all("linked") and not self._ending.near:
+        if self.phase == "linking" and self._barrier.all("linked") and not self._ending.over:
             self._go()
         elif self.phase == "running":  # it was started again, and joins the run
             self._control.tell(member.job.group, reports.Go(self.origin))

@@ -169,7 +169,7 @@ def test_a_signal_ends_a_run_in_order_and_the_exit_code_says_which(tmp_path, way
     run = Run(tmp_path, *WAYS[way])
     assert run.running()
     run.process.send_signal(signal.Signals[name])
-    assert run.wait() == code
+    assert run.wait() == code, run.out.read_text() + run.err.read_text()
     assert "interrupted after" in run.out.read_text()
     assert Recording(run.record).complete
     assert not run.left()

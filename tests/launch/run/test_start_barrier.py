@@ -5,9 +5,10 @@ import threading
 import time
 
 import msgspec
+import pytest
 import zmq
 
-from palpate.engine.job import Job, NodeJob
+from palpate.engine.job import Job, NodeJob, ObserverJob
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import ORDERS, Addressed, Connect, NodesEnded, Order, Ready, Stop
 from palpate.launch.run.wire.bus import split
@@ -26,41 +27,63 @@ def free_port() -> int:
             return port
 
 
-def late(port: int, told: list[Order], seconds: float) -> None:
+def late(port: int, group: str, told: list[Order], seconds: float) -> None:
     """A worker whose report that it is ready overtakes its subscription to the launcher's orders."""
     with zmq.Context() as context, context.socket(zmq.PUSH) as said, context.socket(zmq.SUB) as heard:
         said.connect(f"tcp://127.0.0.1:{port + 1}")
         heard.connect(f"tcp://127.0.0.1:{port}")
-        said.send(msgspec.msgpack.encode(Addressed("b", Ready({"force": [], "observers": []}))))
+        said.send(msgspec.msgpack.encode(Addressed(group, Ready({"force": [], "observers": []}))))
         time.sleep(seconds)
-        heard.subscribe(b"~b\0")
+        for topic in (group, "*"):
+            heard.subscribe(f"~{topic}".encode() + b"\0")
         if heard.poll(60_000):
             told.append(ORDERS.decode(split(heard.recv())[1]))
-        said.send(msgspec.msgpack.encode(Addressed("b", NodesEnded(True))))
+        said.send(msgspec.msgpack.encode(Addressed(group, NodesEnded(True))))
 
 
-def test_a_worker_is_told_whom_to_read_when_it_can_hear_it():
-    port, told = free_port(), []
-    job = Job("b", (NodeJob("source", "nodes_for_runs.Source", {}, 1, (), ("source",)),))
-    launcher = Launcher([job], joined=frozenset({"b"}), address=f"tcp://127.0.0.1:{port}")
-    worker = threading.Thread(target=late, args=(port, told, 0.5))
+NODES = Job("a", (NodeJob("source", "nodes_for_runs.Source", {}, 1, (), ("source",)),))
+OBSERVER = Job("b", (), (ObserverJob("log", "nodes_for_runs.Slow", {}, {}),))
+
+
+@pytest.fixture
+def launched():
+    """Starts a launcher whose workers are started elsewhere, and gives the port where they find it."""
+    port = free_port()
+
+    def launch(*jobs: Job, show=lambda _: None) -> Launcher:
+        names = frozenset(job.group for job in jobs)
+        return Launcher(jobs, joined=names, address=f"tcp://127.0.0.1:{port}", show=show)
+
+    return port, launch
+
+
+def test_a_worker_is_told_whom_to_read_when_it_can_hear_it(launched):
+    port, launch = launched
+    told: list[Order] = []
+    launcher = launch(NODES)
+    worker = threading.Thread(target=late, args=(port, "a", told, 0.5))
     worker.start()
     launcher.run()
     worker.join()
     assert told == [Connect((), {"!health": 0, "!end": 0})]
 
 
-def test_a_worker_that_was_not_there_when_the_run_was_stopped_is_told_to_end():
-    """The order to quit is lost to it: it was told to begin, and the run went on without end."""
-    port, told = free_port(), []
-    job = Job("b", (NodeJob("source", "nodes_for_runs.Source", {}, 1, (), ("source",)),))
-    worker = threading.Thread(target=late, args=(port, told, 0.1))
+@pytest.mark.parametrize("others", [(), (NODES,)], ids=["alone", "when all nodes have ended"])
+def test_a_worker_that_did_not_hear_that_the_run_was_stopped_is_told_when_it_does(launched, others):
+    """It was told to begin, and the run went on without end; or it was told nothing, and the run waited for it."""
+    port, launch = launched
+    told: list[Order] = []
+    there = [threading.Thread(target=late, args=(port, other.group, [], 0.0)) for other in others]
+    it = threading.Thread(target=late, args=(port, "b", told, 0.2))
 
     def stop(running: Launcher) -> None:
-        running.stop()
-        if not worker.ident:
-            worker.start()
+        if not it.ident and all(running.members[other.group].state == "ready" for other in others):
+            running.stop()
+            it.start()
 
-    result = Launcher([job], joined=frozenset({"b"}), address=f"tcp://127.0.0.1:{port}", show=stop).run()
-    worker.join()
+    launcher = launch(OBSERVER, *others, show=stop)
+    for thread in there:
+        thread.start()
+    result = launcher.run()
+    it.join()
     assert told == [Stop()] and result.interrupted and not result.deaths
