@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.reader import ReaderError
 from yaml.scanner import ScannerError
 
 from palpate.engine.faults import Fault, GraphError, Location
@@ -96,10 +97,18 @@ def parse(text: str | bytes, file: str) -> YamlSource:
         what = ", ".join(part for part in (error.context, error.problem) if part)
         raise GraphError([Fault(f"not YAML: column {place.column}: {what}", place=place)]) from None
     except yaml.YAMLError as error:
-        raise GraphError([Fault(f"not YAML: {' '.join(str(error).split())}", place=Location(file))]) from None
+        raise GraphError([_unreadable(text, error, file)]) from None
     except RecursionError:
         raise GraphError([Fault("nested too deeply", place=Location(file))]) from None
     return source
+
+
+def _unreadable(text: str | bytes, error: yaml.YAMLError, file: str) -> Fault:
+    if not (isinstance(text, bytes) and isinstance(error, ReaderError) and error.encoding == "utf-8"):
+        return Fault(f"not YAML: {' '.join(str(error).split())}", place=Location(file))
+    lines = text[: error.position].split(b"\n")
+    place = Location(file, len(lines), len(lines[-1]) + 1)
+    return Fault(f"not UTF-8: byte {error.character:#x} in column {place.column}", "Save the file as UTF-8.", place)
 
 
 def merge(base: YamlSource, top: YamlSource) -> YamlSource:

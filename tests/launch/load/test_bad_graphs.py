@@ -243,6 +243,12 @@ def test_a_bad_graph_is_told_with_culprit_and_cure(whole, old, new, words):
     assert all(str(fault.place) for fault in error.value.faults), told
 
 
+def test_a_graph_in_another_encoding_is_told_with_place_and_cure(whole):
+    whole.write_bytes(b"# f\xc3\xbcr die Niere\n# f\xfcr die Niere\n" + whole.read_bytes())
+    with pytest.raises(GraphError, match=r"whole.yaml:2: not UTF-8: byte 0xfc in column 4\n *Save the file as UTF-8"):
+        load(whole)
+
+
 SETS = {
     "scene.fingr.h0=1": ["--set scene.fingr.h0=1", "no 'fingr.h0'", "Did you mean 'scene.finger'"],
     "scene.finger.h1=1": ["'finger.h1'", "Did you mean 'scene.finger.h0'"],

@@ -33,6 +33,7 @@ def table(
     for plate, record in records.items():
         keep = np.concatenate([[True], np.diff(record.force) > 0])
         data |= {f"{plate}.{n}": getattr(record, n)[keep] for n in ("force", "area", "volumes", "indentation")}
+    to.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(to, allow_pickle=False, **data)
     if as_json:
         tell({"ok": True, "table": str(to), "force": {p: r.force[-1] for p, r in records.items()}})

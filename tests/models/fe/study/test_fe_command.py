@@ -278,7 +278,7 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     material of the other."""
     folder, hard = steel
     soft = json.loads(fingertip("--plate", "silicone", "--depth", "0.05", "--to", str(tmp_path), "--json").stdout)
-    written = tmp_path / "mine.npz"
+    written = tmp_path / "tables" / "mine.npz"
     made = run("fe", "table", str(folder / "steel-20-3-0.2"), soft["folder"], "--to", str(written))
     assert made.exit_code == 0, made.output
     one_line(run("fe", "compare", str(folder / "steel-20-3-0.2"), soft["folder"]), 2, "divisor is 20.0 on steel")
