@@ -35,7 +35,7 @@ class Adaptive(ReducedFE):
     """Longest time between two steps; one that comes later, as it may on the real clock, leaves the finest body in use
     out for a second at least. 0: none."""
 
-    def _made(self) -> FidelityLevels:
+    def _made(self, count: int = 1) -> FidelityLevels:
         basis, given = self._placed()
         assert isinstance(basis, SampledBasis)  # its model is sampled
         levels = self.levels()

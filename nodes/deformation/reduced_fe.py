@@ -15,8 +15,7 @@ from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts
-from palpate.physics.bodies.fidelity_levels import FidelityLevels
-from palpate.physics.bodies.patch import add_pressure
+from palpate.physics.bodies.patch import ReducedBody, add_pressure
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
@@ -27,7 +26,6 @@ BUILT_FROM = (
     "nodule_ratio", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
 """Settings that the basis depends on, or whether it needs dents."""
-LEAST = 1e-9  # [m/N] compliance below which the body counts as rigid
 
 
 class ReducedFE(OnSurface):
@@ -74,9 +72,7 @@ class ReducedFE(OnSurface):
     """From the foot point within which the displacement of every vertex is sent; farther off of fewer and fewer."""
 
     def start(self) -> None:
-        self._body: CondensedBody | CondensedContacts | SampledBody | FidelityLevels = self._made()
-        if self._count > 1:
-            self._contacts(self._count)
+        self._body = self._made(self._count)
         mesh = self.mesh()
         self._areas, self._push = mesh.areas, np.zeros(len(mesh.vertices))
         self._places: list[tuple[Vector3, Vector3]] = []
@@ -91,20 +87,20 @@ class ReducedFE(OnSurface):
     def _contacts(self, count: int) -> None:
         """Be under so many contacts, from rest."""
         self._count = count
-        body = self._made()
-        self._body = CondensedContacts(body, count) if isinstance(body, CondensedBody) and count > 1 else body
+        self._body = self._made(count)
 
     def rests(self, load: list[Load]) -> bool:
         """The sampled body never rests quite: its modes fade for ever."""
-        still = isinstance(self._body, CondensedBody | CondensedContacts) and self._body.still
-        return still and not any(len(l.nodes) for l in load) and self._places == [(l.foot, l.normal) for l in load]
+        still = self._body.still and not any(len(l.nodes) for l in load)
+        return still and self._places == [(l.foot, l.normal) for l in load]
 
-    def _made(self) -> CondensedBody | SampledBody | FidelityLevels:
-        """The body at its place, at rest."""
+    def _made(self, count: int = 1) -> ReducedBody:
+        """The body at its place, at rest, for so many contacts."""
         basis, given = self._placed()
         if isinstance(basis, SampledBasis):
             return SampledBody(basis, *given)
-        return CondensedBody(basis, *given, self.poisson, self.sticks, self._apart())
+        body = CondensedBody(basis, *given, self.poisson, self.sticks, self._apart())
+        return CondensedContacts(body, count) if count > 1 else body
 
     def _apart(self) -> np.ndarray | None:
         """How far [m] (V,) each vertex of the basis is from another modulus; None where there is but one."""
@@ -142,11 +138,8 @@ class ReducedFE(OnSurface):
 
     def _answer(self, load: list[Load], dt: float) -> list[Terminal]:
         """The next step's terminal law of each contact, with the indentation now."""
-        body, pressed = self._body, [(each.nodes, each.forces, each.foot, each.normal) for each in load]
-        if isinstance(body, SampledBody | FidelityLevels):
-            return [Terminal(k, n, 0.0, free, now) for k, n, free, now in body.step_all(pressed, dt)]
-        laws = body.step(pressed, dt) if isinstance(body, CondensedContacts) else [body.step(*pressed[0], dt)]
-        return [Terminal(1.0 / max(compliance, LEAST), 1.0, 0.0, free, now) for compliance, free, now in laws]
+        pressed = [(each.nodes, each.forces, each.foot, each.normal) for each in load]
+        return [Terminal(k, n, 0.0, free, now) for k, n, free, now in self._body.step_all(pressed, dt)]
 
     def step(self, load: list[Load], *, dt: float) -> Surface:
         if len(load) != self._count:
@@ -159,7 +152,6 @@ class ReducedFE(OnSurface):
         slopes = [self._along(place, len(each.nodes)) for place, each in enumerate(load)]
         stiffness, exponent, _, free, now = laws[0]
         (gradient, shape), *_ = slopes
-        coupling = () if isinstance(self._body, CondensedBody) else self._body.coupling
         return Surface(
             nodes=nodes,
             displacement=moved,
@@ -175,31 +167,26 @@ class ReducedFE(OnSurface):
             tangential_gradient=gradient,
             shape_operator=shape,
             stored=self._stored(),
-            **several(laws, coupling, slopes),
+            **several(laws, self._body.coupling, slopes),
         )
 
     def _warn(self) -> None:
         """A note for each cause that was not there before."""
-        body = self._body
-        contacts = body.contacts if isinstance(body, CondensedContacts) else [body]
-        for one in (contact for contact in contacts if isinstance(contact, CondensedBody)):
-            for cause in one.causes():
-                if cause not in self._cautioned:
-                    self._cautioned.add(cause)
-                    self._notes.append(f"{type(self).__name__}: {one.caution(cause)}")
+        for cause in self._body.causes():
+            if cause not in self._cautioned:
+                self._cautioned.add(cause)
+                self._notes.append(f"{type(self).__name__}: {self._body.caution(cause)}")
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:
         """The energy that the condensed organ holds; a sampled one does not tell."""
-        return (self._body.stored(),) if isinstance(self._body, CondensedBody | CondensedContacts) else ()
+        energy = self._body.stored()
+        return () if energy is None else (energy,)
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
     def _displaced(self, feet: list[Vector3]) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m]."""
-        body = self._body
-        if isinstance(body, CondensedBody | CondensedContacts) and body.still:
-            return NO_NODES, NO_VECTORS
-        return body.displaced() if isinstance(body, CondensedContacts) else body.displaced(*feet)
+        return (NO_NODES, NO_VECTORS) if self._body.still else self._body.displaced(*feet)
 
     @part("pressure", "pressure", otherwise=NO_FLOATS)
     def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:
@@ -213,10 +200,7 @@ class ReducedFE(OnSurface):
     @part("slope", "tangential_gradient", "shape_operator", otherwise=((0.0, 0.0, 0.0), ()))
     def _along(self, contact: int, loaded: int) -> tuple[Vector3, Vector]:
         """How the body's energy changes along its surface, which pushes the finger to where it is softer."""
-        body = self._body
-        if not loaded or not isinstance(body, CondensedBody | CondensedContacts):
-            return (0.0, 0.0, 0.0), ()
-        return body.along(contact) if isinstance(body, CondensedContacts) else body.along()
+        return self._body.along(contact) if loaded else ((0.0, 0.0, 0.0), ())
 
     def coarse_mesh(self) -> Mesh:
         """The surface that the organ is condensed to, in its own frame."""

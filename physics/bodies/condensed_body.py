@@ -21,7 +21,7 @@ so the same step stays passive at a place: the load's work is at least the growt
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -46,11 +46,18 @@ from palpate.physics.bodies.condensed_step import (
 )
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.indentation_table import hat_moments
-from palpate.physics.bodies.patch import CoarseBody
+from palpate.physics.bodies.patch import CoarseBody, Law, Pressed
 from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
+
+LEAST = 1e-9  # [m/N] compliance below which the body counts as rigid
+
+
+def straight(compliance: float, free: float, now: float) -> Law:
+    """The terminal law of a compliance [m/N], a free indentation and the indentation now [m]."""
+    return 1.0 / max(compliance, LEAST), 1.0, free, now
 
 
 class CondensedBody(CoarseBody):
@@ -155,6 +162,10 @@ class CondensedBody(CoarseBody):
         compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
+    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
+        """The law of its one contact, see `step`."""
+        return [straight(*self.step(*loads[0], dt))]
+
     def take(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> None:
         """The first part of a step, only of what `another` returned: what the linear body does under this load."""
         patch, pull, share = self._patch(nodes, forces, foot, normal)
@@ -205,7 +216,7 @@ class CondensedBody(CoarseBody):
         radius = float(self._numbers[WIDE])
         return float(radius * radius / own * held(self._curve[0], self._curve[1], now / radius))
 
-    def along(self) -> tuple[tuple[float, float, float], tuple[float, ...]]:
+    def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
         radius, compliance, force = self._numbers[[WIDE, OWN, TOTAL]].tolist()
@@ -216,9 +227,9 @@ class CondensedBody(CoarseBody):
         x, y, z = self._slope.tolist()
         return (x, y, z), tuple(self._turning.ravel().tolist())
 
-    def displaced(self, foot: tuple) -> tuple[np.ndarray, np.ndarray]:
+    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot point and fewer farther off, and their displacements [m] (k,3)."""
-        self._feet[0] = foot
+        self._feet[:] = feet
         count = self._displaced(
             self._model, self._feet, self._reach, self._told, self._fields, self._marks, self._count, self._touched,
             self._normal, self._numbers, self._field, self._nodes, self._moved,

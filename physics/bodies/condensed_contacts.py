@@ -26,10 +26,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_body import CondensedBody, straight
 from palpate.physics.bodies.condensed_field import add_dent, add_field
 from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
-from palpate.physics.bodies.patch import Pressed, carried
+from palpate.physics.bodies.patch import Law, Pressed, ReducedBody, carried
 from palpate.physics.bodies.true_patch import dent_depth
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
@@ -51,7 +51,7 @@ def joint_profile() -> np.ndarray:
     return dent_depth(away).mean(axis=2) @ weight
 
 
-class CondensedContacts:
+class CondensedContacts(ReducedBody):
     """The state of a condensed organ under several contacts.
 
     body   of the organ, at rest
@@ -59,8 +59,7 @@ class CondensedContacts:
     """
 
     def __init__(self, body: CondensedBody, count: int) -> None:
-        self.coupling = np.eye(count)
-        """[1] (c,c) O, see `physics.contact.joint`."""
+        self._coupling = np.eye(count)
         vertices = len(body.basis.vertices)
         self._profile = joint_profile()
         self._fields = np.zeros((count, FIELDS, vertices, 3))
@@ -90,11 +89,20 @@ class CondensedContacts:
         scale = np.sqrt(np.maximum(compliance, 1e-300) / (take * own))
         joined = take * self._cross * np.outer(scale, scale)
         free += compliance * others - joined @ force
-        self.coupling = joined / np.maximum(compliance, 1e-300)[:, None]
-        np.fill_diagonal(self.coupling, 1.0)
+        self._coupling = joined / np.maximum(compliance, 1e-300)[:, None]
+        np.fill_diagonal(self._coupling, 1.0)
         self._slope *= force[:, None]
         self._held = (1.0 - take) * self._held + take * force
         return list(zip(compliance.tolist(), free.tolist(), now.tolist(), strict=True))
+
+    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
+        """The law of each contact, see `step`."""
+        return [straight(*law) for law in self.step(loads, dt)]
+
+    @property
+    def coupling(self) -> np.ndarray:
+        """[1] (c,c) O, see `physics.contact.joint`."""
+        return self._coupling
 
     @property
     def extrapolation(self) -> float:
@@ -106,6 +114,14 @@ class CondensedContacts:
         """Whether none holds a load any more."""
         return all(contact.still for contact in self.contacts)
 
+    def causes(self) -> list[str]:
+        """Those of all contacts."""
+        return list(dict.fromkeys(cause for contact in self.contacts for cause in contact.causes()))
+
+    def caution(self, cause: str) -> str:
+        """Of the first contact that it is a cause of."""
+        return next(contact for contact in self.contacts if cause in contact.causes()).caution(cause)
+
     def stored(self) -> float:
         """Energy [J] that is held under the patches: of that at each one's indentation the share that its own force has
         in what presses there. For a linear body that is f.C f/2."""
@@ -114,14 +130,15 @@ class CondensedContacts:
         share = np.divide(self._held, acting, out=np.zeros_like(acting), where=acting > 0.0)
         return float(sum(part * c.stored() for part, c in zip(share.tolist(), self.contacts, strict=True)))
 
-    def along(self, contact: int) -> tuple[tuple[float, float, float], tuple[float, ...]]:
+    def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """As `CondensedBody.along`, for one of the contacts."""
         gradient, shape = self.contacts[contact].along()
         x, y, z = (np.array(gradient) + self._slope[contact]).tolist()
         return (x, y, z), shape
 
-    def displaced(self) -> tuple[np.ndarray, np.ndarray]:
+    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh near the foot points and fewer farther off, and their displacements [m] (k,3)."""
+        self._feet[:] = feet
         first, u = self.contacts[0], self.contacts[0]._field
         model = first._model
         u[:] = 0.0

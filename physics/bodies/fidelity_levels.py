@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.physics.bodies.fidelity_bases import FidelityBases
-from palpate.physics.bodies.patch import Pressed
+from palpate.physics.bodies.patch import Law, Pressed, ReducedBody
 from palpate.physics.bodies.sampled.contacts import coupling_of, laws_of
 from palpate.physics.bodies.sampled.solve import TOLERANCE
 from palpate.physics.bodies.sampled_body import SampledBody
@@ -44,8 +44,6 @@ LEFT = 2.0
 
 PROBATION = 1.0
 """[s] without a late step after which one level more is allowed."""
-
-Law = tuple[float, float, float, float]
 
 
 class Deadline:
@@ -74,7 +72,7 @@ class Deadline:
             self._kept = 0.0
 
 
-class FidelityLevels:
+class FidelityLevels(ReducedBody):
     """Bodies of one basis, the cheapest first, that stand in for one another.
 
     bodies  of the levels, and of the whole basis
@@ -102,8 +100,7 @@ class FidelityLevels:
         """Estimated relative error of the indentation in the last step."""
         self.evaluations = np.zeros(len(self.bodies), dtype=np.int64)
         """Evaluations of the energy by each in the last step."""
-        self.coupling = np.eye(1)
-        """As of `SampledBody`."""
+        self._coupling = np.eye(1)
         self.estimates = np.zeros(len(bodies))
         """Estimated relative error of each level in the last step."""
 
@@ -126,6 +123,11 @@ class FidelityLevels:
     def settled(self) -> bool:
         """Whether the one in use reached equilibrium."""
         return self.body.settled
+
+    @property
+    def coupling(self) -> np.ndarray:
+        """As of `SampledBody`."""
+        return self._coupling
 
     @property
     def extrapolation(self) -> float:
@@ -163,7 +165,7 @@ class FidelityLevels:
         self._told = min(self._told + 1, BLEND)
         w = self.weight
         self.estimated_error = w * self._estimate(self._at, laws, measures, pressed)
-        self.coupling = self.body.coupling
+        self._coupling = self.body.coupling
         if w == 1.0:
             return laws
         self.estimated_error += (1.0 - w) * self._estimate(self._before, before, measures, pressed)
@@ -174,7 +176,7 @@ class FidelityLevels:
         a, b = self.bodies[self._before].contacts, self.body.contacts
         assert a is not None and b is not None  # both were stepped under several contacts
         compliance = (1.0 - w) * a.compliance + w * b.compliance
-        self.coupling = coupling_of(compliance)
+        self._coupling = coupling_of(compliance)
         return laws_of(compliance, (1.0 - w) * a.depths + w * b.depths)
 
     def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:

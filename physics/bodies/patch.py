@@ -1,4 +1,6 @@
-"""Interpolation between the coarse surface of a reduced body and the finer mesh that is touched and drawn."""
+"""What reduced bodies share: what they answer, and the coarse surface below the mesh that is touched and drawn."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -10,6 +12,52 @@ from palpate.physics.kernel import kernel
 
 Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
+Law = tuple[float, float, float, float]
+"""K [N/m^n], n [1] and s_free [m] of the next step's terminal law, and the indentation now [m]."""
+
+
+class ReducedBody:
+    """What a body answers that `deformation.ReducedFE` steps; the rest is what one answers that cannot tell."""
+
+    @property
+    def coupling(self) -> np.ndarray:
+        """[1] (c,c) O of its contacts, see `physics.contact.joint`."""
+        return np.eye(1)
+
+    @property
+    def extrapolation(self) -> float:
+        """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit."""
+        return 0.0
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing of an earlier load is left."""
+        return False
+
+    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
+        """One step of dt > 0 [s] under the loads of all contacts: the law of each."""
+        raise NotImplementedError
+
+    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices of the mesh, all near the foot points of the last step and fewer farther off, and their
+        displacements [m] (k,3)."""
+        raise NotImplementedError
+
+    def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
+        """What the energy gains along the surface under a contact [N] (3), and how the normal turns there [1/m] (9)."""
+        return (0.0, 0.0, 0.0), ()
+
+    def stored(self) -> float | None:
+        """Energy [J] that it holds; None where it cannot tell."""
+        return None
+
+    def causes(self) -> list[str]:
+        """Why the last step was outside of what the body can tell."""
+        return []
+
+    def caution(self, cause: str) -> str:
+        """What a cause means, and the error to expect."""
+        raise NotImplementedError
 
 
 def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -24,7 +72,7 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
     return corners, weights / weights.sum(axis=1, keepdims=True)
 
 
-class CoarseBody:
+class CoarseBody(ReducedBody):
     """What bodies share whose displacement is known on a coarse surface only.
 
     coarse  that surface;  mesh  the one that loads and displacements are given on, in the same frame

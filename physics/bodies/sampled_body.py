@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
-from palpate.physics.bodies.patch import CoarseBody, Pressed, carried
+from palpate.physics.bodies.patch import CoarseBody, Law, Pressed, carried
 from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch
 from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
@@ -151,9 +151,7 @@ class SampledBody(CoarseBody):
         self.settled = True
         """Whether the last step reached equilibrium; what it left over is left to the next."""
 
-    def step(
-        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
-    ) -> tuple[float, float, float, float]:
+    def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
         """One step of dt > 0 [s] under nodal forces [N] (k,3): K, n and s_free of the next step's terminal law, and the
         indentation now [m].
 
@@ -168,7 +166,7 @@ class SampledBody(CoarseBody):
         stiffness, exponent, free, now = self._numbers[:GAMMA].tolist()
         return stiffness, exponent, free, now
 
-    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float, float]]:
+    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
         """One step of dt > 0 [s] under the loads of all contacts: of each what `step` gives, with n = 1 where there are
         several; see `sampled.contacts`."""
         if len(loads) == 1:

@@ -142,7 +142,7 @@ def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
 def test_the_surface_that_is_sent_is_that_of_all_contacts():
     body = slab()
     many, depths = pressed(body, [(-0.010, 0.0), (0.010, 0.0)], [0.5, 0.3])
-    nodes, moved = many.displaced()
+    nodes, moved = many.displaced(*many._feet)
     field = np.zeros((len(body.mesh.vertices), 3))
     field[nodes] = moved
     for place, force, depth in ((-0.010, 0.5, depths[0]), (0.010, 0.3, depths[1])):
