@@ -10,6 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError
@@ -19,7 +20,7 @@ from typing import Any
 from palpate.physics.errors import ArgumentError, PalpateError, RunError
 from palpate.physics.extras import missing
 from palpate.studies.sweeps.point import Computed, Point, Task
-from palpate.studies.sweeps.runner import ENOUGH, work
+from palpate.studies.sweeps.runner import ENOUGH, local_cache, work
 
 try:
     import distributed
@@ -50,6 +51,7 @@ def local(workers: int, log: Path) -> Iterator[tuple[distributed.Client, Callabl
     with (
         distributed.LocalCluster(n_workers=0, dashboard_address="127.0.0.1:0", silence_logs=50) as cluster,
         distributed.Client(cluster) as client,
+        tempfile.TemporaryDirectory(prefix="palpate-study-", ignore_cleanup_errors=True) as scratch,
         open(log, "wb") as printed,
     ):
         options = ["--nworkers", str(workers), "--nthreads", "1", "--no-dashboard", "--death-timeout", "60"]
@@ -59,7 +61,12 @@ def local(workers: int, log: Path) -> Iterator[tuple[distributed.Client, Callabl
             stdout=printed,
             stderr=subprocess.STDOUT,
             process_group=0,  # Ctrl-C reaches the study alone
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+                "TMPDIR": scratch,  # what they leave there when they are killed goes with it
+                **({"NUMBA_CACHE_DIR": cache} if (cache := local_cache()) else {}),
+            },
         )
 
         def alive() -> None:

@@ -119,7 +119,9 @@ def test_a_study_that_ships_loads(name):
 @pytest.mark.long
 def test_ctrl_c_ends_with_its_code_and_keeps_what_is_done(mine, tmp_path):
     file = mine(STUDY.replace('ball.what: ["", fail]', "ball.pause: {linspace: [0.2, 0.3, 20]}"))
-    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "support")}
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "support"), "TMPDIR": str(temporary)}
     command = [
         sys.executable,
         "-m",
@@ -140,3 +142,4 @@ def test_ctrl_c_ends_with_its_code_and_keeps_what_is_done(mine, tmp_path):
     _, said = process.communicate(timeout=120)
     stored = len(Store(tmp_path / "out", write=False).rows)
     assert process.returncode == 130 and f"stopped; {stored} of 40 points are stored" in said and stored >= 4
+    assert not list(temporary.glob("palpate-*"))
