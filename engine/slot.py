@@ -2,6 +2,7 @@
 
 import inspect
 import math
+import signal
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from time import perf_counter_ns
@@ -25,9 +26,14 @@ _set = msgspec.structs.force_setattr
 
 
 class NodeError(PalpateError):
-    """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run."""
+    """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run.
+
+    KeyboardInterrupt: it is the cause, and no run has taken Ctrl-C over, so that it is the user's and not the node's.
+    """
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
+        if isinstance(cause, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+            raise cause
         super().__init__(f"node {node!r}, {where}: {cause}")
         self.node, self.where, self.cause = node, where, cause
 

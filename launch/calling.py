@@ -60,6 +60,7 @@ def run(
     if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
     outcome = execute(launch)
+    outcome.signalled()
     if not outcome.result.ok:
         kept = f" What was recorded before is in {outcome.recording}."
         raise RunError("; ".join(map(str, outcome.result.deaths)) + kept)

@@ -125,9 +125,9 @@ def touched(launch: LaunchFile, file: Path) -> Recording:
             f"simulated one: --set {devices[0]}.use=device.Simulated, or the graph kidney"
         )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))
-    if not outcome.result.ok or outcome.recording is None:
-        why = outcome.result.deaths[0] if outcome.result.deaths else "it was interrupted"
-        raise ArgumentError(f"{name}: the run of the touch failed: {why}")
+    outcome.signalled()
+    if not outcome.result.ok:
+        raise ArgumentError(f"{name}: the run of the touch failed: {outcome.result.deaths[0]}")
     return Recording(file)
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import resource
+import signal
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -54,6 +55,11 @@ class RunOutcome:
     def ok(self) -> bool:
         """Whether every node lived to the end, and the recording is whole: a disk may have become full."""
         return self.result.ok and (self.recording is None or not self.result.ticks or is_complete(self.recording))
+
+    def signalled(self) -> None:
+        """Raise the signal that ended the run once more, for whoever handles it here: Ctrl-C is a KeyboardInterrupt."""
+        if self.result.signal:
+            signal.raise_signal(self.result.signal)
 
 
 @dataclass(frozen=True)

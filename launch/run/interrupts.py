@@ -2,19 +2,19 @@
 
 import contextlib
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 
 @contextlib.contextmanager
-def interrupts(handler: Callable[[int], None]) -> Iterator[None]:
+def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) -> Iterator[None]:
     """Call `handler` with the number of each such signal while the block runs. Outside the main thread signals are the
     caller's affair: nothing is changed there."""
     before = {}
     try:
-        for number in ENDING:
+        for number in numbers:
             with contextlib.suppress(ValueError):
                 if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
                     before[number] = signal.signal(number, lambda number, _: handler(number))

@@ -1,22 +1,40 @@
 """From folders of commands to the command line, and how their errors are told: in red, without traceback."""
 
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
 from types import ModuleType
 from typing import Any
 
 import typer
 from typer.core import TyperGroup
 
+from palpate.launch.run.interrupts import interrupts
 from palpate.launch.terminal.output import say, tell
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.registry import modules
 
+AGAIN = 0.1  # [s] after which a dropped interrupt comes again
+
 
 class Verbs(TyperGroup):
-    """The command group: errors are printed in red on standard error, without traceback unless `--debug` is given."""
+    """The command group: errors are printed in red on standard error, without traceback unless `--debug` is given.
+
+    SIGTERM and a closed terminal end a command as Ctrl-C does: by KeyboardInterrupt, so that nothing stays behind. One
+    line says so, with the notes that the command has added; the exit code is 128 plus the signal's number.
+    """
 
     def invoke(self, ctx: Any) -> Any:
+        numbers = [int(signal.SIGINT)]
         try:
-            return super().invoke(ctx)
+            with _interruptible(numbers):
+                return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            say("; ".join(["stopped", *getattr(error, "__notes__", ())]), "red", err=True)
+            raise typer.Exit(128 + numbers[-1]) from None
         except Exception as error:
             # A palpate error says what a user needs; click's own errors, and an end that was asked for, go on.
             known = isinstance(error, PalpateError)
@@ -31,6 +49,30 @@ class Verbs(TyperGroup):
                 if reported.hint:
                     say(reported.hint, "dim", err=True)
             raise typer.Exit(reported.exit_code) from None
+
+
+@contextlib.contextmanager
+def _interruptible(numbers: list[int]) -> Iterator[None]:
+    """Raise KeyboardInterrupt for these signals, too, whose numbers are added to the list; and once more where it came
+    into a callback, in which Python drops it."""
+    before = sys.unraisablehook
+
+    def end(number: int) -> None:
+        numbers.append(number)
+        raise KeyboardInterrupt
+
+    def dropped(error: Any) -> None:
+        if error.exc_type is KeyboardInterrupt:
+            threading.Timer(AGAIN, os.kill, (os.getpid(), signal.SIGINT)).start()
+        else:
+            before(error)
+
+    sys.unraisablehook = dropped
+    try:
+        with interrupts(end, (signal.SIGTERM, signal.SIGHUP)):
+            yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _of_extra(error: Exception) -> PalpateError | None:

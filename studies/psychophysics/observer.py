@@ -110,8 +110,7 @@ class SimulatedObserver:
         if key not in self._known:
             duration = self.settings.duration
             outcome = execute(launch.but(place=FUSED, clock="simulated", duration=duration))
-            if outcome.result.interrupted:
-                raise KeyboardInterrupt
+            outcome.signalled()
             if not outcome.ok:
                 raise RunError("; ".join(map(str, outcome.result.deaths)) or f"{launch.record} is not whole")
             self._known[key] = launch.record, self._feel(launch.record)

@@ -42,6 +42,7 @@ def record_indentation(
     file = sessions.with_name(f"{sessions.stem}-{subject}-{session}.mcap")
     launch = find(graph).but(overrides=sets or (), duration=duration, record=file, clock="real")
     outcome = execute(launch, console=None if as_json else console())
+    outcome.signalled()
     if not outcome.result.ok:
         for death in outcome.result.deaths:
             fault(death, console(stderr=True, soft_wrap=True))

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.launch.terminal.options import INTERRUPTED, Json
+from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, say, tell
 from palpate.physics.errors import TROUBLE
 
@@ -50,10 +50,10 @@ def reduce(
     try:
         with Stages(console(stderr=True), as_json) as stages:
             missed = basis.make(node, path, stages, commit())
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:
         again = "resumes after the touches already computed" if node.surface == "fingertip" else "starts again"
-        typer.secho(f"stopped: nothing is stored; the same command {again}", fg="red", err=True)
-        raise typer.Exit(INTERRUPTED) from None
+        error.add_note(f"nothing is stored; the same command {again}")
+        raise
     _say(as_json, path, time.perf_counter() - started, missed)
     if missed.get("worst", 0.0) > WORST:
         finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.launch.terminal.options import INTERRUPTED, Json
+from palpate.launch.terminal.options import Json
 from palpate.launch.terminal.output import console, say, table, tell
 from palpate.launch.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
@@ -75,11 +75,11 @@ def study(
 
         try:
             found.run(folder, client, workers=workers, retry=retry, yes=yes, told=told, done=each)
-        except KeyboardInterrupt:
-            told(
-                f"stopped; {len(found) - left} of {len(found)} points are stored in {folder}, the same command goes on"
+        except KeyboardInterrupt as error:
+            error.add_note(
+                f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command goes on"
             )
-            raise typer.Exit(INTERRUPTED) from None
+            raise
     _print(found, folder, as_json)
     if any(row["error"] for row in found.rows()):
         raise typer.Exit(TROUBLE)

@@ -31,6 +31,7 @@ def serve(start: reports.Start, alone: bool = False) -> int:
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     faulthandler.enable(file=2, all_threads=False)  # a crash in compiled code tells where
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
     os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.terminal.options import INTERRUPTED, Json
-from palpate.launch.terminal.output import console, drawn, say, table, tell
+from palpate.launch.terminal.options import Json
+from palpate.launch.terminal.output import console, drawn, table, tell
 
 if TYPE_CHECKING:
     from palpate.models.fe.study.press_record import PressRun, Record
@@ -97,10 +97,10 @@ def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record
 
         try:
             return record(pressing, end, run, tick)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as error:
             at = f"{1e3 * pressing.solver.load:.2f} mm"
-            say(f"stopped at {at}; the same command continues from there ({run.folder})", "red", err=True)
-            raise typer.Exit(INTERRUPTED) from None
+            error.add_note(f"pressed to {at}; the same command continues from there ({run.folder})")
+            raise
 
 
 def _print(plate: str, material: str, record: Record, paper: bool) -> None:

@@ -1,0 +1,100 @@
+"""Ctrl-C, SIGTERM and a closed terminal: a command ends at once, with one line, and leaves nothing half done."""
+
+import shutil
+import signal
+import sys
+import time
+import weakref
+from pathlib import Path
+
+import pytest
+import typer
+from graphs_for_runs import write_graph
+from nodes_for_runs import Drag
+from typer.testing import CliRunner
+
+import palpate
+from palpate.launch.__main__ import app
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.execute import execute
+from palpate.launch.terminal.group import Verbs
+from palpate.records.reader import Recording
+from palpate.studies.search import touched
+
+
+def ctrl_c(*_: object) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def recorded(folder: Path, only: str | None = None) -> Path:
+    file = folder / "run.mcap"
+    assert execute(LaunchFile(graph=write_graph(folder), duration=0.3, record=file, place="fused", only=only)).ok
+    return file
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    return recorded(tmp_path_factory.mktemp("touch"))
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+def test_a_signal_ends_a_command_with_one_line_and_its_code(number, code):
+    program, left = typer.Typer(cls=Verbs), []
+
+    @program.command()
+    def work() -> None:
+        try:
+            signal.raise_signal(number)
+        except KeyboardInterrupt as error:
+            error.add_note("3 of 4 points are stored")
+            raise
+        finally:
+            left.append("cleaned up")
+
+    program.command()(lambda: None)
+    before = signal.getsignal(number), sys.unraisablehook
+    done = CliRunner().invoke(program, ["work"])
+    assert (done.exit_code, done.stderr, left) == (code, "stopped; 3 of 4 points are stored\n", ["cleaned up"])
+    assert (signal.getsignal(number), sys.unraisablehook) == before
+
+
+def test_ctrl_c_in_a_callback_where_python_drops_it_ends_the_command_too():
+    program = typer.Typer(cls=Verbs)
+
+    @program.command()
+    def work() -> None:
+        watcher = weakref.ref(type("Short", (), {})(), ctrl_c)
+        time.sleep(20.0)
+        del watcher
+
+    program.command()(lambda: None)
+    begun = time.monotonic()
+    assert CliRunner().invoke(program, ["work"]).exit_code == 130
+    assert time.monotonic() - begun < 10.0
+
+
+@pytest.mark.parametrize(
+    "words", [["replay"], ["replay", "--check"], ["compare", "--set", "drag.every=2"]], ids=" ".join
+)
+def test_ctrl_c_while_a_node_computes_a_touch_again_is_no_fault_of_the_node(file, words, monkeypatch):
+    monkeypatch.setattr(Drag, "start", ctrl_c)
+    done = CliRunner().invoke(app, [*words, str(file)])
+    assert (done.exit_code, done.stderr.strip()) == (130, "stopped")
+
+
+def test_ctrl_c_ends_the_replay_that_is_repeated_until_then(file, monkeypatch):
+    monkeypatch.setattr(Drag, "start", ctrl_c)
+    assert CliRunner().invoke(app, ["replay", str(file), "--loop"]).exit_code == 0
+
+
+def test_a_run_hands_ctrl_c_to_its_caller_and_the_next_one_works(tmp_path, monkeypatch):
+    launch = LaunchFile(graph=write_graph(tmp_path), duration=0.1)
+    for call in (lambda to: palpate.run(launch.graph, record=to, duration=0.1), lambda to: touched(launch, to)):
+        file = tmp_path / "out" / "run.mcap"
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(Drag, "start", ctrl_c)
+            call(file)
+        assert not file.parent.exists()
+        call(file)
+        assert Recording(file).complete
+        shutil.rmtree(file.parent)
