@@ -7,7 +7,6 @@ which say it.
 """
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -20,6 +19,7 @@ from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
 from palpate.messages import fields
 from palpate.nodes.logger.mcap import PROFILE
+from palpate.physics.archive import replacing
 from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
 from palpate.records.format.head import head_of, is_head
 from palpate.records.format.mcap_writer import McapWriter
@@ -199,8 +199,7 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
     recording = Stored(path)
     target = _target(path, out, "recovered")
     counts = dict.fromkeys(recording.streams, 0)
-    part = target.with_name(target.name + ".part")
-    with open(part, "wb") as file:
+    with replacing(target) as part, open(part, "wb") as file:
         writer, channels = begin_copy(recording, file, {**recording.about, "recovered_from": str(path)})
         for name, tick, time, payload in recording.raw():
             writer.add_message(channels[name], tick, time, payload)
@@ -208,7 +207,6 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
         if recording.counts and recording.complete:  # what was lost on the way is only known for a whole run
             write_json(writer, "palpate.counts", recording.counts)
         writer.finish()
-    os.replace(part, target)
     return target, counts
 
 
@@ -222,10 +220,8 @@ def recover_full(path: Path, out: Path | None = None) -> tuple[Path, dict[str, i
     if not Stored(path).as_whole():
         raise RecordingError(f"{path} holds all messages; `palpate recover` without --full mends one that is cut off")
     target = _target(path, out, "full")
-    part = target.with_name(target.name + ".part")
-    with open(part, "wb") as file:
+    with replacing(target) as part, open(part, "wb") as file:
         report, counts = fill(path, file)
-    os.replace(part, target)
     return target, counts, report
 
 
@@ -233,5 +229,4 @@ def _target(path: Path, out: Path | None, what: str) -> Path:
     target = out or path.with_name(f"{path.stem}-{what}{path.suffix}")
     if target.exists():
         raise RecordingError(f"{target} exists; name another file with --out")
-    target.parent.mkdir(parents=True, exist_ok=True)
     return target

@@ -22,12 +22,13 @@ class Recording(Stored):
 
     def compute(self, tolerance: float | None = None) -> Report:
         """Compute what a recording of sources does not hold; how its checks came out. RecordingError: it cannot be."""
-        self._filled = tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".mcap")  # noqa: SIM115 - as long as this
+        filled = tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".mcap")  # noqa: SIM115 - as long as this
         try:
-            report, _ = fill(self.path, self._filled, tolerance)
+            report, _ = fill(self.path, filled, tolerance)
         except OSError as error:
             raise RecordingError(f"{self.path}: computing its messages takes room in {tempfile.gettempdir()}: "
                                  f"{error.strerror}; TMPDIR names another folder") from None  # fmt: skip
+        self._filled = filled  # not before it is whole: whoever was interrupted begins again
         return report
 
     def file(self) -> Path:

@@ -2,7 +2,6 @@
 scene for its 3-D panel."""
 
 import json
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from palpate.messages import Contact, Force, Message, Pose, Surface, fields
 from palpate.messages.base import HEADER
+from palpate.physics.archive import replacing
 from palpate.records.export import scene
 from palpate.records.export.palette import FINGER, NORMAL
 from palpate.records.export.shape import FULL, LENGTH, Pace, Tell, colours, displaced, shapes
@@ -35,12 +35,10 @@ def write_foxglove(
     """
     if target.exists() and target.samefile(recording.path):
         raise RecordingError(f"{target} is the recording itself; name another file with --out")
-    target.parent.mkdir(parents=True, exist_ok=True)
-    part = target.with_name(target.name + ".part")
     kinds = {name: recording.streams[name].type for name in streams}
     drawn = _Scene(recording, kinds, every, tell)
     seen = dict.fromkeys(streams, 0)
-    with open(part, "wb") as file:
+    with replacing(target) as part, open(part, "wb") as file:
         out = _Channels(Writer(file, chunk_size=_CHUNK, compression=CompressionType.ZSTD))
         for name, kind in kinds.items():
             out.open(f"/{name}", f"palpate.{kind.__name__}", json_schema(kind))
@@ -58,7 +56,6 @@ def write_foxglove(
                 out.open(topic, kind_of["title"], kind_of)
                 out.add(topic, tick, time, body)
         out.writer.finish()
-    os.replace(part, target)
     return [target]
 
 

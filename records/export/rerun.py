@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from palpate.messages import Contact, Force, Surface, fields
+from palpate.physics.archive import replacing
 from palpate.physics.extras import missing
 from palpate.records.export.shape import LENGTH, Pace, Tell, colours, displaced, shapes
 from palpate.records.reader import Recording
@@ -28,17 +29,17 @@ def write_rerun(
     except ImportError as error:
         raise RecordingError(missing("Rerun", error.name, "rerun")) from None
     out = rerun.RecordingStream("palpate", recording_id=recording.path.stem)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    out.save(str(path))
-    for name, shape in shapes(recording, streams, tell).items():
-        _surface(rerun, out, recording, name, every, shape)
-    foot = next((n for n in streams if recording.streams[n].type is Contact), None)
-    for name in streams:
-        _numbers(rerun, out, recording, name, every)
-        if foot is not None and recording.streams[name].type in (Contact, Force):
-            _arrows(rerun, out, recording, name, foot, every)
-    out.flush()
-    out.disconnect()
+    with replacing(path) as part:
+        out.save(str(part))
+        for name, shape in shapes(recording, streams, tell).items():
+            _surface(rerun, out, recording, name, every, shape)
+        foot = next((n for n in streams if recording.streams[n].type is Contact), None)
+        for name in streams:
+            _numbers(rerun, out, recording, name, every)
+            if foot is not None and recording.streams[name].type in (Contact, Force):
+                _arrows(rerun, out, recording, name, foot, every)
+        out.flush()
+        out.disconnect()
     return [path]
 
 

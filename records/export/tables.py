@@ -3,7 +3,6 @@
 import csv
 import json
 import math
-import os
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice, zip_longest
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from palpate.messages import Field, Message, fields
 from palpate.messages.fields import Shape
+from palpate.physics.archive import replacing
 from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -34,7 +34,7 @@ def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], ever
             tables[f"{name}-{length}"] = titles, layout.elements(arrays)
         for table, (titles, rows) in tables.items():
             paths.append(folder / f"{table}.csv")
-            with open(paths[-1], "w", newline="") as file:
+            with replacing(paths[-1]) as part, open(part, "w", newline="") as file:
                 csv.writer(file).writerows(chain([titles], rows))
     return paths
 
@@ -138,15 +138,13 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
             *(pa.field(f.label, _nested(pa, f), metadata={"unit": f.unit}) for f in arrays),
         ], metadata=metadata)  # fmt: skip
         path = folder / f"{name}.parquet"
-        part = path.with_name(path.name + ".part")
-        with pq.ParquetWriter(part, schema, compression="zstd") as writer:
+        with replacing(path) as part, pq.ParquetWriter(part, schema, compression="zstd") as writer:
             for rows in batched(layout.messages(), ROWS):
                 cells = [[*layout.cells(m), *(getattr(m, f.name).tolist() for f in arrays)] for m in rows]
                 columns = zip(*cells, strict=True)
                 writer.write_table(
                     pa.table([pa.array(x, type=f.type) for x, f in zip(columns, schema, strict=True)], schema=schema)
                 )
-        os.replace(part, path)
         paths.append(path)
     return paths
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.messages import Surface
+from palpate.physics.archive import replacing
 from palpate.physics.extras import missing
 from palpate.physics.writable import check_file
 from palpate.records.reader import Recording
@@ -108,9 +109,9 @@ def film(
     by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
-    target.parent.mkdir(parents=True, exist_ok=True)
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
-    write(target, _pixels(_frames(shown.mesh, [by_time[row] for row in rows], of)), rate)
+    with replacing(target) as part:
+        write(part, _pixels(_frames(shown.mesh, [by_time[row] for row in rows], of)), rate)
     return count
 
 

@@ -18,6 +18,7 @@ from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
 from palpate.launch.terminal.group import Verbs
+from palpate.records.export import export
 from palpate.records.reader import Recording
 from palpate.studies.search import touched
 
@@ -82,6 +83,18 @@ def test_ctrl_c_while_a_node_computes_a_touch_again_is_no_fault_of_the_node(file
     assert (done.exit_code, done.stderr.strip()) == (130, "stopped")
 
 
+def test_messages_of_sources_whose_computing_was_stopped_leave_no_file_and_are_computed_anew(tmp_path, monkeypatch):
+    file = recorded(tmp_path, "sources")
+    before, recording = set(tmp_path.iterdir()), Recording(file)
+    with monkeypatch.context() as patch:
+        patch.setattr(Drag, "start", ctrl_c)
+        with pytest.raises(KeyboardInterrupt):
+            recording.file()
+        assert CliRunner().invoke(app, ["recover", "--full", str(file)]).exit_code == 130
+    assert set(tmp_path.iterdir()) == before
+    assert len(list(recording.messages("sum"))) == 300
+
+
 def test_ctrl_c_ends_the_replay_that_is_repeated_until_then(file, monkeypatch):
     monkeypatch.setattr(Drag, "start", ctrl_c)
     assert CliRunner().invoke(app, ["replay", str(file), "--loop"]).exit_code == 0
@@ -98,3 +111,20 @@ def test_a_run_hands_ctrl_c_to_its_caller_and_the_next_one_works(tmp_path, monke
         call(file)
         assert Recording(file).complete
         shutil.rmtree(file.parent)
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet", "foxglove", "rerun"])
+def test_an_export_that_is_stopped_leaves_no_file(file, to, tmp_path, monkeypatch):
+    if to == "rerun":
+        pytest.importorskip("rerun")
+    decoded = Recording.decoded
+
+    def until_a_file_is_begun(*given):
+        if any(path.is_file() for path in tmp_path.rglob("*")):
+            ctrl_c()
+        return decoded(*given)
+
+    monkeypatch.setattr(Recording, "decoded", until_a_file_is_begun)
+    with pytest.raises(KeyboardInterrupt):
+        export(Recording(file), to, tmp_path / "out")
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
