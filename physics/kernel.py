@@ -3,7 +3,9 @@
 import contextlib
 import fcntl
 import gc
-from collections.abc import Callable
+import signal
+import threading
+from collections.abc import Callable, Iterator
 from functools import cached_property, partial
 from pathlib import Path
 from types import FunctionType
@@ -11,6 +13,7 @@ from typing import Any
 
 import numba
 from numba import types
+from numba.core.caching import FunctionCache
 from numba.core.registry import CPUDispatcher
 
 
@@ -23,7 +26,7 @@ class Kept(CPUDispatcher):
 
     def __init__(self, py_func: Any, targetoptions: Any = None, **more: Any) -> None:
         super().__init__(py_func, targetoptions=targetoptions, **more)
-        self.enable_caching()
+        self._cache = _Cache(py_func)
 
     def compile(self, sig: Any) -> Any:
         """Its code for these types, compiled or loaded."""
@@ -37,6 +40,33 @@ class Kept(CPUDispatcher):
                 file = stack.enter_context((folder / f"{self.py_func.__qualname__}.lock").open("w"))
                 fcntl.lockf(file, fcntl.LOCK_EX)
             return super().compile(sig)
+
+
+class _Cache(FunctionCache):
+    """Code on disk. LLVM asks Python for it in a callback, in which the exception of Ctrl-C would be dropped, and then
+    runs code that is not there: signals wait until a function is loaded, some milliseconds."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        with _signals_later():
+            return super().load_overload(sig, target_context)
+
+
+@contextlib.contextmanager
+def _signals_later() -> Iterator[None]:
+    """Call Python's handlers of signals by which users end a program when the block is over."""
+    came: list[int] = []
+    here = threading.current_thread() is threading.main_thread()
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if here}
+    handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
+    for number in handlers:
+        signal.signal(number, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for late in came:
+            signal.raise_signal(late)
 
 
 class Kernel(Kept):

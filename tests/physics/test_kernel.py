@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -9,8 +10,10 @@ import time
 import numba
 import numpy as np
 import pytest
+from numba.core.caching import CompileResultCacheImpl
 
 from palpate.launch.run.work.compiling import compiling
+from palpate.physics.kernel import kernel
 
 SOURCE = """
 import numpy as np
@@ -72,6 +75,23 @@ def test_constants_that_a_kernel_is_called_with_make_no_code_of_their_own(folder
     assert kernels.twice_and_half(3.0) == 6.0 + 12.0 + 1.5
     assert len(kernels.times.bare.signatures) == 1
     assert gc.isenabled()
+
+
+def test_ctrl_c_waits_until_a_kernel_is_loaded(folder, monkeypatch):
+    import kernels
+
+    assert kernels.outer(np.ones(3)) == pytest.approx(4.0)
+    again, loaded, rebuild = kernel(kernels.outer.py_func), [], CompileResultCacheImpl.rebuild
+
+    def interrupted(*given):
+        signal.raise_signal(signal.SIGINT)
+        loaded.append(rebuild(*given))
+        return loaded[-1]
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(CompileResultCacheImpl, "rebuild", interrupted)
+        again(np.ones(3))
+    assert loaded and again(np.ones(3)) == pytest.approx(4.0)
 
 
 def test_two_processes_that_need_the_same_kernels_compile_them_once(folder):
