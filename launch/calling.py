@@ -47,6 +47,7 @@ def run(
     nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
     PalpateError: what is wrong with the graph, or which node failed. OSError: the recording cannot be written.
+    KeyboardInterrupt: Ctrl-C; what was recorded before stays in the file.
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")

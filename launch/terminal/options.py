@@ -12,8 +12,6 @@ import typer
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
 
-INTERRUPTED = 130  # exit code of a run that Ctrl-C ended
-
 
 def _names(incomplete: str) -> list[str]:
     from palpate.launch.load.launchfile import names

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.launch.terminal.options import INTERRUPTED, Json, NoOpen, Port, Sets
+from palpate.launch.terminal.options import Json, NoOpen, Port, Sets
 from palpate.launch.terminal.output import console, drawn, say, table, tell
 from palpate.launch.terminal.progress import steps
 
@@ -53,7 +54,7 @@ def experiment(
             sitting.send_markers()
         for note in [*sitting.notes, told]:
             say(note, err=True)
-        try:
+        with contextlib.suppress(KeyboardInterrupt):  # what was answered is told first
             if simulate or observer is not None:
                 total = 0 if sitting.trial is None else sitting.trial.total
                 with steps(f"experiment {file}", total, silent=as_json, timed=False) as done:
@@ -64,8 +65,6 @@ def experiment(
                 page = sitting.page()
                 show(page, "do", port, no_open, lambda: page.ended)
                 page.check()
-        except KeyboardInterrupt:
-            say("stopped", err=True)
         count = len(sitting.table.rows)
     if as_json:
         tell({"ok": sitting.ended, "folder": str(sitting.folder), "participant": sitting.participant,
@@ -74,7 +73,7 @@ def experiment(
         what = f"over: palpate experiment --analyse {sitting.folder}" if sitting.ended else "the same command goes on"
         say(f"{count} trials; {what}")
     if not sitting.ended:
-        raise typer.Exit(INTERRUPTED)
+        raise KeyboardInterrupt
 
 
 def _sure(text: str) -> bool | None:

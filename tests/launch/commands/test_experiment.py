@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import signal
 
 import pytest
 from typer.testing import CliRunner
@@ -71,12 +72,12 @@ def test_it_goes_on_where_it_was_interrupted_with_the_trials_that_it_would_have_
     def interrupted(self, trial):
         asked.append(trial)
         if len(asked) == 3:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGTERM)
         return ask(self, trial)
 
     monkeypatch.setattr(simulated.SimulatedObserver, "ask", interrupted)
     done = call(file, "--simulate", "-o", "out")
-    assert done.exit_code == 130 and "2 trials; the same command goes on" in done.output
+    assert done.exit_code == 143 and "2 trials; the same command goes on" in done.output
     refused = call(file, "--simulate", "-o", "out")
     assert refused.exit_code == 2 and "sub-01 has done 2 trials of session 1" in refused.output
     assert "--resume goes on" in refused.output
