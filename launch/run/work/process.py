@@ -26,12 +26,12 @@ from palpate.physics.errors import RunError
 def serve(start: reports.Start, alone: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
 
-    alone  end when nothing is heard of the launcher, for a worker that is not its child
+    alone  end when nothing is heard of the launcher, and by Ctrl-C, for a worker that is not its child
 
     Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if not alone:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
     faulthandler.enable(file=2, all_threads=False)  # a crash in compiled code tells where
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
     os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
@@ -51,10 +51,13 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         worker.stop()
         clean_exit = begun is not None
         return 0
-    except (NodeError, RunError) as error:
-        told = death(error) if isinstance(error, NodeError) else Death("", "process", str(error))
+    except (NodeError, RunError, KeyboardInterrupt) as error:
+        text = str(error) or "stopped by its user"
+        told = death(error) if isinstance(error, NodeError) else Death("", "process", text)
         bus.report(reports.NodeFault(told.node, told.where, told.text, told.trace))
         _stop_rest(worker)
+        if isinstance(error, KeyboardInterrupt):
+            raise
         return 1
     except Exception as error:
         # What the system refuses is told in a line.

@@ -103,7 +103,8 @@ def test_groups_over_tcp_send_the_same_bytes(tmp_path, reference):
     assert streams(tmp_path / "run.mcap") == reference
 
 
-def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, monkeypatch):
+def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda running, far: None):
+    """The outcome of the run, and the exit code of the group's process, which `watch` gets, too."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make()
     place = tmp_path / "joined.yaml"
@@ -111,21 +112,31 @@ def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, mo
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    command = [
-        sys.executable,
-        "-c",
-        "from palpate.launch.run.wire import keys; from palpate.launch.run.work.process import join; "
-        f"raise SystemExit(join({address!r}, 'far', 30, keys.load()))",
-    ]
+    command = [sys.executable, "-m", "palpate.launch", "join", address, "far"]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
-    with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}) as far:
-        launch = LaunchFile(
-            graph=write_graph(tmp_path), place=place, duration=TICKS / 1000, record=tmp_path / "run.mcap"
-        )
-        outcome = execute(launch, network=Network(address))
-        assert far.wait(60) == 0
-    assert outcome.result.ok, outcome.result.deaths
+    with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, start_new_session=True) as far:
+        launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=duration, record=tmp_path / "run.mcap")
+        outcome = execute(launch, network=Network(address), watch=lambda running: watch(running, far))
+        return outcome, far.wait(60)
+
+
+def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, monkeypatch):
+    outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, TICKS / 1000)
+    assert outcome.result.ok and code == 0, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference
+
+
+def test_ctrl_c_where_a_group_has_joined_by_hand_ends_the_run_and_says_where(tmp_path, monkeypatch):
+    asked: list[int] = []
+
+    def interrupted(running: launcher.Launcher, far: subprocess.Popen) -> None:
+        if running.result.health.get("spring", {}).get("tick", 0) > 50 and not asked:
+            asked.append(far.pid)
+            far.send_signal(signal.SIGINT)
+
+    outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, 20.0, interrupted)
+    (death,) = outcome.result.deaths
+    assert code == 130 and death.node == "spring, drag, spread" and "stopped by its user" in death.text
 
 
 def test_a_logger_beside_nodes_hears_the_nodes_of_other_groups_too(tmp_path, reference):
