@@ -13,6 +13,8 @@ from palpate.launch.terminal.output import console
 if TYPE_CHECKING:
     from palpate.messages import Health
 
+GLANCE = 0.25  # [s] between two reports that count at most: each node sends five a second, but where the machine stalls
+
 
 def top(
     run: Annotated[str | None, typer.Option(help="Name of the run, if there are several.")] = None,
@@ -29,16 +31,19 @@ def top(
 
     live_run = find(run)
     rows: dict[str, Row] = {}
-    until = time.monotonic() + 1.0 if once or as_json else None
-    view = Live(console=console(), refresh_per_second=4, transient=until is not None)
+    left = 1.0 if once or as_json else None
+    looked = time.monotonic()
+    view = Live(console=console(), refresh_per_second=4, transient=left is not None)
     try:
-        with view if until is None else contextlib.nullcontext():
+        with view if left is None else contextlib.nullcontext():
             for _, payload in hear(live_run, [HEALTH]):
-                message = unpack(payload, Health)
-                rows.setdefault(message.source, Row()).take(message, time.monotonic())
-                if until is None:
+                message, moment = unpack(payload, Health), time.monotonic()
+                rows.setdefault(message.source, Row()).take(message, moment)
+                if left is None:
                     view.update(_table(live_run.name, rows))
-                elif time.monotonic() > until:
+                    continue
+                left, looked = left - min(moment - looked, GLANCE), moment
+                if left < 0.0:
                     break
     except KeyboardInterrupt:
         raise typer.Exit from None
@@ -48,7 +53,7 @@ def top(
         from palpate.launch.terminal.output import tell
 
         tell({"run": live_run.name, "nodes": {name: row.data() for name, row in rows.items()}})
-    elif until is not None:
+    elif left is not None:
         console().print(_table(live_run.name, rows))
 
 

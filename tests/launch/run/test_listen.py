@@ -9,14 +9,19 @@ import sys
 import time
 from pathlib import Path
 
+import msgspec
 import pytest
 import zmq
 from graphs_for_runs import GRAPH, NODES, write_graph
 from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
+from palpate.launch.commands.graphs import top
+from palpate.launch.run.wire import discover
 from palpate.launch.run.wire.addresses import endpoint
+from palpate.launch.run.wire.bus import HEALTH
 from palpate.launch.run.wire.discover import find, running
+from palpate.messages import Health, pack
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ENV = {
@@ -29,7 +34,7 @@ import sys
 from pathlib import Path
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
-execute(LaunchFile(graph=Path(sys.argv[1]), clock="real"))
+print(execute(LaunchFile(graph=Path(sys.argv[1]), clock="real")).result.deaths or "", end="", file=sys.stderr)
 """
 
 
@@ -108,7 +113,28 @@ def test_top_shows_rates_and_counts_of_every_node(run):
         assert node["steps"] > 0 and node["median"] > 0 and node["p99"] >= node["median"] and node["late"] >= 0
     assert any(node["rate"] > 0 for node in data["nodes"].values())
     code, out, _ = say("top", "--once", "--run", run)
-    assert code == 0 and "longest" in out and "spread" in out
+    assert code == 0 and "longest" in out and "spread" in out, out
+
+
+def test_top_collects_for_a_second_in_which_the_machine_runs(monkeypatch):
+    """It stalls before the first report and after the second: all nodes are there nevertheless, with their rates."""
+    clock = [0.0]
+
+    def reports(*_):
+        for turn in range(20):
+            clock[0] += 3.0 if turn in (0, 2) else 0.2
+            for name in ("a", "b"):
+                said = Health.example(loaded=False)
+                yield HEALTH, pack(msgspec.structs.replace(said, source=name, steps=100 * turn))
+
+    monkeypatch.setattr(discover, "hear", reports)
+    monkeypatch.setattr(discover, "find", lambda _: discover.Running("1-a"))
+    monkeypatch.setattr(top.time, "monotonic", lambda: clock[0])
+    code, out, err = say("top", "--json")
+    assert code == 0, err
+    rates = {name: node["rate"] for name, node in json.loads(out)["nodes"].items()}
+    assert set(rates) == {"a", "b"} and min(rates.values()) > 0.0
+    assert clock[0] < 8.0  # a second of reports, and the stalls
 
 
 def test_a_run_that_does_not_go_on_is_told():
