@@ -1,12 +1,14 @@
 """A serial line, by pyserial."""
 
 import errno
+import select
 from pathlib import Path
 from typing import Any
 
 from palpate.drivers.errors import DeviceError, package
 
 LARGEST = 4096  # [bytes] taken at once
+ROOM = 1.0  # [s] for which the line may have no room for a byte more
 
 
 class SerialLine:
@@ -25,7 +27,7 @@ class SerialLine:
         if not port:
             raise DeviceError(f"the {name} is on a serial port: give it as `port`. {_ports()}")
         try:
-            self.line: Any = self.serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=True)
+            self.line: Any = self.serial.Serial(port, baud, timeout=0, write_timeout=0, exclusive=True)
         except self.serial.SerialException as error:
             raise DeviceError(self._refused(port, error)) from None
 
@@ -42,9 +44,15 @@ class SerialLine:
         return DeviceError(f"the {self.name} is gone. Plug it in again.", lost=True)
 
     def write(self, data: bytes) -> None:
-        """Send bytes. DeviceError: the line is gone."""
+        """Send bytes. DeviceError: the line is gone, or its other end takes nothing any more.
+
+        pyserial's own limit of time would also refuse what it has written, where the machine stood still meanwhile.
+        """
         try:
-            self.line.write(data)
+            while data:
+                if not select.select([], [self.line.fileno()], [], ROOM)[1]:
+                    raise self._gone()
+                data = data[self.line.write(data) :]
         except (self.serial.SerialException, OSError, TypeError):  # TypeError: closed while it was written to
             raise self._gone() from None
 

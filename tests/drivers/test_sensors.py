@@ -1,5 +1,8 @@
 """Force sensors: their bytes, and their nodes against emulators at the other end of real sockets and lines."""
 
+import itertools
+import os
+import pty
 import struct
 import time
 
@@ -14,6 +17,7 @@ from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.emulate.line import EmulatedLine
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.sensors import bota, netft
+from palpate.drivers.transport import serial as serial_line
 from palpate.drivers.transport.serial import SerialLine
 from palpate.launch.testing import FakeBus
 from palpate.nodes.sensor import Bota, NetFT
@@ -123,6 +127,31 @@ def test_a_port_that_is_not_there_is_told():
         SerialLine("/dev/ttyNONE", 9600, "Bota")
     with pytest.raises(DeviceError, match="give it as `port`"):
         SerialLine("", 9600, "Bota")
+
+
+def test_a_line_on_a_machine_that_stood_still_while_it_was_written_to_is_not_gone(monkeypatch):
+    serial = pytest.importorskip("serial")
+    clock = itertools.count(0.0, 5.0)  # each look at it is 5 s later
+    monkeypatch.setattr(serial.serialutil.Timeout, "TIME", staticmethod(lambda: next(clock)))
+    master, slave = pty.openpty()
+    line = SerialLine(os.ttyname(slave), bota.BAUD, bota.NAME)
+    line.write(b"whole")
+    assert os.read(master, 100) == b"whole"
+    line.close()
+    os.close(slave)
+    os.close(master)
+
+
+def test_a_line_that_takes_nothing_any_more_is_gone(monkeypatch):
+    monkeypatch.setattr(serial_line, "ROOM", 0.05)
+    master, slave = pty.openpty()
+    line = SerialLine(os.ttyname(slave), bota.BAUD, bota.NAME)
+    with pytest.raises(DeviceError, match="gone") as told:
+        line.write(bytes(1 << 20))
+    assert told.value.lost
+    line.close()
+    os.close(slave)
+    os.close(master)
 
 
 def test_an_unplugged_line_is_gone():
