@@ -15,6 +15,7 @@ from palpate.drivers.limits import Limits
 
 RETRY = 0.5  # [s] between two looks for a device that is gone
 FAREWELL = 3  # [1] zero commands before the device is closed
+STOP, GLANCES = 2.0, 20  # [s] for the thread's end, in so many glances
 RATED = 1.0  # [s] over which the rate of answers is taken
 
 
@@ -83,7 +84,8 @@ class Exchange:
         """Command zero and close the device."""
         self._stop.set()
         if self._thread is not None:
-            self._thread.join(2.0)
+            for _ in range(GLANCES):  # where the machine stands still it is one of them that passes
+                self._thread.join(STOP / GLANCES)
             self._thread = None
 
     def _run(self) -> None:
