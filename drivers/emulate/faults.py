@@ -61,9 +61,14 @@ class Days:
         since, given = self._since(now), self.faults
         return 0.0 <= given.unplug <= since and not 0.0 <= given.back <= since
 
-    def check(self, name: str, now: int) -> None:
-        """DeviceError: the plug is out at `now` [ns]."""
-        if self.unplugged(now):
+    def lost(self, opened: int, now: int) -> bool:
+        """Whether the plug was out since `opened` [ns]: what was opened before stays gone when the device is back."""
+        given, then = self.faults, self._since(opened)
+        return self.unplugged(now) or (0.0 <= given.unplug <= self._since(now) and then < given.back)
+
+    def check(self, name: str, opened: int, now: int) -> None:
+        """DeviceError: the plug was out at some time from `opened` to `now` [ns]."""
+        if self.lost(opened, now):
             raise DeviceError(f"the {name} is gone. Plug it in again.", lost=True)
 
     def silent(self, now: int) -> bool:

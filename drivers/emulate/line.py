@@ -56,11 +56,11 @@ class EmulatedLine:
             self.owner.close()
 
     def _run(self) -> None:
-        master, due = self._master, time.monotonic()
+        master, due, opened = self._master, time.monotonic(), time.monotonic_ns()
         with contextlib.suppress(OSError):
             while not self._stop.is_set():
                 now, period = time.monotonic_ns(), self.device.period
-                if self.days.unplugged(now):
+                if self.days.lost(opened, now):
                     break
                 wait = 0.02 if period <= 0.0 else max(0.0, min(due - now * 1e-9, 0.02))
                 ready, _, _ = select.select([master], [], [], wait)

@@ -115,17 +115,17 @@ class EmulatedChip:
     """The FTDI chip of an emulated Falcon: `transport.ftdi.Ftdi`."""
 
     def __init__(self, device: EmulatedFalcon) -> None:
-        self.device = device
+        self.device, self.opened = device, device.now()
         self.divisor, self.latency = firmware.SLOW, 0.016
         self.dtr = False
         self.loading: bytearray | None = None
         self.heard = b""
         self.line: deque[tuple[int, int]] = deque()  # (when it has come [ns], byte)
         self.free = 0  # [ns] when the line back is free again
-        self.timer = device.now()
+        self.timer = self.opened
 
     def control(self, request: int, value: int) -> None:
-        self.device.days.check(NAME, self.device.now())
+        self.device.days.check(NAME, self.opened, self.device.now())
         if request == ftdi.RESET and value == ftdi.PURGE_RX:
             self.line.clear()
         elif request == ftdi.RESET and value == ftdi.PURGE_TX:
@@ -144,7 +144,7 @@ class EmulatedChip:
             self.dtr = value == ftdi.DTR_HIGH
 
     def write(self, data: bytes) -> None:
-        self.device.days.check(NAME, self.device.now())
+        self.device.days.check(NAME, self.opened, self.device.now())
         device = self.device
         taken = round(10.0 / baud(self.divisor) * 1e9 * len(data))
         if self.divisor == firmware.SLOW and self.dtr:
@@ -193,7 +193,7 @@ class EmulatedChip:
         left = min(due, deadline) - device.now()
         if left > 0:
             device.sleep(left * 1e-9)
-        self.device.days.check(NAME, self.device.now())
+        self.device.days.check(NAME, self.opened, self.device.now())
         if due > deadline:
             return b""
         self.timer = due

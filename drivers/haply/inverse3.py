@@ -144,13 +144,14 @@ class EmulatedService:
         return json.dumps({"inverse3": devices, "wireless_verse_grip": grips})
 
     def _serve(self, link: Any) -> None:
+        opened = time.monotonic_ns()
         try:
             link.send(self._state(time.monotonic_ns(), first=True))
             for text in link:
                 now = time.monotonic_ns()
                 if not self.hand.waits:
                     self.days.begin(now)
-                if self.days.unplugged(now):
+                if self.days.lost(opened, now):
                     return
                 self.hand.begin(now)
                 for device in entries(state(text), "inverse3"):

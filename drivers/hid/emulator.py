@@ -28,16 +28,18 @@ class EmulatedRawHid:
         self.said: deque[tuple[int, bytes]] = deque()
         self.force = (0.0, 0.0, 0.0)
         self.until = 0
+        self.opened = time.monotonic_ns()
         self.sequence = 0
 
     def connect(self) -> EmulatedRawHid:
         """Open the device. DeviceError: it is unplugged."""
         if self.days.unplugged(time.monotonic_ns()):
             raise DeviceError(f"no {raw.NAME} on USB: the emulated one is unplugged")
+        self.opened = time.monotonic_ns()
         return self
 
     def write(self, report: bytes) -> None:
-        self.days.check(raw.NAME, time.monotonic_ns())
+        self.days.check(raw.NAME, self.opened, time.monotonic_ns())
         message = raw.unpack(report)
         if not isinstance(message, raw.RawCommand):
             return
@@ -69,7 +71,7 @@ class EmulatedRawHid:
             self.said.append((now + 1_000_000 + round(self.days.faults.latency * 1e9), data))
 
     def read(self, size: int, timeout: float) -> bytes:
-        self.days.check(raw.NAME, time.monotonic_ns())
+        self.days.check(raw.NAME, self.opened, time.monotonic_ns())
         end = time.monotonic_ns() + round(timeout * 1e9)
         due = self.said[0][0] if self.said else end + 1
         left = min(due, end) - time.monotonic_ns()
@@ -95,11 +97,13 @@ class EmulatedReports:
         self.moved, self.description, self.days = moved, descriptor, Days(faults or EmulatedFaults())
         self.said: deque[bytes] = deque()
         self.due = self.begun = time.monotonic()
+        self.opened = time.monotonic_ns()
 
     def connect(self) -> EmulatedReports:
         """Open the device. DeviceError: it is unplugged."""
         if self.days.unplugged(time.monotonic_ns()):
             raise DeviceError("no such device on USB: the emulated one is unplugged")
+        self.opened = time.monotonic_ns()
         return self
 
     def write(self, report: bytes) -> None:
@@ -111,7 +115,7 @@ class EmulatedReports:
             time.sleep(max(0.0, min(self.due, end) - time.monotonic()))
         now = time.monotonic()
         self.days.begin(time.monotonic_ns())
-        self.days.check("device", time.monotonic_ns())
+        self.days.check("device", self.opened, time.monotonic_ns())
         if now >= self.due and not self.days.silent(time.monotonic_ns()):
             self.due = now + self.PERIOD
             self.said += [spoilt for data in self.moved(now - self.begun) if (spoilt := self.days.spoil(data))]

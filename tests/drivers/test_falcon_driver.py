@@ -234,6 +234,18 @@ def test_an_unplugged_falcon_is_gone_until_it_is_back():
     homed(driver, time)
 
 
+def test_who_did_not_look_while_a_falcon_was_unplugged_finds_it_gone_too():
+    """As on a machine that stood still meanwhile: what was opened before stays gone."""
+    driver, _, time = pair(EmulatedFaults(unplug=1.0, back=3.0), loaded=True)
+    driver.open()
+    time.ns += 4 * 10**9
+    with pytest.raises(DeviceError, match="gone"):
+        driver.cycle(ZERO)
+    driver.close()
+    driver.open()
+    homed(driver, time)
+
+
 def test_packets_lose_their_modem_bytes_each():
     assert payload(b"\x01\x60") == b""
     assert payload(b"\x01\x60abc") == b"abc"
