@@ -1,5 +1,6 @@
 """Drivers in the whole kidney loop on the real clock, against emulators: only the line of the device is another."""
 
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -17,14 +18,39 @@ LATE = 0.3
 PRESS = "device.path=[{hold: 0.1}, {to: [0, 0, 0.0935], time: 0.3}, {hold: 0.3}]"
 
 
-def touch(tmp_path, *sets, seconds=2.0, use="device.Falcon", graph="kidney"):
-    """A touch with an emulated device; the outcome and the recording's messages by stream."""
+OUTAGE = 20
+"""Ticks left out between two looks from which on the device's force has to come in anew."""
+
+
+def until_it_went_on(steps, note):
+    """A `watch` that ends a run when the device has made so many steps without an outage, and the run has told this;
+    after half a minute, the longest for a machine without a pause, anyway."""
+    begun, late, left, looked = 0, 0, 30.0, time.monotonic()
+
+    def watch(running):
+        nonlocal begun, late, left, looked
+        moment = time.monotonic()
+        left, looked = left - min(moment - looked, 0.2), moment
+        device = running.result.health.get("device", {"steps": 0, "late": 0})
+        told = not note or note in running.result.notes
+        if not told or device["late"] - late > OUTAGE or not device["steps"]:
+            begun = device["steps"]
+        late = device["late"]
+        if left < 0.0 or device["steps"] - begun >= steps:
+            running.stop()
+
+    return watch
+
+
+def touch(tmp_path, *sets, steps=1500, note="", use="device.Falcon", graph="kidney"):
+    """A touch with an emulated device, until it has made so many steps in a row after a note; the outcome and the
+    recording's messages by stream."""
     given = [f"device.use={use}", "device.port=emulator", "device.ramp=0.1", "controller.delay=3"]
     # A grip with this drag lets the controller show 571 N/m at this delay, more than the kidney has.
     given += ["device.damping=2.0", "controller.drag=2.0", *sets]
     file = tmp_path / "touch.mcap"
-    launch = find(graph).but(overrides=given, duration=seconds, record=file, place="fused", clock="real")
-    outcome = execute(launch, patience=30.0)
+    launch = find(graph).but(overrides=given, duration=None, record=file, place="fused", clock="real")
+    outcome = execute(launch, patience=30.0, watch=until_it_went_on(steps, note))
     messages: dict[str, list] = {}
     if file.is_file():
         recording = Recording(file)
@@ -73,14 +99,14 @@ def test_bad_days_end_in_no_wild_force(tmp_path):
 
 
 def test_pulling_the_plug_ends_the_run_with_one_line(tmp_path):
-    outcome, _ = touch(tmp_path, PRESS, "device.faults={unplug: 1.0}", seconds=4.0)
+    outcome, _ = touch(tmp_path, PRESS, "device.faults={unplug: 1.0}", steps=20_000)
     (death,) = outcome.result.deaths
     assert death.node == "device" and death.text == "DeviceError: the Novint Falcon is gone. Plug it in again."
 
 
 def test_a_run_that_reconnects_goes_on(tmp_path):
     days = "device.faults={unplug: 1.2, back: 1.8}"
-    outcome, messages = touch(tmp_path, PRESS, days, "device.reconnect=true", seconds=4.0)
+    outcome, messages = touch(tmp_path, PRESS, days, "device.reconnect=true", note="The device is back.")
     assert outcome.result.ok, outcome.result.deaths
     assert [n for n in outcome.result.notes if "answers" not in n and not n.startswith("Haptic")] == [
         "the Novint Falcon is gone. Plug it in again. Waiting until it is back.",
@@ -92,7 +118,7 @@ def test_a_run_that_reconnects_goes_on(tmp_path):
 
 
 def test_a_device_that_is_not_there_ends_the_start_with_one_line(tmp_path):
-    outcome, _ = touch(tmp_path, "device.port=''", seconds=0.5)
+    outcome, _ = touch(tmp_path, "device.port=''")
     (death,) = outcome.result.deaths
     assert death.where == "start" and death.text.startswith("DeviceError: ")
 
