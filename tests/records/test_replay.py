@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from graphs_for_runs import GRAPH, NODES, until_it_is_back, write_graph, write_place
+from graphs_for_runs import GRAPH, NODES, until_it_has, until_it_is_back, write_graph, write_place
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
@@ -40,10 +40,17 @@ def say(*args, stdin: str | None = None):
 def record(folder: Path, text: str = GRAPH, ticks: int = 200, **more) -> Path:
     path = folder / "run.mcap"
     place = more.pop("place", "fused")
+    how = {"watch": more.pop("watch")} if "watch" in more else {}
     launch = LaunchFile(graph=write_graph(folder, text), duration=ticks / 1000, record=path, place=place, **more)
-    outcome = execute(launch)
+    outcome = execute(launch, **how)
     assert outcome.result.ok, outcome.result.deaths
     return path
+
+
+def record_live(folder: Path, steps: int, **more) -> Path:
+    """A bad day on the real clock, until all nodes have made so many steps, or a third of it, however late they are."""
+    enough = until_it_has(source=("steps", steps), drag=("steps", steps), sum=("steps", steps // 3))
+    return record(folder, BAD_DAY, ticks=600_000, clock="real", watch=enough, **more)
 
 
 def check(path: Path, *sets: str, tolerance: float = 0.0) -> Report:
@@ -73,7 +80,7 @@ def touch(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def live(tmp_path_factory) -> Path:
     """A live run with everything that can go wrong on the way."""
-    return record(tmp_path_factory.mktemp("live"), BAD_DAY, ticks=700, clock="real", place=None)
+    return record_live(tmp_path_factory.mktemp("live"), 500, place=None)
 
 
 @pytest.fixture(scope="module")
@@ -105,14 +112,14 @@ def test_a_live_run_with_late_held_and_lost_messages_computes_again_bit_for_bit(
 
 def test_a_live_run_in_groups_computes_again_bit_for_bit(tmp_path):
     place = write_place(tmp_path, [["source", "sum"], ["drag", "spring"], ["spread"]])
-    report = check(record(tmp_path, BAD_DAY, clock="real", place=place, ticks=300))
+    report = check(record_live(tmp_path, 200, place=place))
     assert report.ok and report.complete, report.first
 
 
 def test_a_live_run_whose_logger_shares_a_process_with_nodes_computes_again(tmp_path):
     """Its node's messages come to it by another way than the word that the node has begun."""
     place = write_place(tmp_path, [["source"], ["spring", "drag"], ["spread"], ["sum", "log"]])
-    path = record(tmp_path, BAD_DAY, ticks=700, clock="real", place=place)
+    path = record_live(tmp_path, 500, place=place)
     recording = Recording(path)
     assert not recording.restarted
     assert check(path).ok
@@ -121,7 +128,7 @@ def test_a_live_run_whose_logger_shares_a_process_with_nodes_computes_again(tmp_
 def test_after_a_death_the_inputs_that_were_absent_are_absent_again(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 100,")
     path = tmp_path / "run.mcap"
-    execute(LaunchFile(graph=write_graph(tmp_path, text), duration=1.0, record=path, clock="real"))
+    execute(LaunchFile(graph=write_graph(tmp_path, text), duration=60.0, record=path, clock="real"))
     recording = Recording(path)
     ends = [m.used for m in recording.messages("source")]
     assert (-1,) in ends[10:], "the source never lost its torque"

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,6 +34,22 @@ def write_place(folder: Path, groups: list[list[str]]) -> Path:
     path = folder / "place.yaml"
     path.write_text("\n".join(f"g{i}: {{nodes: [{', '.join(g)}]}}" for i, g in enumerate(groups)))
     return path
+
+
+def until_it_has(limit: float = 120.0, **counts: tuple[str, int]) -> Callable[[Launcher], None]:
+    """A `watch` that ends a run in order when each of these nodes has counted so far, and after `limit` [s] of a
+    machine that runs anyway: a test says what it misses then."""
+    left, looked = limit, time.monotonic()
+
+    def watch(running: Launcher) -> None:
+        nonlocal left, looked
+        moment = time.monotonic()
+        left, looked = left - min(moment - looked, 0.2), moment
+        health = running.result.health
+        if left < 0.0 or all(health.get(node, {}).get(name, 0) >= count for node, (name, count) in counts.items()):
+            running.stop()
+
+    return watch
 
 
 def until_it_is_back(node: str, steps: int = 60) -> Callable[[Launcher], None]:

@@ -25,8 +25,9 @@ class Source(Node):
         self.x, self.v = 1.0, 0.0
 
     def step(self, torque: Torque | None, *, dt: float) -> Pose:
-        self.v += dt * (-40.0 * self.x + (self.gain * torque.torques[0] if torque else 0.0))
-        self.x += dt * self.v
+        h = min(dt, 0.1)  # [s] where the machine stood still for long the swing would grow without end
+        self.v += h * (-40.0 * self.x + (self.gain * torque.torques[0] if torque else 0.0))
+        self.x += h * self.v
         return Pose(position=(self.x, 0.0, float(torque is None)), velocity=(self.v, 0.0, 0.0), dt=dt)
 
 
