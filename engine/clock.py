@@ -29,6 +29,27 @@ def sleep_until(deadline: int) -> int:
     return left
 
 
+GLANCE = 200_000_000  # [ns] of silence that count at most between two looks
+
+
+class Silence:
+    """How long nobody has said anything to one who looks again and again. A machine that stands still is no silence: it
+    keeps everybody from speaking."""
+
+    def __init__(self) -> None:
+        self.heard()
+
+    def heard(self) -> None:
+        """Somebody has said something."""
+        self._lasted, self._looked = 0, now()
+
+    def look(self) -> int:
+        """[ns] for which it has lasted."""
+        moment = now()
+        self._lasted, self._looked = self._lasted + min(moment - self._looked, GLANCE), moment
+        return self._lasted
+
+
 def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
     """Pin this process, raise its priority, lock its memory and sharpen its timers, as far as that is permitted.
 

@@ -10,6 +10,7 @@ from palpate.launch.run.reports import Close, Kill, Quit, Stop
 from palpate.launch.run.wire.wires import ControlChannel
 
 STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
+STALL = 0.3  # [s] between two looks: the machine stood still
 
 
 class Ending:
@@ -30,6 +31,7 @@ class Ending:
         self._members, self._control, self._forkserver, self._real, self._note = members, wires, forkserver, real, note
         self._quit_at: float | None = None
         self._deadline: float | None = None
+        self._looked = 0.0
         self.closed = False  # whether all nodes have ended: only observers are left
 
     @property
@@ -50,7 +52,8 @@ class Ending:
     def quit_after(self, seconds: float) -> None:
         """Tell all workers to end at once, so many seconds from now."""
         if self._deadline is None:
-            self._quit_at = time.monotonic() + seconds
+            self._looked = time.monotonic()
+            self._quit_at = self._looked + seconds
             self._deadline = self._quit_at + STOP_PATIENCE
 
     def follow(self) -> None:
@@ -73,6 +76,9 @@ class Ending:
     def check(self, begun: bool) -> None:
         """Look at the time. `begun`: tick 0 was; else workers that still build something are not waited for."""
         moment = time.monotonic()
+        if self._quit_at is not None and moment - self._looked > STALL:  # nobody could heed what was told before
+            self._quit_at += moment - self._looked
+        self._looked = moment
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
             self._control.tell("*", Quit())

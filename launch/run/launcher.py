@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 import msgspec
 import zmq
 
-from palpate.engine.clock import now
+from palpate.engine.clock import Silence, now
 from palpate.engine.job import Job, members
 from palpate.launch.run import reports
 from palpate.launch.run.barrier import Barrier
@@ -320,8 +320,9 @@ class Launcher:
             return
         # Its last words were sent before its end, but may come after the news of it; on a busy machine long after, and
         # one that ended well has sent them.
-        until = time.monotonic() + (LAST_WORDS if answer.status == 0 else 0.5 if answer.status > 0 else 0.002)
-        while member.alive and time.monotonic() < until:
+        silence = Silence()
+        limit = LAST_WORDS if answer.status == 0 else 0.5 if answer.status > 0 else 0.002
+        while member.alive and silence.look() < limit * 1e9:
             self._next_report(1)
         if member.alive:
             status = answer.status

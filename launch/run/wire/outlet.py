@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Mapping
 
 import zmq
 
-from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.engine.clock import POLL_INTERVAL, Silence
 from palpate.launch.run.wire.inlet import credentials, trusted
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
@@ -37,7 +37,7 @@ class ReaderConnection:
     """A connection to a reader. `rest` is what is left of a frame that was sent in part."""
 
     def __init__(self, end: socket.socket, group: str) -> None:
-        self.end, self.pid, self.begun = end, credentials(end)[0], now()
+        self.end, self.pid, self.silence = end, credentials(end)[0], Silence()
         self.connection = Connection(b"PUB", SUBSCRIBERS, LONGEST_COMMAND, group)
         self.group = ""  # the group of a worker; empty for others
         self.topics: Counter[bytes] = Counter()
@@ -273,7 +273,7 @@ class Outlet:
                 self.drop(reader)
         if self._greeting:
             for reader in tuple(self._greeting):
-                if now() - reader.begun > GREETING_TIME:
+                if reader.silence.look() > GREETING_TIME:
                     self._refuse(reader, "it did not finish its greeting")
 
     def _count(self, reader: ReaderConnection) -> None:

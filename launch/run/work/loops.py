@@ -2,7 +2,7 @@
 
 import gc
 
-from palpate.engine.clock import now
+from palpate.engine.clock import Silence
 from palpate.launch.run.work.real import run_real
 from palpate.launch.run.work.simulated import run_simulated
 from palpate.launch.run.work.worker import EndedError, Worker
@@ -78,15 +78,15 @@ def observe(worker: Worker, senders: set[str]) -> None:
 
     senders  the groups whose nodes the observers listen to
     """
-    audience, heard = worker.audience, now()
+    audience, silence = worker.audience, Silence()
     while not audience.has_all(worker.last):
         if worker.overhear(wait=True):
-            heard = now()
-        elif worker.slots and worker.job.clock == "real" and now() - heard > QUIET:
+            silence.heard()
+        elif silence.look() > QUIET and worker.slots and worker.job.clock == "real":
             return  # others may wait for the end of the nodes here, and so say nothing more
         elif worker.stopping or audience.ended >= senders:
             left = senders - audience.ended
-            if left <= audience.lost and (not left or now() - heard > QUIET):
+            if left <= audience.lost and (not left or silence.look() > QUIET):
                 return
         worker.drain()
         worker.check_orders()

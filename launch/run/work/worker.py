@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from palpate.engine.clock import POLL_INTERVAL, now
+from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
 from palpate.engine.slot import NodeError, RemoteStream, Slot, make
@@ -24,7 +24,6 @@ from palpate.nodes.base import Node
 BURST = 16  # ticks between two bursts to the observers
 OVERHEARD = 1000  # frames for observers that are taken in a row while nodes wait for their turn
 ORPHANED = 5_000_000_000  # [ns] of its own attention without a word of the launcher
-GLANCE = 200_000_000  # [ns] by which that time grows at most between two looks: a busy machine is no dead launcher
 LOOK = 5_000_000  # [ns] between two looks at orders and readers while messages come
 REPORT = 200_000_000  # [ns] between two signs of life
 
@@ -61,7 +60,7 @@ class Worker:
         """Stream and tick of the message that it waits for, once that takes longer than a look round."""
         self._since = 0
         self._reported = self._looked = 0
-        self._glanced, self._silence = now(), 0
+        self._launcher = Silence()
         self._burst = job.phase % BURST
         self._started: list[tuple[str, Node]] = []
         if bus is not None:
@@ -258,12 +257,9 @@ class Worker:
         """Do what the launcher has ordered, or orders within so many milliseconds. Ended: to quit."""
         if self.bus is None:
             return
-        if self._alone:
-            moment = now()
-            self._silence += min(moment - self._glanced, GLANCE)
-            self._glanced = moment
         while (order := self.bus.order(wait)) is not None:
-            self._silence, wait = 0, 0
+            self._launcher.heard()
+            wait = 0
             match order:
                 case Stop():  # observers go on until all senders are gone
                     self.stopping = self.stopping or bool(self.slots)
@@ -278,7 +274,7 @@ class Worker:
                     raise EndedError
                 case Beat():
                     pass
-        if self._alone and self._silence > ORPHANED:
+        if self._alone and self._launcher.look() > ORPHANED:
             raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 
     def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:

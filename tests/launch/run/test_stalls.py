@@ -1,0 +1,104 @@
+"""A machine that stands still for a while is no silence: who waits for others counts what it has looked at itself."""
+
+from types import SimpleNamespace
+
+import pytest
+from test_wire import GREETING, SUB, End, stranger
+
+from palpate.engine import clock
+from palpate.engine.job import Job, NodeJob
+from palpate.launch.run import ending
+from palpate.launch.run.launcher import Launcher
+from palpate.launch.run.member import WorkerHandle
+from palpate.launch.run.reports import Exited, Quit
+from palpate.launch.run.work.loops import QUIET, observe
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def time(monkeypatch):
+    """A clock that stands but where a test moves it [ns]."""
+    moment = SimpleNamespace(ns=0)
+    monkeypatch.setattr(clock, "now", lambda: moment.ns)
+    monkeypatch.setattr(ending, "time", SimpleNamespace(monotonic=lambda: moment.ns * 1e-9))
+    return moment
+
+
+def test_silence_lasts_while_somebody_looks(time):
+    silence = clock.Silence()
+    for _ in range(10):
+        time.ns += 20 * MS
+        silence.look()
+    assert silence.look() == 200 * MS
+    time.ns += 5000 * MS
+    assert silence.look() == 400 * MS
+    silence.heard()
+    assert silence.look() == 0
+
+
+def test_an_observer_next_to_a_node_takes_what_was_under_way_when_the_machine_stood_still(time):
+    """It stands still for longer than the silence after which a stream on the real clock has come to its end."""
+    comes = iter([(20, True), (3000, False), (20, True)])
+    heard = []
+
+    def overhear(wait: bool) -> bool:
+        passed, came = next(comes, (20, False))
+        time.ns += passed * MS
+        heard.append(came)
+        return came
+
+    nothing = lambda: None  # noqa: E731
+    worker = SimpleNamespace(
+        slots=[None], job=SimpleNamespace(clock="real"), last=None, stopping=False,
+        audience=SimpleNamespace(has_all=lambda last: False, ended=set(), lost=set()),
+        overhear=overhear, drain=nothing, check_orders=nothing, housekeep=nothing,
+    )  # fmt: skip
+    observe(worker, {"other"})
+    assert heard[:3] == [True, False, True]
+    assert len(heard) == 3 + QUIET // (20 * MS) + 1
+
+
+def test_a_reader_that_had_no_time_to_greet_is_not_refused(time, tmp_path):
+    writer = End(tmp_path / "out").listen()
+    reader = stranger(writer, GREETING + SUB)
+    writer.watch.poll()  # it is let in
+    time.ns += 5000 * MS
+    writer.outlet.tend()
+    writer.serve(lambda: not writer.outlet._greeting)
+    assert not writer.outlet.foreign and len(writer.outlet._readers) == 1
+    reader.close()
+    writer.outlet.close()
+
+
+def test_after_a_death_the_others_get_their_time_to_hear_of_it_when_the_machine_goes_on(time):
+    """They are told to quit when they have run for so long, and not at once, with the news of the death unread."""
+    told = []
+    wires = SimpleNamespace(tell=lambda group, order: told.append(order))
+    end = ending.Ending({}, wires, None, True, lambda text: None)
+    end.quit_after(0.1)
+    for passed in (20, 3000, 20, 40):
+        time.ns += passed * MS
+        end.check(True)
+        assert told == []
+    time.ns += 40 * MS
+    end.check(True)
+    assert told == [Quit()]
+
+
+def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_before(time, monkeypatch):
+    member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), state="running", pid=1)
+
+    def later() -> int:
+        time.ns += 5000 * MS
+        return time.ns
+
+    def next_report(wait: int) -> bool:
+        member.state = "failed"  # as its report of the fault does
+        return True
+
+    monkeypatch.setattr(clock, "now", later)
+    monkeypatch.setattr("palpate.launch.run.launcher.time.monotonic", lambda: later() * 1e-9)
+    launcher = SimpleNamespace(members={"a": member}, _next_report=next_report, _is_gone=lambda member: None)
+    Launcher._answer(launcher, Exited("a", 1))
+    assert member.state == "failed"
