@@ -6,7 +6,7 @@ import sys
 from dataclasses import replace
 
 import pytest
-from graphs_for_runs import GRAPH, write_graph
+from graphs_for_runs import GRAPH, until_it_has, write_graph
 
 from palpate.engine.clock import now
 from palpate.launch.load.launchfile import LaunchFile, find
@@ -78,7 +78,8 @@ def test_a_worker_on_the_real_clock_keeps_no_memory(tmp_path, node, grows):
     """It sends, receives and reports as in any run, and never runs the collector."""
     path = tmp_path / "run.mcap"
     graph = write_graph(tmp_path, f"rate: 1000\n{GRAPH.replace('nodes_for_runs.Spring', f'nodes_for_memory.{node}')}")
-    assert execute(LaunchFile(graph=graph, duration=1.6, record=path, clock="real"), patience=30).result.ok
+    launch, enough = LaunchFile(graph=graph, record=path, clock="real"), until_it_has(spring=("steps", 1500))
+    assert execute(launch, patience=30, watch=enough).result.ok
     told = list(Recording(path).messages("spring"))[500:]
     per_tick = (told[-1].energy - told[0].energy) / len(told)
     assert per_tick > 0.9 if grows else per_tick < KEPT

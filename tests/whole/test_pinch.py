@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from graphs_for_runs import until_it_has
 from pytest import approx
 
 from palpate.engine.slot import _forces
@@ -16,9 +17,9 @@ from palpate.records.verify import verify
 SMALL = "scene.surface.vertices=1500"
 
 
-def run(path, *sets, **changes):
+def run(path, *sets, watch=lambda _: None, **changes):
     launch = find("pinch").but(record=path, place="fused", overrides=(SMALL, *sets), **changes)
-    outcome = execute(launch)
+    outcome = execute(launch, watch=watch)
     assert outcome.result.ok, outcome.result.deaths
     return Recording(path)
 
@@ -82,8 +83,8 @@ def test_the_energy_balance_of_both_fingers_closes_and_no_part_generates_energy(
 
 def test_two_emulated_falcons_hold_the_kidney_and_what_they_did_can_be_replayed(tmp_path):
     sets = (SMALL, "device-thumb.port=emulator", "device-index.port=emulator")
-    launch = find("falcons").but(record=tmp_path / "falcons.mcap", place="fused", overrides=sets, duration=1.6)
-    outcome = execute(launch)
+    launch = find("falcons").but(record=tmp_path / "falcons.mcap", place="fused", overrides=sets, duration=None)
+    outcome = execute(launch, watch=until_it_has(grip=("steps", 1600)))
     assert outcome.result.ok, outcome.result.deaths
     recording = Recording(tmp_path / "falcons.mcap")
     assert (recording.columns("grip")["normal"].max(axis=0) > 0.5).all()
@@ -94,7 +95,7 @@ def test_two_emulated_falcons_hold_the_kidney_and_what_they_did_can_be_replayed(
 
 
 def test_on_the_real_clock_it_replays_bit_for_bit_as_well(tmp_path):
-    recording = run(tmp_path / "real.mcap", clock="real", duration=0.8)
+    recording = run(tmp_path / "real.mcap", clock="real", duration=None, watch=until_it_has(grip=("steps", 900)))
     assert max(recording.columns("grip")["grip"]) > 0.5
     report = verify(recording, plan_of(recording), tolerance=0.0)
     assert report.ok, report.first

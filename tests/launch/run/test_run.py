@@ -170,11 +170,14 @@ def test_each_message_names_the_ticks_that_it_was_computed_from(tmp_path):
 def test_the_real_clock_keeps_its_rate(tmp_path):
     outcome = go(tmp_path, clock="real", ticks=500)
     assert outcome.result.ok, outcome.result.deaths
-    assert 0.4 < outcome.result.wall < 3.0
+    assert outcome.result.wall > 0.4
+    sent = list(Recording(tmp_path / "run.mcap").messages("source"))
+    late = [message.time - message.tick * 1_000_000 for message in sent]  # [ns]
+    assert min(late) >= 0 and sorted(late)[len(late) // 2] < 1_000_000
     source = outcome.result.health["source"]
-    assert source["tick"] >= 495
+    assert source["tick"] == 499
     # Each tick is run or counted as left out, but for those that passed on a busy machine before the first one.
-    assert 400 <= source["steps"] + source["late"] <= source["tick"] + 1
+    assert source["steps"] + source["late"] == 500 - sent[0].tick
 
 
 FAULTS = {
@@ -247,7 +250,7 @@ def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path):
         tmp_path, f"{GRAPH}  disk: {{use: nodes_for_runs.AtTheDisk, in: all, pipe: {tmp_path}/pipe}}\n", patience=0.5
     )
     assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
-    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: doze,")
+    text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: hang,")
     assert any("hangs" in death.text for death in go(tmp_path, text, patience=0.4).result.deaths)
 
 

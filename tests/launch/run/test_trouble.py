@@ -50,9 +50,10 @@ def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, 
     assert death.node == "spring"
     fault = int((tmp_path / "fault").read_text())
     samples = list(Recording(tmp_path / "run.mcap").messages("source"))
-    without = next(m for m in samples if m.tick > fault and m.used == (-1,))
-    assert sum(fault < m.tick < without.tick for m in samples) <= 20  # samples: a busy machine may hold up the device
-    assert not any(m.used != (-1,) for m in samples if m.tick > without.tick + 20)
+    after = [m.used == (-1,) for m in samples if m.tick > fault]  # whether it is without torque
+    without = after.index(True)
+    assert without <= 20  # samples: a busy machine may hold up the device
+    assert all(after[without + 20 :])
     check(tmp_path)
 
 

@@ -29,7 +29,7 @@ from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.inlet import CHUNK, Inlet
 from palpate.launch.run.wire.outlet import Outlet
 from palpate.launch.run.wire.watch import SocketPoller
-from palpate.launch.run.wire.zmtp import GREETING, command, frame, ready
+from palpate.launch.run.wire.zmtp import GREETING, command, frame, pong, ready
 from palpate.messages import Force, Message, Pose, pack, unpack
 from palpate.nodes.base import inputs
 from palpate.records.reader import Recording
@@ -283,19 +283,19 @@ def test_stock_sockets_and_ours_agree_on_frames_of_any_size(tmp_path, size):
     writer.outlet.close()
 
 
-def test_a_stock_subscriber_may_cancel_and_ping(tmp_path):
+def test_a_stock_subscriber_may_cancel_and_ping(tmp_path, monkeypatch):
+    answers: list[bytes] = []
+    monkeypatch.setattr(outlet_module, "pong", lambda *said: answers.append(pong(*said)) or answers[-1])
     writer = End(tmp_path / "out").listen()
     with zmq.Context() as context, context.socket(zmq.XSUB) as heard:
         heard.set(zmq.HEARTBEAT_IVL, 20)
-        heard.set(zmq.HEARTBEAT_TIMEOUT, 200)
+        heard.set(zmq.HEARTBEAT_TIMEOUT, 60_000)
         events = heard.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         heard.connect(f"ipc://{writer.path}")
         heard.send(b"\1po")
         writer.serve(lambda: bool(writer.sender.readers))
-        until = time.monotonic() + 0.5
-        while time.monotonic() < until:
-            writer.watch.poll(5)
-        assert not events.poll(0), "its pings were not answered"
+        writer.serve(lambda: sum(answer is not None for answer in answers) >= 5)
+        assert not events.poll(100), "it did not take the answers to its pings"
         heard.send(b"\0po")
         writer.serve(lambda: not writer.sender.readers)
         heard.disable_monitor()
@@ -543,6 +543,8 @@ def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
         if launcher.phase == "running" and not threads:
             threads.append(threading.Thread(target=visit, args=(launcher.run_id,)))
             threads[0].start()
+        if threads and not threads[0].is_alive() and launcher.foreign >= len(HOSTILE):
+            launcher.stop()
 
     def visit(run: str) -> None:
         path = endpoint(run, "spring", "force")
@@ -554,7 +556,7 @@ def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
         with zmq.Context() as context, context.socket(zmq.SUB) as socket_:
             socket_.subscribe(b"spring\0")
             socket_.connect(path)
-            if socket_.poll(3000):
+            if socket_.poll(60_000):
                 heard.append(socket_.recv())
         for end in ends:
             end.close()
@@ -562,7 +564,7 @@ def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
     threads: list[threading.Thread] = []
     launch = LaunchFile(graph=write_graph(tmp_path, GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow")))
     plan = launch.plan()
-    result = Launcher(jobs(plan, launch.placement(plan), clock="real", ticks=2000), show=look).run()
+    result = Launcher(jobs(plan, launch.placement(plan), clock="real", ticks=60_000), show=look).run()
     threads[0].join()
     assert result.ok, result.deaths
     assert heard and unpack(heard[0].removeprefix(b"spring\0"), Force).source == "spring"

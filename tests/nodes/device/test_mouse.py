@@ -8,6 +8,7 @@ import threading
 import msgspec
 import numpy as np
 import pytest
+from graphs_for_runs import until_it_has
 from pytest import approx
 from scipy.integrate import solve_ivp
 
@@ -154,7 +155,9 @@ nodes:
     thread = threading.Thread(target=steer)
     thread.start()
     try:
-        outcome = execute(LaunchFile(graph=graph, clock="real", duration=1.0, record=record))
+        outcome = execute(
+            LaunchFile(graph=graph, clock="real", record=record), watch=until_it_has(contact=("steps", 900))
+        )
     finally:
         ended.set()
         thread.join()
