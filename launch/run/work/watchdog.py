@@ -10,6 +10,7 @@ from types import FrameType
 from palpate.engine.slot import ObserverSlot, Slot
 from palpate.launch.run.work.worker import Worker
 
+LAST = 60.0  # [s] at least until the process ends, a time that cannot be told from that of a machine that stands still
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
 GLANCES = 8  # looks in the time that a node is given
 
@@ -25,12 +26,13 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
 
     A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
     waited for a processor does not count: a busy machine is no hang. Compiled code that never returns, or a call of the
-    system that waits for a disk, lets no handler run: then the process ends after `last` [s], twice the patience where
-    it is left out, after telling on standard error where it was. Outside the main thread nothing is watched.
+    system that waits for a disk, lets no handler run: then the process ends after `last` [s], where it is left out
+    `LAST` or twice the patience if that is longer, after telling on standard error where it was. Outside the main
+    thread nothing is watched.
     """
     before: object = None
     spent, looked, queued = 0.0, time.monotonic(), _queued()
-    end = 2.0 * (patience or 0.0) if last is None else last
+    end = max(2.0 * (patience or 0.0), LAST) if last is None else last
 
     def check(_: int, frame: FrameType | None) -> None:
         nonlocal before, spent, looked, queued

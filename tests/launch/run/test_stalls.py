@@ -1,5 +1,7 @@
 """A machine that stands still for a while is no silence: who waits for others counts what it has looked at itself."""
 
+import faulthandler
+import signal
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +14,7 @@ from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Exited, Quit
 from palpate.launch.run.work.loops import QUIET, observe
+from palpate.launch.run.work.watchdog import START_PATIENCE, watched
 
 MS = 1_000_000
 
@@ -102,3 +105,13 @@ def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_bef
     launcher = SimpleNamespace(members={"a": member}, _next_report=next_report, _is_gone=lambda member: None)
     Launcher._answer(launcher, Exited("a", 1))
     assert member.state == "failed"
+
+
+@pytest.mark.parametrize(("patience", "least"), [(0.05, 60.0), (5.0, 60.0), (START_PATIENCE, 240.0)])
+def test_a_run_in_one_process_outlives_a_machine_that_stands_still_for_a_minute(monkeypatch, patience, least):
+    """A thread of the system's own, which cannot tell a pause from a node that never returns, would end it."""
+    ends = []
+    monkeypatch.setattr(faulthandler, "dump_traceback_later", lambda end, exit: ends.append(end))
+    with watched(patience):
+        signal.raise_signal(signal.SIGALRM)
+    assert ends and min(ends) >= least
