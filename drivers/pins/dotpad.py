@@ -111,9 +111,10 @@ class DotPad(PortDriver[SerialLine]):
 
     def _ask(self, command: int, reply: int) -> bytes:
         self.port.write(pack(Packet(0, command, 0, b"")))
-        deadline = time.monotonic() + PATIENCE
-        while (left := deadline - time.monotonic()) > 0.0:
-            for packet in self.reader.feed(self.port.read(left)):
+        left, deadline = PATIENCE, time.monotonic() + PATIENCE
+        while left > 0.0:
+            left = deadline - time.monotonic()
+            for packet in self.reader.feed(self.port.read(max(left, 0.0))):  # once more, if the machine stood still
                 if packet.command == reply:
                     return packet.data
         raise DeviceError(f"the {NAME} does not answer. Is this its port, and is it switched on?")

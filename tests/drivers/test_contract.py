@@ -2,12 +2,17 @@
 
 import re
 import time
+from types import SimpleNamespace
 
 import pytest
 
 from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
+from palpate.drivers.haply import inverse3
+from palpate.drivers.hid import raw
 from palpate.drivers.limits import LIMITS
+from palpate.drivers.pins import dotpad
+from palpate.drivers.sensors import bota
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Torque
@@ -45,12 +50,15 @@ def made(request):
 
 
 def run(bus, seconds, until=lambda message: False):
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    """The last message after so much time in which the machine runs, or the first for which `until` holds."""
+    left, looked = seconds, time.monotonic()
+    while left > 0.0:
         (message,) = bus.run(1)
         if until(message):
             return message
         time.sleep(0.001)
+        moment = time.monotonic()
+        left, looked = left - min(moment - looked, 0.05), moment
     return message
 
 
@@ -64,6 +72,39 @@ def test_it_answers_and_never_holds_up_the_loop(name, made):
     assert time.thread_time() - begun < 0.3, "1 ms of processor time a step, FakeBus included"
     assert all(isinstance(m, DeviceState | Contact) for m in messages)
     assert type(node).hardware and type(node).sink
+
+
+INFO = raw.pack(raw.Info(0, 3, (1e-5,) * 6, (1e-3,) * 6))
+NAME = dotpad.pack(dotpad.Packet(0, dotpad.NAME_REPLY, 0, b"pad"))
+FIRST = '{"inverse3": [{"device_id": "A1"}]}'
+
+
+@pytest.mark.parametrize(
+    ("module", "driver", "ask", "answer", "late"),
+    [
+        (bota, bota.Bota, lambda driver: driver._ask("C"), b"r,0,C,0", 1),
+        (raw, raw.RawHidDriver, lambda driver: driver._ask(), INFO, 8),
+        (dotpad, dotpad.DotPad, lambda driver: driver._ask(dotpad.NAME_REQUEST, dotpad.NAME_REPLY), NAME, 1),
+        (inverse3, inverse3.Inverse3, lambda driver: driver.open(), FIRST, 1),
+    ],
+    ids=["bota", "rawhid", "dotpad", "inverse3"],
+)
+def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it_may_take(
+    monkeypatch, module, driver, ask, answer, late
+):
+    """What it answers comes when the machine goes on."""
+    clock, nothing = [0.0], answer[:0]
+    answers = iter([nothing] * late)
+
+    def read(*_):
+        clock[0] += 5.0
+        return next(answers, answer)
+
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    made = driver(lambda: made.port)
+    made.port = SimpleNamespace(write=lambda _: None, read=read)
+    made.reader, made.sequence = dotpad.PacketReader(), 0
+    ask(made)
 
 
 @pytest.mark.parametrize("name", HAPTIC)
