@@ -13,7 +13,7 @@ import hashlib
 import os
 import shutil
 import stat
-import time
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote, unquote
@@ -58,13 +58,15 @@ class RunFolder:
     """The folder of one run, made and locked; `close` removes it. Folders that dead launchers have left are removed."""
 
     def __init__(self, run: str) -> None:
-        for old in folder().iterdir():
+        here = folder()
+        for old in here.iterdir():
             if not _in_use(old):
                 shutil.rmtree(old, ignore_errors=True)
-        self.path = folder() / run
-        self.path.mkdir(mode=0o700)
-        self._lock = os.open(self.path / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        # It is locked before others can see it: a launcher that starts meanwhile would remove it.
+        made = Path(tempfile.mkdtemp(prefix=f"{here.name}-", dir=here.parent))
+        self._lock = os.open(made / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
         fcntl.flock(self._lock, fcntl.LOCK_EX)
+        self.path = made.rename(here / run)
 
     def write_key(self, key: Key, groups: list[str]) -> None:
         """Leave the key of the run for those who listen on this machine, and the groups whose outlets it secures."""
@@ -101,14 +103,10 @@ def runs() -> Iterator[tuple[str, list[str]]]:
 
 
 def _in_use(path: Path) -> bool:
-    """Whether the launcher of this run lives, or has made the folder a moment ago. A stray file is no run."""
-    if not path.is_dir():
-        return False
+    """Whether the launcher of this run lives. A stray file is no run."""
     try:
         number = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
-    except FileNotFoundError:
-        with contextlib.suppress(FileNotFoundError):
-            return abs(path.stat().st_mtime - time.time()) < 5.0
+    except (FileNotFoundError, NotADirectoryError):
         return False
     try:
         fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)

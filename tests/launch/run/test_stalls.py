@@ -1,6 +1,8 @@
 """A machine that stands still for a while is no silence: who waits for others counts what it has looked at itself."""
 
 import faulthandler
+import fcntl
+import os
 import signal
 from types import SimpleNamespace
 
@@ -13,6 +15,7 @@ from palpate.launch.run import ending
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Exited, Quit
+from palpate.launch.run.wire import addresses
 from palpate.launch.run.work.loops import QUIET, observe
 from palpate.launch.run.work.watchdog import START_PATIENCE, watched
 
@@ -105,6 +108,26 @@ def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_bef
     launcher = SimpleNamespace(members={"a": member}, _next_report=next_report, _is_gone=lambda member: None)
     Launcher._answer(launcher, Exited("a", 1))
     assert member.state == "failed"
+
+
+def test_a_run_that_starts_while_another_is_about_to_lock_its_folder_leaves_it_alone(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path) if len(str(tmp_path)) < 40 else "")
+    first, second = f"1-{os.getpid()}", f"2-{os.getpid()}"
+    lock, others = fcntl.flock, []
+
+    def flock(number: int, how: int) -> None:
+        """The first one stands still before it has the lock."""
+        if how == fcntl.LOCK_EX and not others:
+            others.append(None)
+            others.append(addresses.RunFolder(second))
+        lock(number, how)
+
+    monkeypatch.setattr(addresses.fcntl, "flock", flock)
+    made = addresses.RunFolder(first)
+    assert made.path.is_dir() and {first, second} <= dict(addresses.runs()).keys()
+    made.close()
+    others[1].close()
+    assert not {first, second} & dict(addresses.runs()).keys()
 
 
 @pytest.mark.parametrize(("patience", "least"), [(0.05, 60.0), (5.0, 60.0), (START_PATIENCE, 240.0)])
