@@ -1,5 +1,6 @@
 """What is sent last is read, however far behind the reader is: who closes waits until it was taken."""
 
+import os
 import threading
 import time
 
@@ -11,6 +12,7 @@ from palpate.launch.run.wire import inlet as inlet_module
 from palpate.launch.run.wire.addresses import RunFolder
 from palpate.launch.run.wire.bus import END, HEALTH, Bus, frame, split
 
+RUN = f"test-{os.getpid()}"  # others may run these tests beside this process
 FRAMES, ROOM, BEHIND = 20_000, 50, 120
 LARGE = b"x" * 500
 
@@ -20,7 +22,7 @@ class Ends:
 
     def __init__(self, folder: str):
         self.sender, self.reader = (
-            Bus("test", name, f"ipc://{folder}/c", f"ipc://{folder}/r", real=False) for name in ("one", "other")
+            Bus(RUN, name, f"ipc://{folder}/c", f"ipc://{folder}/r", real=False) for name in ("one", "other")
         )
         self.beside: list[threading.Thread] = []
 
@@ -54,7 +56,7 @@ def ends(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for module in (bus_module, inlet_module):
         monkeypatch.setattr(module, "HIGH_WATER", ROOM)
-    folder = RunFolder("test")
+    folder = RunFolder(RUN)
     made = Ends(str(tmp_path))
     yield made
     made.end()
