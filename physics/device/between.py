@@ -4,7 +4,7 @@ A reading at rest jumps to and fro between two neighbouring steps, and what diff
 makes a great speed of each jump. So a reading that has stayed within two neighbouring steps for `REST` gives way to its
 mean since it came there. From the first reading outside on each change of the reading counts at once, without delay.
 How far the mean was from that reading, at most two steps, fades out over `BLEND`: as a jump it would be a great speed,
-too.
+too. A reading further away, as after an outage, is a motion: it counts at once, but for these two steps.
 
 Without it a stiff contact has no place to rest: N. Diolaiti, G. Niemeyer, F. Barbagli, J. K. Salisbury, "Stability
 of haptic rendering: discretization, quantization, time delay, and Coulomb effects", IEEE Trans. Robotics
@@ -19,6 +19,7 @@ from palpate.physics.kernel import kernel
 
 REST = 0.05  # [s]
 BLEND = 0.01  # [s] from the reading to the mean, and back
+FURTHEST = 2.0  # [steps] of what is told from the reading
 LOW, HIGH, HELD, SUM, TOLD, AWAY = range(6)
 
 
@@ -53,7 +54,8 @@ def rest(cell, i, reading, step, dt):
     cell[HIGH, i] = max(cell[HIGH, i], reading)
     cell[AWAY, i] *= math.exp(-dt / BLEND)
     if not cell[HIGH, i] - cell[LOW, i] < 1.5 * step:
-        cell[AWAY, i] += _share(cell[HELD, i]) * (cell[TOLD, i] - cell[AWAY, i] - reading)
+        away = cell[AWAY, i] + _share(cell[HELD, i]) * (cell[TOLD, i] - cell[AWAY, i] - reading)
+        cell[AWAY, i] = min(max(away, -FURTHEST * step), FURTHEST * step)
         cell[LOW, i] = cell[HIGH, i] = reading
         cell[HELD, i] = cell[SUM, i] = 0.0
     else:

@@ -55,3 +55,12 @@ def test_no_reading_is_told_as_further_away_than_two_steps():
     told, read = follow(places)
     assert np.abs(told - read).max() < 2.0 * STEP
     assert np.any(told != read)
+
+
+def test_a_reading_far_from_where_it_rested_counts_at_once():
+    """As after an outage in which the finger moved on: were its whole way to fade in over 10 ms, it would seem fast."""
+    places = np.zeros((200, 3))
+    places[120:] = STEP * np.array([80.0, -80.0, 2.0])
+    told, read = follow(places)
+    assert np.abs(told - read).max() <= (2.0 + 1e-9) * STEP
+    assert told[150] == approx(read[150], abs=2.0 * STEP * np.exp(-2.9))
