@@ -42,8 +42,9 @@ class Flow(Node):
         except (ArchiveError, KeyError) as error:
             raise SettingError(f"setting 'table': {path}: {error}. `palpate fe table` writes one") from None
         rows = force.size
+        numbers = all(np.can_cast(array.dtype, float) for array in (force, area, volumes, self._levels))
         alike = force.shape == area.shape == (rows,) and volumes.shape == (rows, self._levels.size)
-        every = np.column_stack([force, area, volumes]) if alike else np.full((1, 1), np.nan)
+        every = np.column_stack([force, area, volumes]) if numbers and alike else np.full((1, 1), np.nan)
         if not np.isfinite(every).all() or rows < 2 or force[0] != 0.0 or (np.diff(force) <= 0).any():
             raise SettingError(
                 f"setting 'table': {path}: expected finite curves over forces that rise from 0. `palpate fe table` "

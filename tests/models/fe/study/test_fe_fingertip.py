@@ -193,12 +193,19 @@ def test_flow_holds_no_curve_that_nobody_reads(tmp_path, wanted, columns):
 
 @pytest.mark.parametrize(
     "wrong",
-    [{"force": [0.0, 0.5, 0.5]}, {"force": [0.1, 0.2, 0.5]}, {"area": [0.0, np.nan, 1.0]}, {"area": [0.0, 1.0]}],
+    [
+        {"silicone.force": [0.0, 0.5, 0.5]},
+        {"silicone.force": [0.1, 0.2, 0.5]},
+        {"silicone.area": [0.0, np.nan, 1.0]},
+        {"silicone.area": [0.0, 1.0]},
+        {"silicone.area": ["none", "some", "all"]},
+        {"levels": ["low", "high"]},
+    ],
 )
 def test_flow_refuses_a_table_that_is_no_curve(tmp_path, wrong):
     with np.load(table(tmp_path)) as archive:
         data = {name: archive[name] for name in archive.files}
-    np.savez(tmp_path / "wrong.npz", **(data | {f"silicone.{name}": values for name, values in wrong.items()}))
+    np.savez(tmp_path / "wrong.npz", **(data | wrong))
     with pytest.raises(SettingError, match="forces that rise from 0"):
         FakeBus(Flow(table=str(tmp_path / "wrong.npz")))
     (tmp_path / "cut.npz").write_bytes((tmp_path / "wrong.npz").read_bytes()[:200])
