@@ -96,7 +96,8 @@ def survives(read: Callable[[Path], object], path: Path, data: bytes, seeds: ran
     return refused
 
 
-COUNTS = [pytest.param(range(FEW), id="few"), pytest.param(range(FEW, MANY), id="many", marks=pytest.mark.long)]
+LONG = (pytest.mark.long, pytest.mark.timeout(3600))
+COUNTS = [pytest.param(range(FEW), id="few"), pytest.param(range(FEW, MANY), id="many", marks=LONG)]
 
 
 @pytest.fixture
