@@ -76,12 +76,12 @@ def _nifti(path: Path):
         held = path.stat().st_size * (MOST_PACKED if path.name.lower().endswith(".gz") else 1)
         if not 0 < claimed <= held:  # memory is reserved before the voxels are read
             raise ValueError(f"its header says {claimed} bytes of voxels, the file holds at most {held}")
+        unit = {"meter": 1.0, "micron": 1e-6}.get(image.header.get_xyzt_units()[0], 1e-3)
         data = np.squeeze(np.asanyarray(image.dataobj).astype(np.float32))
     except Exception as error:  # nibabel and its compressors raise many types; all mean the same to the user
         raise ScanError(f"{path}: cannot be read as NIfTI: {error}") from None
     if data.ndim != 3:
         raise ScanError(f"{path}: found {data.ndim} dimensions, expected one volume of three")
-    unit = {"meter": 1.0, "micron": 1e-6}.get(image.header.get_xyzt_units()[0], 1e-3)
     turn = np.asarray(image.affine, float)[:3, :3]
     zooms = np.linalg.norm(turn, axis=0)
     if not (np.isfinite(turn).all() and (zooms > 0).all()):
