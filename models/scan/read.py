@@ -125,11 +125,12 @@ def _picture(path: Path):
     from skimage.io import imread
 
     if path.suffix.lower() == ".png":
-        with path.open("rb") as head:
-            signature, width, height = PNG.unpack(head.read(PNG.size))
+        data = path.read_bytes()
+        signature, width, height = PNG.unpack(data[: PNG.size])
         if signature != b"\x89PNG\r\n\x1a\n":  # the reader would take what it finds for any of its formats
             raise ValueError("not a PNG file")
         _check_voxels(width * height)
+        return imread(io.BytesIO(data))  # from a file, room would be made for all that a damaged chunk claims to hold
     if path.suffix.lower() in (".tif", ".tiff"):
         import tifffile
 

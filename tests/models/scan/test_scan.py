@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -243,6 +244,22 @@ def test_broken_files_are_refused(tmp_path):
     with pytest.raises(ScanError, match="no spacing"):
         (folder / "slice_003.png").write_bytes((folder / "slice_004.png").read_bytes())
         read(folder)
+
+
+def test_a_picture_that_claims_a_gigabyte_takes_no_more_memory_than_it_holds(tmp_path):
+    folder = write_images(coarse(), tmp_path / "i")
+    whole = read(folder, coarse().spacing)
+    damaged = bytearray((folder / "slice_003.png").read_bytes())
+    at = damaged.index(b"IDAT")
+    damaged[at - 4 : at] = (1 << 30).to_bytes(4, "big")
+    (folder / "slice_003.png").write_bytes(damaged)
+    tracemalloc.start()
+    try:
+        found = read(folder, coarse().spacing)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 27
+    finally:
+        tracemalloc.stop()
+    assert np.array_equal(found.volume, whole.volume)
 
 
 def test_two_series_in_one_folder_are_refused(tmp_path):
