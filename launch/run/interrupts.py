@@ -1,7 +1,9 @@
 """Signals by which a user or the system asks a run to end: Ctrl-C, `kill`, a terminal that closes."""
 
 import contextlib
+import os
 import signal
+import stat
 from collections.abc import Callable, Iterator, Sequence
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -17,8 +19,24 @@ def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) 
         for number in numbers:
             with contextlib.suppress(ValueError):
                 if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
-                    before[number] = signal.signal(number, lambda number, _: handler(number))
+                    before[number] = signal.signal(number, lambda number, _: _call(handler, number))
         yield
     finally:
         for number, known in before.items():
             signal.signal(number, known)
+
+
+def _call(handler: Callable[[int], None], number: int) -> None:
+    if number == signal.SIGHUP:
+        _leave_terminal()
+    handler(number)
+
+
+def _leave_terminal() -> None:
+    """Print nowhere from now on if the terminal has closed: each line would be an error, in the midst of the end."""
+    for output in (1, 2):
+        with contextlib.suppress(OSError):
+            if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                os.dup2(nowhere, output)
+                os.close(nowhere)

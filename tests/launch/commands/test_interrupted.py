@@ -1,8 +1,14 @@
 """Ctrl-C, SIGTERM and a closed terminal: a command ends at once, with one line, and leaves nothing half done."""
 
+import fcntl
+import os
+import pty
+import select
 import shutil
 import signal
+import subprocess
 import sys
+import termios
 import time
 import weakref
 from pathlib import Path
@@ -57,6 +63,27 @@ def test_a_signal_ends_a_command_with_one_line_and_its_code(number, code):
     done = CliRunner().invoke(program, ["work"])
     assert (done.exit_code, done.stderr, left) == (code, "stopped; 3 of 4 points are stored\n", ["cleaned up"])
     assert (signal.getsignal(number), sys.unraisablehook) == before
+
+
+def test_a_terminal_that_closes_ends_a_run_in_order(tmp_path):
+    """What is printed there afterwards is an error of the system; it ended the run at once, its recording cut off."""
+    file, (master, slave) = tmp_path / "run.mcap", pty.openpty()
+    words = ["run", str(write_graph(tmp_path)), "--clock", "real", "--record", str(file)]
+    support = str(Path(__file__).parents[2] / "support")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([support, os.environ.get("PYTHONPATH", "")])}
+    with subprocess.Popen(
+        [sys.executable, "-m", "palpate.launch", *words],
+        stdin=slave, stdout=slave, stderr=slave, start_new_session=True, env=environment,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    ) as running:  # fmt: skip
+        os.close(slave)
+        until = time.monotonic() + 60.0
+        while not (file.exists() and file.stat().st_size) and time.monotonic() < until:
+            if select.select([master], [], [], 0.1)[0]:
+                os.read(master, 1 << 16)
+        os.close(master)
+        assert running.wait(60.0) == 128 + signal.SIGHUP
+    assert Recording(file).complete
 
 
 def test_ctrl_c_in_a_callback_where_python_drops_it_ends_the_command_too():
