@@ -248,7 +248,7 @@ class Launcher:
         )
 
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
-        if not self._barrier.ready(member, report):
+        if not member.alive or not self._barrier.ready(member, report):
             return
         if self._ending.over or (self._real and not any(lead.alive for lead in self._leads())):
             self._control.tell(member.job.group, reports.Stop())  # it did not hear that the run has ended meanwhile
@@ -262,6 +262,8 @@ class Launcher:
                 self._barrier.link(each)
 
     def _linked(self, member: WorkerHandle) -> None:
+        if not member.alive:
+            return  # it was killed meanwhile
         member.state = "linked"
         if self.phase == "linking" and self._barrier.all("linked") and not self._ending.over:
             self._go()

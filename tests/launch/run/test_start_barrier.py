@@ -10,7 +10,7 @@ import zmq
 
 from palpate.engine.job import Job, NodeJob, ObserverJob
 from palpate.launch.run.launcher import Launcher
-from palpate.launch.run.reports import ORDERS, Addressed, Connect, NodesEnded, Order, Ready, Stop
+from palpate.launch.run.reports import ORDERS, Addressed, Connect, Linked, NodesEnded, Order, Ready, Stop
 from palpate.launch.run.wire.bus import split
 
 
@@ -87,3 +87,19 @@ def test_a_worker_that_did_not_hear_that_the_run_was_stopped_is_told_when_it_doe
     result = launcher.run()
     it.join()
     assert told == [Stop()] and result.interrupted and not result.deaths
+
+
+@pytest.mark.parametrize(
+    "report", [Ready({"force": [], "observers": []}), Linked()], ids=lambda report: type(report).__name__
+)
+def test_what_a_worker_reported_before_it_was_killed_does_not_bring_it_back(launched, report):
+    """It counted as alive, and its end as a fault of its node in a run that Ctrl-C had stopped."""
+    _, launch = launched
+    launcher = launch(NODES)
+    launcher._barrier._control._subscribed["a"] = 1
+    member = launcher.members["a"]
+    member.state = "killed"
+    launcher._take(member, report)
+    assert member.state == "killed"
+    launcher._control.close(0)
+    launcher.forkserver.close()
