@@ -63,7 +63,9 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
     def dropped(error: Any) -> None:
         if error.exc_type is KeyboardInterrupt:
-            threading.Timer(AGAIN, os.kill, (os.getpid(), signal.SIGINT)).start()
+            again = threading.Timer(AGAIN, os.kill, (os.getpid(), signal.SIGINT))
+            again.daemon = True  # a program that has ended meanwhile does not wait for it
+            again.start()
         else:
             before(error)
 
