@@ -84,7 +84,7 @@ class Exchange:
         """Command zero and close the device."""
         self._stop.set()
         if self._thread is not None:
-            for _ in range(GLANCES):  # where the machine stands still it is one of them that passes
+            for _ in range(GLANCES):  # a machine that stands still uses up one of them
                 self._thread.join(STOP / GLANCES)
             self._thread = None
 

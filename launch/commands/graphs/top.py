@@ -13,7 +13,7 @@ from palpate.launch.terminal.output import console
 if TYPE_CHECKING:
     from palpate.messages import Health
 
-GLANCE = 0.25  # [s] between two reports that count at most: each node sends five a second, but where the machine stalls
+GLANCE = 0.25  # [s] between two reports that count at most: each node sends five a second, unless the machine stalls
 
 
 def top(
