@@ -28,11 +28,13 @@ _set = msgspec.structs.force_setattr
 class NodeError(PalpateError):
     """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run.
 
-    KeyboardInterrupt: it is the cause, and no run has taken Ctrl-C over, so that it is the user's and not the node's.
+    KeyboardInterrupt: it is the cause, and the user's, not the node's: no run has taken Ctrl-C over, or it is a kind of
+    its own, as that of SIGTERM.
     """
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
-        if isinstance(cause, KeyboardInterrupt) and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        free = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        if isinstance(cause, KeyboardInterrupt) and (free or type(cause) is not KeyboardInterrupt):
             raise cause
         super().__init__(f"node {node!r}, {where}: {cause}")
         self.node, self.where, self.cause = node, where, cause

@@ -51,6 +51,10 @@ class Verbs(TyperGroup):
             raise typer.Exit(reported.exit_code) from None
 
 
+class StoppedError(KeyboardInterrupt):
+    """SIGTERM or a closed terminal, also where Ctrl-C is ignored, as in the background of a script."""
+
+
 @contextlib.contextmanager
 def _interruptible(numbers: list[int]) -> Iterator[None]:
     """Raise KeyboardInterrupt for these signals, too, whose numbers are added to the list; and once more where it came
@@ -59,10 +63,10 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
     def end(number: int) -> None:
         numbers.append(number)
-        raise KeyboardInterrupt
+        raise StoppedError
 
     def dropped(error: Any) -> None:
-        if error.exc_type is KeyboardInterrupt:
+        if issubclass(error.exc_type, KeyboardInterrupt):
             again = threading.Timer(AGAIN, os.kill, (os.getpid(), signal.SIGINT))
             again.daemon = True  # a program that has ended meanwhile does not wait for it
             again.start()

@@ -16,13 +16,17 @@ Law = tuple[float, float, float, float]
 """K [N/m^n], n [1] and s_free [m] of the next step's terminal law, and the indentation now [m]."""
 
 
+ALONE = np.eye(1)
+"""Coupling of the one contact of a body."""
+
+
 class ReducedBody:
     """What a body answers that `deformation.ReducedFE` steps; the rest is what one answers that cannot tell."""
 
     @property
     def coupling(self) -> np.ndarray:
         """[1] (c,c) O of its contacts, see `physics.contact.joint`."""
-        return np.eye(1)
+        return ALONE
 
     @property
     def extrapolation(self) -> float:

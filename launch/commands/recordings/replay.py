@@ -71,7 +71,7 @@ def replay(
     player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
     no_idle(sets or [], plan, player.running)
     show = stepper(recording) if step else lambda tick, time, messages: True
-    with contextlib.suppress(*[KeyboardInterrupt] * loop):
+    with contextlib.suppress(KeyboardInterrupt) if loop else contextlib.nullcontext():
         player.run(show)
         while loop:
             player.run(show)

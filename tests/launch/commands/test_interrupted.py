@@ -110,6 +110,17 @@ def test_ctrl_c_while_a_node_computes_a_touch_again_is_no_fault_of_the_node(file
     assert (done.exit_code, done.stderr.strip()) == (130, "stopped")
 
 
+def test_sigterm_to_a_command_in_the_background_of_a_script_is_no_fault_of_a_node(file, monkeypatch):
+    """There Ctrl-C is ignored."""
+    monkeypatch.setattr(Drag, "start", lambda *_: signal.raise_signal(signal.SIGTERM))
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        done = CliRunner().invoke(app, ["replay", str(file)])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert (done.exit_code, done.stderr.strip()) == (143, "stopped")
+
+
 def test_messages_of_sources_whose_computing_was_stopped_leave_no_file_and_are_computed_anew(tmp_path, monkeypatch):
     file = recorded(tmp_path, "sources")
     before, recording = set(tmp_path.iterdir()), Recording(file)
