@@ -1,9 +1,20 @@
 """What drivers share whose device is behind one connection."""
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from typing import ClassVar, Generic, Protocol, TypeVar
 
 from palpate.drivers.errors import DeviceError
+
+LEAST = 3  # attempts, where the machine stands still for as long as they may take
+
+
+def attempts(seconds: float) -> Iterator[int]:
+    """Number the attempts of so many seconds, at least `LEAST`, to hear of a device that is set up."""
+    count, deadline = 0, time.monotonic() + seconds
+    while count < LEAST or time.monotonic() < deadline:
+        yield count
+        count += 1
 
 
 class _Port(Protocol):

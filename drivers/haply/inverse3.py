@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from palpate.drivers.connected import PortDriver
+from palpate.drivers.connected import PortDriver, attempts
 from palpate.drivers.emulate.faults import Days, EmulatedFaults
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError, package
@@ -24,7 +24,6 @@ from palpate.drivers.transport.websocket import WebSocket
 NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
 PATIENCE = 0.005  # [s] for a state
-ATTEMPTS = 3  # at least to hear of the devices, where the machine stands still for as long
 CALM = 10  # [1] cycles that read all that had come, after a flood: until then a state may be old, and is no answer
 GRIPS = ("wireless_verse_grip", "verse_grip")
 
@@ -89,11 +88,11 @@ class Inverse3(PortDriver[WebSocket]):
 
     def open(self) -> None:
         self.port, self.calm = self.connect(), CALM
-        deadline, asked = time.monotonic() + 2.0, 0
-        first: dict[str, Any] = {}
-        while "inverse3" not in first and (asked < ATTEMPTS or time.monotonic() < deadline):
-            first, asked = state(self.port.read(0.2)), asked + 1
-        if "inverse3" not in first:
+        for _ in attempts(2.0):
+            first = state(self.port.read(0.2))
+            if "inverse3" in first:
+                break
+        else:
             raise DeviceError(f"the {NAME} reports no devices within 2 s. Is it version 3 of the service?")
         known = [str(d.get("device_id")) for d in entries(first, "inverse3") if isinstance(d, dict)]
         if not known:

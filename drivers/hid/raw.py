@@ -9,7 +9,7 @@ import time
 from typing import Any, NamedTuple
 
 from palpate.drivers.checksums import crc16_x25
-from palpate.drivers.connected import PortDriver
+from palpate.drivers.connected import PortDriver, attempts
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
@@ -25,7 +25,6 @@ ENABLE, HOME, ASK_INFO = 1, 2, 4  # flags of a command
 HOMED, TRIPPED, FAULT = 1, 2, 4  # flags of a state
 TORQUES = 1  # flag of an info: counts are of joints, commands are torques
 PATIENCE = 0.004  # [s] for a state
-ATTEMPTS = 3  # at least to ask what it is, where the machine stands still for as long
 WATCHDOG = 20  # [ms] without a command after which the device lets go
 _COMMAND, _STATE, _INFO = struct.Struct("<BBHBBH6h"), struct.Struct("<BBHHBBI6iH"), struct.Struct("<BBHBB6f6f")
 
@@ -115,9 +114,7 @@ class RawHidDriver(PortDriver[HidPort]):
             raise DeviceError(f"the {NAME} reports scales of {scales}, expected none to be 0: check its firmware.")
 
     def _ask(self) -> Info:
-        deadline, asked = time.monotonic() + 1.0, 0
-        while asked < ATTEMPTS or time.monotonic() < deadline:
-            asked += 1
+        for _ in attempts(1.0):
             self._send(ASK_INFO, (0,) * AXES)
             for _ in range(8):
                 answer = unpack(self.port.read(LENGTH, 0.01))

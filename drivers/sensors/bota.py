@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from palpate.drivers.checksums import crc16_x25
-from palpate.drivers.connected import PortDriver
+from palpate.drivers.connected import PortDriver, attempts
 from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.framing import FrameReader
@@ -26,7 +26,6 @@ FRAME = 1 + BODY.size + 2
 STEP = 19.53125e-6  # [s] of the sensor's converter: a frame comes every `sinc` steps
 PATIENCE = 0.05  # [s] for a frame
 SETUP = 2.0  # [s] for an answer while it is set up
-ATTEMPTS = 3  # at least, where the machine stands still for as long
 INVALID = 0b0110  # bits of the status: out of range, invalid
 
 
@@ -83,10 +82,8 @@ class Bota(PortDriver[SerialLine]):
 
     def _ask(self, command: str) -> None:
         """One command and its answer; asked again while the sensor is still streaming frames or starting up."""
-        answer, deadline = f"r,0,{command[0]},0".encode(), time.monotonic() + SETUP
-        heard, asked = b"", 0
-        while asked < ATTEMPTS or time.monotonic() < deadline:
-            asked += 1
+        answer, heard = f"r,0,{command[0]},0".encode(), b""
+        for _ in attempts(SETUP):
             self.port.write(command.encode())
             pause = time.monotonic() + 0.25
             while time.monotonic() < pause:

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from palpate.engine import clock
 from palpate.engine.job import Job, members
 from palpate.launch.run.reports import Ready
 
 ALIVE = ("starting", "ready", "linked", "running")
-GLANCE = 0.2  # [s] by which silence grows at most between two looks: what kept the launcher from looking is no silence
+GLANCE = 1e-9 * clock.GLANCE  # [s]: what kept the launcher from looking is no silence
 DISK_PATIENCE = 120.0  # [s] for which waiting for a disk is no silence
 QUIET = 0.3  # [s] of silence from which on the kernel is asked what a worker waits for
 

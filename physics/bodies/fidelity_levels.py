@@ -23,7 +23,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.physics.bodies.fidelity_bases import FidelityBases
-from palpate.physics.bodies.patch import Law, Pressed, ReducedBody
+from palpate.physics.bodies.patch import ALONE, Law, Pressed, ReducedBody
 from palpate.physics.bodies.sampled.contacts import coupling_of, laws_of
 from palpate.physics.bodies.sampled.solve import TOLERANCE
 from palpate.physics.bodies.sampled_body import SampledBody
@@ -100,7 +100,7 @@ class FidelityLevels(ReducedBody):
         """Estimated relative error of the indentation in the last step."""
         self.evaluations = np.zeros(len(self.bodies), dtype=np.int64)
         """Evaluations of the energy by each in the last step."""
-        self._coupling = np.eye(1)
+        self._coupling = ALONE
         self.estimates = np.zeros(len(bodies))
         """Estimated relative error of each level in the last step."""
 

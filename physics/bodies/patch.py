@@ -14,8 +14,6 @@ Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float,
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
 Law = tuple[float, float, float, float]
 """K [N/m^n], n [1] and s_free [m] of the next step's terminal law, and the indentation now [m]."""
-
-
 ALONE = np.eye(1)
 """Coupling of the one contact of a body."""
 

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
-from palpate.physics.bodies.patch import CoarseBody, Law, Pressed, carried
+from palpate.physics.bodies.patch import ALONE, CoarseBody, Law, Pressed, carried
 from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch
 from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
@@ -184,7 +184,7 @@ class SampledBody(CoarseBody):
     @property
     def coupling(self) -> np.ndarray:
         """[1] (c,c) O, see `physics.contact.joint`."""
-        return np.eye(1) if self.contacts is None else coupling_of(self.contacts.compliance)
+        return ALONE if self.contacts is None else coupling_of(self.contacts.compliance)
 
     @property
     def measures(self) -> np.ndarray:

@@ -19,7 +19,7 @@ from palpate.physics.kernel import kernel
 
 REST = 0.05  # [s]
 BLEND = 0.01  # [s] from the reading to the mean, and back
-FURTHEST = 2.0  # [steps] of what is told from the reading
+FURTHEST = 2.0  # [steps] by which what is told may differ from the reading
 LOW, HIGH, HELD, SUM, TOLD, AWAY = range(6)
 
 
