@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from palpate.drivers import connected
 from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.haply import inverse3
@@ -100,7 +101,8 @@ def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it
         clock[0] += 5.0
         return next(answers, answer)
 
-    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    for where in (module, connected):
+        monkeypatch.setattr(where, "time", SimpleNamespace(monotonic=lambda: clock[0]))
     made = driver(lambda: made.port)
     made.port = SimpleNamespace(write=lambda _: None, read=read)
     made.reader, made.sequence = dotpad.PacketReader(), 0
