@@ -23,6 +23,7 @@ class Limits:
     delay    [1]           samples at 1 kHz between a motion and the force that answers it: the controller's `delay`
     ramp     [s]           in which the command comes in after start, homing, or a break
     each     [1]           whether `command` holds for each number (torques), or for the vector's length (a force)
+    silence  [s]           without an answer for longer than this the device is lost: the run ends, or waits for it
     """
 
     command: float
@@ -32,6 +33,7 @@ class Limits:
     delay: int = 2
     ramp: float = 0.5
     each: bool = False
+    silence: float = 0.5
 
 
 LIMITS = {
