@@ -7,7 +7,7 @@ that is gone when asked to, and leaves no force behind when it stops.
 import contextlib
 import threading
 import time
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from palpate.drivers.connected import LEAST
 from palpate.drivers.errors import DeviceError
@@ -24,7 +24,7 @@ PAUSE = 0.1  # [s] a longer time without an answer is an outage, which says noth
 class Driver(Protocol):
     """One device, spoken to directly. All its methods are called from one thread at a time."""
 
-    name: str
+    name: ClassVar[str]
     limits: Limits
     size: int
     """Numbers of a command."""

@@ -8,6 +8,7 @@ hang upside down and take 260 - height. Boards 1 to 36 are on the third line, to
 
 import time
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
@@ -60,7 +61,7 @@ class InForm:
     Between two pictures one board after the other is sent its heights again: so a line that is silent is noticed.
     """
 
-    name = NAME
+    name: ClassVar[str] = NAME
     limits = Limits(TRAVEL, float("inf"), float("inf"))
     size = SIDE * SIDE
 
