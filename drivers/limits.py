@@ -1,8 +1,9 @@
 """The safety limits of each device: the only place for these numbers. `guard.Guard` applies them to every command.
 
 A row limits the command in the device's own terms: forces [N], or torques [N m] of its arms. The Falcon's torque is the
-full scale of its motor words (libnifalcon). All other numbers are this project's own, chosen so that what a user of
-the device does with care stays inside: no data sheet was checked for them.
+full scale of its motor words, 4096 of them at 10 000 a N m (libnifalcon, FalconKinematicStamper::getForces). All other
+numbers are this project's own, chosen so that what a user of the device does with care stays inside: no data sheet was
+checked for them. `tests/drivers/test_limits.py` holds each to docs/devices.md.
 """
 
 import math
