@@ -49,12 +49,15 @@ def lacking(path: Path) -> str:
     """What a recording lacks, in one line: its end, or messages that its logger did not get; empty for a whole one."""
     try:
         with path.open("rb") as file:
-            counts = [record for record in Records(file).indexed() if getattr(record, "name", "") == "palpate.counts"]
+            told = [record for record in Records(file).indexed() if isinstance(record, Metadata)]
     except (OSError, Broken) as error:
         return f"recording {path} is not complete: {error}"
-    lost = {name: json.loads(entry)["lost"] for record in counts for name, entry in record.metadata.items()}
-    told = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
-    return f"recording {path} lacks messages that did not reach it in time: {told}" if told else ""
+    counts = {
+        name: entry for record in told if record.name == "palpate.counts" for name, entry in record.metadata.items()
+    }
+    lost = {name: json.loads(entry)["lost"] for name, entry in counts.items()}
+    losses = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
+    return f"recording {path} lacks messages that did not reach it in time: {losses}" if losses else ""
 
 
 class Broken(Exception):
