@@ -7,8 +7,9 @@ that is gone when asked to, and leaves no force behind when it stops.
 import contextlib
 import threading
 import time
-from typing import Protocol
+from typing import ClassVar, Protocol
 
+from palpate.drivers.connected import LEAST
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample, Guard, ahead
 from palpate.drivers.limits import Limits
@@ -17,11 +18,13 @@ RETRY = 0.5  # [s] between two looks for a device that is gone
 FAREWELL = 3  # [1] zero commands before the device is closed
 STOP, GLANCES = 2.0, 20  # [s] for the thread's end, in so many glances
 RATED = 1.0  # [s] over which the rate of answers is taken
+PAUSE = 0.1  # [s] a longer time without an answer is an outage, which says nothing of the rate
 
 
 class Driver(Protocol):
     """One device, spoken to directly. All its methods are called from one thread at a time."""
 
+    name: ClassVar[str]
     limits: Limits
     size: int
     """Numbers of a command."""
@@ -52,11 +55,12 @@ class Exchange:
         self._command: tuple[tuple[float, ...], int] = ((0.0,) * driver.size, 0)
         self._newest: tuple[DeviceSample | None, tuple[tuple[float, ...], tuple[float, ...]]] = None, ((), ())
         self._fault: DeviceError | None = None
+        self.lost: DeviceError | None = None  # what happened to a device that is waited for
         self._notes: list[str] = []
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.cycles = self.answers = 0
-        self.rate = 0.0  # [Hz] of the device's answers over the last second
+        self.rate = 0.0  # [Hz] of the device's answers over the last second in which it answered
 
     def start(self) -> None:
         """Open the device and begin to talk. DeviceError: it cannot be opened."""
@@ -107,22 +111,36 @@ class Exchange:
             self.driver.close()
 
     def _talk(self) -> None:
-        begun, answers = time.monotonic(), self.answers
+        begun = then = time.monotonic()
+        answers, silent, limit = self.answers, 0.0, self.driver.limits.silence
         while not self._stop.is_set():
             command, given = self._command
             sample = self.driver.cycle(self.guard.apply(command, time.monotonic_ns(), given))
             self.guard.saw(sample)
             self.cycles += 1
-            if sample is not None:
-                self._newest = sample, self.guard.rates()
-                self.answers += 1
-            elapsed = time.monotonic() - begun
-            if elapsed > RATED:
-                self.rate = (self.answers - answers) / elapsed
-                begun, answers = time.monotonic(), self.answers
+            now = time.monotonic()
+            silent += min(now - then, limit / LEAST)  # a machine that stands still does not use up all of it
+            then = now
+            if sample is None:
+                if silent > limit:
+                    raise DeviceError(
+                        f"the {self.driver.name} does not answer any more: nothing came for {limit:g} s. Check its"
+                        " power and connection.",
+                        lost=True,
+                    )
+                continue
+            self._newest = sample, self.guard.rates()
+            self.answers += 1
+            if silent > PAUSE:
+                begun, answers = now, self.answers
+            elif now - begun > RATED:
+                self.rate = (self.answers - answers) / (now - begun)
+                begun, answers = now, self.answers
+            silent = 0.0
 
     def _wait_for_it(self, error: DeviceError) -> None:
         self._notes.append(f"{error} Waiting until it is back.")
+        self.lost = error
         if self._newest[0] is not None:
             self._newest = self._newest[0]._replace(homed=False), ((), ())
         self.guard.reset()
@@ -134,4 +152,5 @@ class Exchange:
             except DeviceError:
                 continue
             self._notes.append("The device is back.")
+            self.lost = None
             return

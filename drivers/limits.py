@@ -1,8 +1,9 @@
 """The safety limits of each device: the only place for these numbers. `guard.Guard` applies them to every command.
 
 A row limits the command in the device's own terms: forces [N], or torques [N m] of its arms. The Falcon's torque is the
-full scale of its motor words (libnifalcon). All other numbers are this project's own, chosen so that what a user of
-the device does with care stays inside: no data sheet was checked for them.
+full scale of its motor words, 4096 of them at 10 000 a N m (libnifalcon, FalconKinematicStamper::getForces). All other
+numbers are this project's own, chosen so that what a user of the device does with care stays inside: no data sheet was
+checked for them. `tests/drivers/test_limits.py` holds each to docs/devices.md.
 """
 
 import math
@@ -23,6 +24,7 @@ class Limits:
     delay    [1]           samples at 1 kHz between a motion and the force that answers it: the controller's `delay`
     ramp     [s]           in which the command comes in after start, homing, or a break
     each     [1]           whether `command` holds for each number (torques), or for the vector's length (a force)
+    silence  [s]           without an answer for longer than this the device is lost: the run ends, or waits for it
     """
 
     command: float
@@ -32,6 +34,7 @@ class Limits:
     delay: int = 2
     ramp: float = 0.5
     each: bool = False
+    silence: float = 0.5
 
 
 LIMITS = {

@@ -46,7 +46,7 @@ def machine(*packages: str) -> dict[str, Any]:
         "system": platform.platform(),
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "commit": commit(Path(__file__).parent),
+        "commit": commit(),
         "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
 
@@ -85,20 +85,24 @@ def _processor() -> str:
         return platform.machine()
 
 
-def commit(folder: Path | None = None) -> str | None:
-    """The commit of the working directory, or of a folder whose files git keeps; None where there is none."""
-    if folder is not None and not _git("ls-files", folder=folder):
+def commit() -> str | None:
+    """The commit of palpate's own source, wherever it is called; None where git does not keep this file, as that of an
+    installed package inside another repository."""
+    source = Path(__file__).resolve()
+    if not _git("ls-files", source.name, folder=source.parent):
         return None
-    return _git("rev-parse", "HEAD", folder=folder) or None
+    return _git("rev-parse", "HEAD", folder=source.parent) or None
 
 
-def _git(*what: str, folder: Path | None = None) -> str:
+def _git(*what: str, folder: Path) -> str:
     import subprocess
 
+    own = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}  # a hook's repository
     try:
         completed = subprocess.run(
-            ["git", *what], cwd=folder, capture_output=True, text=True, timeout=2, check=False, stdin=subprocess.DEVNULL
-        )
+            ["git", *what], cwd=folder, env=own, capture_output=True, text=True, timeout=2, check=False,
+            stdin=subprocess.DEVNULL,
+        )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):
         return ""
     return completed.stdout.strip()

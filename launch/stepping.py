@@ -7,7 +7,7 @@ for tick in steps("kidney", duration=0.5):
 
 import itertools
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NoReturn
 
 from palpate.engine.faults import choices
 from palpate.engine.plan import Plan
@@ -108,6 +108,11 @@ class Stepper:
         self._worker = Worker(job, None, lambda report: None)
         self.rate, self.last = graph.rate, self._worker.last
         self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        """ArgumentError: compiled nodes keep their state where a copy would share it."""
+        name = self.plan.graph.path.stem
+        raise ArgumentError(f"{name}: a graph that is stepped cannot be copied or pickled; make another one like it")
 
     def node(self, name: str) -> Node:
         """A node that runs. ArgumentError: there is no such one."""

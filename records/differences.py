@@ -40,6 +40,7 @@ class NodeReport:
     first      the first difference
     largest    largest difference of a number, relative to the largest magnitude of its field so far
     stopped    why, from some place on, the node could not be checked
+    gap        what the file lacks of the node's steps or inputs: what is computed after that may differ
     """
 
     checked: int = 0
@@ -47,6 +48,7 @@ class NodeReport:
     first: Difference | None = None
     largest: float = 0.0
     stopped: str = ""
+    gap: str = ""
 
 
 @dataclass
@@ -70,7 +72,7 @@ class Report:
     @property
     def complete(self) -> bool:
         """Every message of the file was checked."""
-        return not any(report.stopped for report in self.nodes.values())
+        return not any(report.stopped or report.gap for report in self.nodes.values())
 
     def to_spec(self) -> dict[str, Any]:
         """Plain data for programs."""

@@ -1,6 +1,7 @@
 """What stands in the file of a recording: its streams as typed messages or as columns of numbers, and what it knows of
 its run."""
 
+import contextlib
 import json
 from array import array
 from collections.abc import Iterator
@@ -8,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import msgspec
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
 
@@ -50,6 +52,17 @@ class Channelled:
                 f"{self.path}: stream {self.name!r} holds {self.schema['class']}: {error}. The other streams can be "
                 "read."
             ) from None
+
+
+@contextlib.contextmanager
+def damaged(path: Path) -> Iterator[None]:
+    """RecordingError for whatever unexpected data of this file raise: a file may say anything."""
+    try:
+        yield
+    except PalpateError:
+        raise
+    except (msgspec.MsgspecError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
+        raise RecordingError(f"{path}: damaged, or not written by palpate: {type(error).__name__}: {error}") from error
 
 
 class Stored:

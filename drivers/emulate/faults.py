@@ -21,8 +21,8 @@ class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     glitches  [1]  chance that an encoder is far off for one answer
     noise     [1]  chance that an encoder is one count off
     unplug    [s]  after its first answer in the run, when it is pulled out; negative: never
-    back      [s]  after its first answer in the run, when it is plugged in again; negative: never
     silent    [s]  after its first answer in the run, when it stops to answer; negative: never
+    back      [s]  after its first answer in the run, when it is plugged in again, or answers again; negative: never
     flaky     [1]  attempts to load it, or greetings, that fail before one succeeds
     """
 
@@ -32,8 +32,8 @@ class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     glitches: Chance = 0.0
     noise: Chance = 0.0
     unplug: When = -1.0
-    back: When = -1.0
     silent: When = -1.0
+    back: When = -1.0
     flaky: Annotated[int, "1", msgspec.Meta(ge=0)] = 0
     seed: Annotated[int, "1"] = 0
 
@@ -58,8 +58,12 @@ class Days:
 
     def unplugged(self, now: int) -> bool:
         """Whether the plug is out at `now` [ns]."""
-        since, given = self._since(now), self.faults
-        return 0.0 <= given.unplug <= since and not 0.0 <= given.back <= since
+        return self._within(self.faults.unplug, now)
+
+    def _within(self, begin: float, now: int) -> bool:
+        """Whether `now` [ns] lies between `begin` [s] and the time when it is back."""
+        since, back = self._since(now), self.faults.back
+        return 0.0 <= begin <= since and not 0.0 <= back <= since
 
     def lost(self, opened: int, now: int) -> bool:
         """Whether the plug was out since `opened` [ns]: what was opened before stays gone when the device is back."""
@@ -72,8 +76,8 @@ class Days:
             raise DeviceError(f"the {name} is gone. Plug it in again.", lost=True)
 
     def silent(self, now: int) -> bool:
-        """Whether it has stopped to answer for good."""
-        return 0.0 <= self.faults.silent <= self._since(now)
+        """Whether it has stopped to answer."""
+        return self._within(self.faults.silent, now)
 
     def chance(self, name: str) -> bool:
         """Whether a fault of this name strikes now."""

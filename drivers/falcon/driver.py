@@ -8,7 +8,7 @@ from statistics import median_low
 
 from palpate.drivers.connected import PortDriver
 from palpate.drivers.errors import DeviceError
-from palpate.drivers.falcon import firmware, frames
+from palpate.drivers.falcon import NAME, firmware, frames
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.ftdi import Ftdi, payload
@@ -33,7 +33,7 @@ class FalconDriver(PortDriver[Ftdi]):
     clock     [ns]
     """
 
-    name = "Falcon"
+    name = NAME
     limits = LIMITS["falcon"]
     size = 3
 

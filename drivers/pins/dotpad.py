@@ -34,6 +34,7 @@ BOARD = struct.Struct("12B")
 # features, dots a cell, pin distance, keys, then rows, columns, -, time of text and graphic
 CELL_WIDTH, CELL_HEIGHT = 2, 4
 PATIENCE = 0.5  # [s] for an answer
+PING = 0.5  # [s] without an answer after which it is asked for its name
 LONGEST = 1024  # [bytes] of a body
 
 
@@ -84,7 +85,7 @@ class DotPad(PortDriver[SerialLine]):
     """
 
     name = NAME
-    limits = Limits(float("inf"), float("inf"), float("inf"))
+    limits = Limits(float("inf"), float("inf"), float("inf"), silence=2.0)
 
     def __init__(self, connect: Callable[[], SerialLine], rows: int = 40, columns: int = 60) -> None:
         super().__init__(connect)
@@ -110,31 +111,38 @@ class DotPad(PortDriver[SerialLine]):
             )
 
     def _ask(self, command: int, reply: int) -> bytes:
-        self.port.write(pack(Packet(0, command, 0, b"")))
+        packet = self._exchange(Packet(0, command, 0, b""), reply)
+        if packet is None:
+            raise DeviceError(f"the {NAME} does not answer. Is this its port, and is it switched on?")
+        return packet.data
+
+    def _exchange(self, request: Packet, reply: int) -> Packet | None:
+        """Send a packet; the reply to it, None where none comes in time."""
+        self.port.write(pack(request))
         left, deadline = PATIENCE, time.monotonic() + PATIENCE
         while left > 0.0:
             left = deadline - time.monotonic()
             for packet in self.reader.feed(self.port.read(max(left, 0.0))):  # once more, if the machine stood still
-                if packet.command == reply:
-                    return packet.data
-        raise DeviceError(f"the {NAME} does not answer. Is this its port, and is it switched on?")
+                if packet.command == reply and request.to in (0, packet.to):
+                    self.heard = time.monotonic()
+                    return packet
+        return None
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
         """Send at most one changed line, and wait for its answer: a line takes milliseconds."""
         lines = cells([c > 0.0 for c in command], self.rows, self.columns)
         changed = next((i for i, line in enumerate(lines) if self.shown.get(i) != line), None)
-        if changed is None:
+        if changed is not None:
+            request = Packet(self.first + changed, LINE_REQUEST, 0, b"\0" + lines[changed])
+            answer = self._exchange(request, LINE_REPLY)
+            if answer is not None and answer.data[:1] == b"\0":
+                self.shown[changed] = lines[changed]
+        elif time.monotonic() - self.heard > PING:
+            answer = self._exchange(Packet(0, NAME_REQUEST, 0, b""), NAME_REPLY)
+        else:
             self.reader.feed(self.port.read(0.01))
             return DeviceSample(time.monotonic_ns())
-        self.port.write(pack(Packet(self.first + changed, LINE_REQUEST, 0, b"\0" + lines[changed])))
-        deadline = time.monotonic() + PATIENCE
-        while (left := deadline - time.monotonic()) > 0.0:
-            for packet in self.reader.feed(self.port.read(left)):
-                if packet.command == LINE_REPLY and packet.to == self.first + changed:
-                    if packet.data[:1] == b"\0":
-                        self.shown[changed] = lines[changed]
-                    return DeviceSample(time.monotonic_ns())
-        return None
+        return None if answer is None else DeviceSample(time.monotonic_ns())
 
 
 class EmulatedDotPad(EmulatedDevice):

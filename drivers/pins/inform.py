@@ -8,6 +8,7 @@ hang upside down and take 260 - height. Boards 1 to 36 are on the third line, to
 
 import time
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 from palpate.drivers.emulate import EmulatedDevice
 from palpate.drivers.errors import DeviceError
@@ -56,8 +57,11 @@ class InForm:
     """The display on three lines. A command is 576 heights [m], row by row.
 
     connect  opens the three lines
+
+    Between two pictures one board after the other is sent its heights again: so a line that is silent is noticed.
     """
 
+    name: ClassVar[str] = NAME
     limits = Limits(TRAVEL, float("inf"), float("inf"))
     size = SIDE * SIDE
 
@@ -67,6 +71,8 @@ class InForm:
 
     def open(self) -> None:
         self.shown: dict[int, bytes] = {}
+        self.turn = 0
+        self.asked: set[int] = set()  # lines that have not answered yet
         self.rest = [b""] * 3
         self.measured = [0.0] * self.size
         self.lines = self.connect()
@@ -77,19 +83,22 @@ class InForm:
         if not self.lines:
             raise DeviceError(f"{NAME} is not open", lost=True)
         sent = False
+        self.turn = self.turn % BOARDS + 1
         for board in range(1, BOARDS + 1):
             heights = [LOW] * PINS
             for pin in range(PINS):
                 row, column = PLACES[board, pin]
                 heights[pin] = counts(command[row * SIDE + column])
             data = message(board, heights, ASK)
-            if self.shown.get(board) != data:
+            changed = self.shown.get(board) != data
+            if changed or board == self.turn:
                 self.lines[line_of(board)].write(data)
+                self.asked.add(line_of(board))
                 self.shown[board] = data
-                sent = True
+            sent = sent or changed
         for index, line in enumerate(self.lines):
             self._hear(index, line.read(0.0 if sent else 0.005))
-        return DeviceSample(time.monotonic_ns(), joints=())
+        return None if self.asked else DeviceSample(time.monotonic_ns())
 
     def _hear(self, index: int, data: bytes) -> None:
         """Take the pins' own heights from the answers."""
@@ -99,6 +108,7 @@ class InForm:
             rest = rest[start + (2 + PINS if max(body) < SEND else 1) :]
             if max(body) >= SEND or not 1 <= body[0] <= BOARDS:
                 continue
+            self.asked.discard(index)
             for pin, level in enumerate(body[1:]):
                 row, column = PLACES[body[0], pin]
                 height = LOW + HIGH - level if inverted(body[0]) else level

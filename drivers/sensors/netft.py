@@ -74,7 +74,7 @@ class NetFT(PortDriver[Udp]):
     """
 
     name = NAME
-    limits = Limits(0.0, 0.0, float("inf"))
+    limits = Limits(0.0, 0.0, float("inf"), silence=2.5 * RENEW)
     size = 0
 
     def __init__(self, host: str, rdt: int = PORT, web: int = 80) -> None:

@@ -7,6 +7,7 @@ import signal
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import msgspec
@@ -32,7 +33,7 @@ from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
-from palpate.records.format.mcap_file import is_complete
+from palpate.records.format.mcap_file import lacking
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 FILES, FILES_EACH = 64, 6
@@ -53,8 +54,13 @@ class RunOutcome:
 
     @property
     def ok(self) -> bool:
-        """Whether every node lived to the end, and the recording is whole: a disk may have become full."""
-        return self.result.ok and (self.recording is None or not self.result.ticks or is_complete(self.recording))
+        """Whether every node lived to the end, and the recording is whole."""
+        return self.result.ok and not self.lacking
+
+    @cached_property
+    def lacking(self) -> str:
+        """What the recording lacks: its end, where a disk became full, or messages; empty for a whole one."""
+        return lacking(self.recording) if self.recording is not None and self.result.ticks else ""
 
     def signalled(self) -> None:
         """Raise the signal that ended the run once more, for whoever handles it here: Ctrl-C is a KeyboardInterrupt."""

@@ -7,7 +7,8 @@ from palpate.engine.plan import Plan
 
 @dataclass(frozen=True)
 class Death:
-    """A node or a whole worker that failed: who, where, why, and its traceback or what it printed."""
+    """A node or a whole worker that failed: who, where, why, and its traceback or what it printed. Where the process
+    itself failed in a run that is one, `node` is empty."""
 
     node: str
     where: str
@@ -15,7 +16,7 @@ class Death:
     trace: str = ""
 
     def __str__(self) -> str:
-        return f"node {self.node!r}, {self.where}: {self.text}"
+        return f"node {self.node!r}, {self.where}: {self.text}" if self.node else f"{self.where}: {self.text}"
 
 
 @dataclass

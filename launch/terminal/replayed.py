@@ -33,6 +33,8 @@ def checked(recording: Recording, report: Report, tolerance: float, elsewhere: l
     for name, node in report.nodes.items():
         if node.stopped:
             say(f"not checked: {name}: {node.stopped}", "yellow")
+        elif node.gap:
+            say(f"checked but for a gap: {name}: {node.gap}", "yellow")
     if report.cut:
         ending = recording.ending or f"{recording.path} was recovered"
         say(f"{ending} The last messages may lack some of their inputs.", "yellow")

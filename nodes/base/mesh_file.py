@@ -17,6 +17,7 @@ FORMATS = (".stl", ".ply", ".obj")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of what a fingertip may touch: beyond them the unit is wrong."""
+LARGEST_FILE = 1 << 28  # [bytes] 5 million triangles of a binary STL: what is read takes ten times as much memory
 MOST_CHECKED = 50_000  # triangles whose intersections are looked for, which takes 2 s
 MEND = "`palpate run kidney --organ {} --repair`"
 
@@ -111,6 +112,11 @@ def _load(path: str) -> tuple[np.ndarray, np.ndarray]:
         raise SettingError(f"setting 'surface': {path}: format {file.suffix!r}, expected one of {', '.join(FORMATS)}")
     if not file.is_file():
         raise SettingError(f"setting 'surface': no file {path} (looked in {Path.cwd()})")
+    if (size := file.stat().st_size) > LARGEST_FILE:
+        raise SettingError(
+            f"setting 'surface': {path} has {size / 1e6:.0f} MB, expected at most {LARGEST_FILE / 1e6:.0f} MB. Give it"
+            " fewer triangles."
+        )
     try:
         import trimesh
     except ImportError as error:

@@ -43,8 +43,12 @@ class Wired(Node):
         self.exchange.start()
 
     def stop(self) -> None:
+        """DeviceError: the device was waited for and is still gone."""
         if hasattr(self, "exchange"):
             self.exchange.stop()
+            if (lost := self.exchange.lost) is not None:
+                self.exchange.lost = None
+                raise lost
 
     def talk(self, command: tuple[float, ...], dt: float) -> DeviceSample | None:
         """Give the newest command, get the newest sample. Neither waits for the device."""

@@ -35,9 +35,11 @@ class Inverse3(Hardware):
         return inverse3.Inverse3(lambda: WebSocket(address, inverse3.NAME), self.device_id)
 
     def stop(self) -> None:
-        super().stop()
-        if hasattr(self, "service"):
-            self.service.close()
+        try:
+            super().stop()
+        finally:
+            if hasattr(self, "service"):
+                self.service.close()
 
     def step(self, force: Force | None, *, dt: float) -> DeviceState:
         return state(self.talk(force.force if force is not None else ZERO, dt))

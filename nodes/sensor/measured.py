@@ -109,9 +109,11 @@ class NetFT(_Measured):
         return self.emulated.driver()
 
     def stop(self) -> None:
-        super().stop()
-        if hasattr(self, "emulated"):
-            self.emulated.close()
+        try:
+            super().stop()
+        finally:
+            if hasattr(self, "emulated"):
+                self.emulated.close()
 
 
 class Bota(_Measured):

@@ -5,6 +5,7 @@ summary at the end, and of all data of a complete file. Metadata have none of th
 would need: they are sealed with one more key.
 """
 
+import json
 import os
 import struct
 import zlib
@@ -44,14 +45,19 @@ MOST_HEAD = 1 << 24
 largest graph that ships takes. They are read as JSON, which takes up to 30 times as much memory."""
 
 
-def is_complete(path: Path) -> bool:
-    """Whether a recording ends as one that was closed does."""
+def lacking(path: Path) -> str:
+    """What a recording lacks, in one line: its end, or messages that its logger did not get; empty for a whole one."""
     try:
         with path.open("rb") as file:
-            file.seek(-len(MAGIC), os.SEEK_END)
-            return file.read() == MAGIC
-    except OSError:
-        return False
+            told = [record for record in Records(file).indexed() if isinstance(record, Metadata)]
+    except (OSError, Broken) as error:
+        return f"recording {path} is not complete: {error}"
+    counts = {
+        name: entry for record in told if record.name == "palpate.counts" for name, entry in record.metadata.items()
+    }
+    lost = {name: json.loads(entry)["lost"] for name, entry in counts.items()}
+    losses = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
+    return f"recording {path} lacks messages that did not reach it in time: {losses}" if losses else ""
 
 
 class Broken(Exception):

@@ -4,6 +4,7 @@ import re
 import time
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from palpate.drivers import connected
@@ -16,8 +17,9 @@ from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
-from palpate.messages import Contact, DeviceState, Force, Torque
+from palpate.messages import Contact, DeviceState, Force, Pins, Torque
 from palpate.nodes.device import Falcon, Haply2Diy, Hid, Inverse3, RawHid
+from palpate.nodes.display import DotPad, InForm
 from palpate.nodes.sensor import Bota, NetFT
 
 FORCE, TORQUE = Force(force=(0.0, 0.0, 1.0), state="contact", energy=0.0), Torque(torques=(0.02, 0.02, 0.02))
@@ -128,6 +130,48 @@ def test_a_silent_device_gets_no_force(name, made):
     assert node.exchange.guard.gain == 1.0
     run(bus, 10.0, lambda m: node.exchange.guard.missed > 10 and node.exchange.guard.gain == 0.0)
     assert node.exchange.guard.why(time.monotonic_ns(), time.monotonic_ns()) == "answers are missing"
+
+
+PICTURE = Pins(heights=np.eye(6), actuator=0.0, limited=False, valid=True)
+DISPLAYS = {"inform": (InForm, {}, {}), "dotpad": (DotPad, {}, {})}
+SILENT = [name for name in {**KINDS, **DISPLAYS} if name not in ("spacemouse", "gamepad")]  # these rest in silence
+
+
+@pytest.mark.parametrize("reconnect", [False, True])
+@pytest.mark.parametrize("name", SILENT)
+def test_a_device_that_stops_answering_is_an_error_with_its_name(name, reconnect):
+    """Displays included, whose picture does not change. One that is waited for is an error if it stays silent."""
+    kind, given, held = {**KINDS, **DISPLAYS}[name]
+    node = kind(port="emulator", reconnect=reconnect, faults=EmulatedFaults(silent=0.3), **given)
+    called = rf"DeviceError: the {node.driver().name} does not answer any more: .* [\d.]+ s\. Check"
+    bus, notes = FakeBus(node, **held), []
+
+    def goes_on():
+        bus.publish(PICTURE) if name in DISPLAYS else bus.run(1)
+        notes.extend(node.notes())
+        return not any("does not answer any more" in note for note in notes)
+
+    try:
+        with pytest.raises(Exception) as told:
+            for _ in range(20_000):
+                if not goes_on():
+                    break
+                time.sleep(0.001)
+            assert reconnect
+            node.stop()
+    finally:
+        node.stop()
+    text = str(told.value) if ": DeviceError" in str(told.value) else f"DeviceError: {told.value}"
+    assert re.search(called, text)
+    assert not any("rate" in note for note in notes)
+
+
+def test_a_silent_device_that_answers_again_is_taken_up_again(made):
+    node, bus = made("rawhid", reconnect=True, faults=EmulatedFaults(silent=0.3, back=1.5))
+    notes: list[str] = []
+    run(bus, 15.0, lambda _: notes.extend(node.notes()) or "The device is back." in notes)
+    assert "does not answer any more" in notes[0] and notes[1] == "The device is back."
+    assert run(bus, 3.0, lambda m: m.homed).homed
 
 
 @pytest.mark.parametrize("name", HAPTIC)

@@ -1,6 +1,7 @@
 """The thread that talks to a device never holds up the loop, and leaves no force behind."""
 
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -14,6 +15,7 @@ from palpate.drivers.limits import Limits
 class Slow:
     """A driver whose answers can be made to take long, to fail, or not to come."""
 
+    name = "slow thing"
     limits = Limits(command=5.0, power=100.0, speed=10.0, ramp=0.01)
     size = 1
 
@@ -167,6 +169,60 @@ def test_a_device_is_waited_for_and_the_force_comes_in_again():
         assert exchange.notes() == []
     finally:
         exchange.stop()
+
+
+def answered(driver, exchange, cycles, seconds, every=1):
+    """What the exchange makes of so many cycles of these seconds on a clock of their own, with an answer to every
+    n-th, none for 0."""
+    clock = [0.0]
+
+    def cycle(command):
+        number = len(driver.sent) + 1
+        driver.sent.append((clock[0], command[0]))
+        clock[0] += seconds(number) if callable(seconds) else seconds
+        if number >= cycles:
+            exchange._stop.set()
+        if every and not number % every:
+            return DeviceSample(round(clock[0] * 1e9) + 1, position=(0.0, 0.0, 0.0))
+        return None
+
+    driver.cycle = cycle
+    time_ = SimpleNamespace(monotonic=lambda: clock[0], monotonic_ns=lambda: round(clock[0] * 1e9))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("palpate.drivers.exchange.time", time_)
+        exchange._talk()
+    return clock[0]
+
+
+def silent(silence=0.5):
+    driver = Slow()
+    driver.limits = replace(Slow.limits, silence=silence)
+    return driver, Exchange(driver, Guard(driver.limits))
+
+
+@pytest.mark.parametrize("silence", [0.5, 2.0])
+def test_a_device_without_an_answer_for_longer_than_its_limit_is_lost(silence):
+    driver, exchange = silent(silence)
+    with pytest.raises(DeviceError, match=f"slow thing does not answer .* nothing came for {silence:g} s") as told:
+        answered(driver, exchange, 10_000, 0.004, every=0)
+    assert told.value.lost and driver.sent[-1][0] + 0.004 == pytest.approx(silence, abs=0.005)
+
+
+def test_a_device_that_answers_now_and_then_is_not_lost():
+    answered(*silent(), 10_000, 0.004, every=100)
+
+
+def test_a_machine_that_stands_still_does_not_make_a_device_silent():
+    """For ten minutes in one cycle of a hundred; an answer comes to each fiftieth."""
+    answered(*silent(), 1000, lambda number: 600.0 if number % 100 == 7 else 0.001, every=50)
+
+
+@pytest.mark.parametrize(("cycles", "expected"), [(5000, 500.0), (1300, 500.0)])
+def test_an_outage_says_nothing_of_the_rate(cycles, expected):
+    """An answer to each cycle of 2 ms, with outages of 0.3 s at different places of the second that is looked at."""
+    driver, exchange = silent()
+    answered(driver, exchange, cycles, lambda number: 0.3 if number % 620 == 0 else 0.002)
+    assert exchange.rate == pytest.approx(expected, rel=0.01)
 
 
 class Moving(Slow):

@@ -120,6 +120,24 @@ def test_pulling_the_plug_ends_the_run_with_one_line(tmp_path):
     assert death.node == "device" and death.text == "DeviceError: the Novint Falcon is gone. Plug it in again."
 
 
+@pytest.mark.parametrize("use", ["device.Falcon", "device.RawHid"])
+def test_a_device_that_falls_silent_ends_the_run_with_one_line_and_no_advice(tmp_path, use):
+    graph = "kidney" if use == "device.Falcon" else "cartesian"
+    outcome, _ = touch(tmp_path, PRESS, "device.faults={silent: 1.0}", steps=20_000, use=use, graph=graph)
+    (death,) = outcome.result.deaths
+    assert not outcome.ok and death.node == "device"
+    assert "does not answer any more: nothing came for 0.5 s" in death.text
+    assert not any("rate:" in note for note in outcome.result.notes)
+
+
+def test_a_silent_device_that_is_waited_for_in_vain_is_an_error_at_the_end(tmp_path):
+    waiting = ["device.faults={silent: 0.5}", "device.reconnect=true"]
+    note = "the Novint Falcon does not answer any more: nothing came for 0.5 s. Check its power and connection."
+    outcome, _ = touch(tmp_path, PRESS, *waiting, steps=100, note=f"{note} Waiting until it is back.")
+    (death,) = outcome.result.deaths
+    assert death.node == "device" and death.text == f"DeviceError: {note}"
+
+
 def test_a_run_that_reconnects_goes_on(tmp_path):
     days = "device.faults={unplug: 1.2, back: 1.8}"
     outcome, messages = touch(tmp_path, PRESS, days, "device.reconnect=true", note="The device is back.")

@@ -1,5 +1,7 @@
 """A graph as an environment: Gymnasium's own checks, the same bytes for the same seed, and forces that balance."""
 
+import copy
+import pickle
 import subprocess
 import sys
 import warnings
@@ -48,6 +50,18 @@ def test_gymnasium_finds_nothing_to_say(task):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(env.unwrapped)
+    env.close()
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, pickle.dumps])
+def test_a_copy_that_would_share_its_state_is_refused(copied):
+    """What is around it is copied by reference, by design of `copy.copy`; the stepper itself never is."""
+    env = Press()
+    with pytest.raises(ArgumentError, match="cannot be copied or pickled; make another one"):
+        copied(env.stepper)
+    if copied is not copy.copy:
+        with pytest.raises(ArgumentError, match="cannot be copied or pickled; make another one"):
+            copied(env)
     env.close()
 
 

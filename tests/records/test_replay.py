@@ -1,6 +1,7 @@
 """Replay: bit for bit, of simulated and live runs, whole and in part; and what it says where a byte differs."""
 
 import json
+import shutil
 from pathlib import Path
 
 import msgspec
@@ -11,15 +12,18 @@ from typer.testing import CliRunner
 
 from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.execute import execute
+from palpate.launch.run.execute import RunOutcome, execute
+from palpate.launch.run.result import Result
 from palpate.messages import Load, pack, unpack
 from palpate.records.changed import changed
 from palpate.records.compare import compare
 from palpate.records.differences import Report
+from palpate.records.fill import begin_copy, write_json
+from palpate.records.format.mcap_file import lacking
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.replay import Replay
-from palpate.records.stored import RecordingError
+from palpate.records.stored import RecordingError, Stored
 from palpate.records.verify import verify
 
 HERE = Path(__file__).parents[1]
@@ -108,6 +112,90 @@ def test_a_live_run_with_late_held_and_lost_messages_computes_again_bit_for_bit(
     assert len({len(list(recording.messages(name))) for name in NODES}) > 1, "no tick was left out"
     report = check(live)
     assert report.ok and report.complete, report.first
+
+
+def without(path: Path, *lost: tuple[str, int], wrong: tuple[str, int] | None = None) -> Path:
+    """A recording that has lost these messages on their way, by stream and tick, and in which one is another."""
+    stored, target = Stored(path), path.with_name("lossy.mcap")
+    with open(target, "wb") as file:
+        writer, channels = begin_copy(stored, file, stored.about)
+        for name, tick, time, payload in stored.raw():
+            if (name, tick) == wrong:
+                payload = pack(msgspec.structs.replace(unpack(payload, stored.streams[name].type), source="x"))
+            if (name, tick) not in lost:
+                writer.add_message(channels[name], tick, time, payload)
+        missing = [name for name, _ in lost]
+        counts = {name: {**own, "lost": missing.count(name)} for name, own in stored.counts.items()}
+        write_json(writer, "palpate.counts", counts)
+        writer.finish()
+    return target
+
+
+@pytest.mark.parametrize("tick", [0, 57, 199])
+def test_a_check_of_a_recording_with_losses_checks_what_it_can_and_names_the_gap(tmp_path, tick):
+    """Here no node has a state, so all that is in the file agrees; what used the lost message cannot be computed."""
+    path = without(record(tmp_path), ("spring", tick))
+    report = check(path)
+    assert report.ok and not report.complete and not any(node.stopped for node in report.nodes.values())
+    checked = {name: node.checked for name, node in report.nodes.items()}
+    last = tick == 199
+    assert checked == {"source": 200, "spring": 199, "drag": 199, "spread": 199, "sum": 200}
+    assert report.nodes["spring"].gap == (
+        f"from tick {tick} on: the recording lost 1 messages of stream 'spring', so the node's steps are not all known"
+    ) or (last and not report.nodes["spring"].gap)
+    assert f"from tick {tick} on: " in report.nodes["drag"].gap and "is not in the file" in report.nodes["drag"].gap
+    code, out, _ = say("replay", "--check", path)
+    assert code == 0 and "no message could be checked" not in out
+    assert "checked but for a gap: drag: from tick" in out
+
+
+def test_what_comes_before_a_gap_is_a_difference_and_what_comes_after_it_is_not_known(tmp_path):
+    path = record(tmp_path)
+    before = check(without(path, ("drag", 100), wrong=("drag", 50)))
+    assert not before.ok and before.first.tick == 50
+    after = check(without(path, ("drag", 100), wrong=("drag", 150)))
+    assert (
+        after.ok and after.nodes["drag"].checked == 149 and after.nodes["drag"].stopped.startswith("from tick 100 on")
+    )
+
+
+def test_an_incomplete_recording_is_no_good_run(tmp_path):
+    path = record(tmp_path)
+    assert lacking(path) == ""
+    lossy = without(path, ("drag", 100), ("drag", 101), ("sum", 7))
+    assert lacking(lossy) == f"recording {lossy} lacks messages that did not reach it in time: drag 2, sum 1"
+    for lost, ok in ((path, True), (lossy, False)):
+        outcome = RunOutcome(None, Result(ticks=200), lost)
+        assert outcome.ok is ok and bool(outcome.lacking) is not ok
+    cut = path.with_name("cut.mcap")
+    cut.write_bytes(path.read_bytes()[:-20])
+    assert "is not complete" in lacking(cut) and "is not complete" in lacking(tmp_path / "none.mcap")
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_touch_whose_recording_lacks_messages_says_so_and_exits_1(tmp_path, monkeypatch, whole):
+    made = record(tmp_path)
+    if not whole:
+        made = without(made, ("drag", 100))
+
+    def touched(launch, graph, watch):
+        launch.record.parent.mkdir(exist_ok=True)
+        shutil.copy(made, launch.record)
+        return RunOutcome(None, Result(ticks=200), launch.record)
+
+    def show(session, *_):
+        session.stopping.set()
+        session._one_run()
+        session._pointers.close()
+        session.place.cleanup()
+
+    monkeypatch.setattr("palpate.views.page.session.execute", touched)
+    monkeypatch.setattr("palpate.views.page.session.Session.open", lambda _: None)
+    monkeypatch.setattr("palpate.launch.commands.graphs.touch.show", show)
+    code, out, err = say("touch", "kidney", "--out", tmp_path / "touched", "--no-open")
+    assert code == (0 if whole else 1), err
+    assert "kidney-1.mcap" in out
+    assert ("lacks messages that did not reach it in time: drag 1" in err) is not whole
 
 
 def test_a_live_run_in_groups_computes_again_bit_for_bit(tmp_path):

@@ -117,6 +117,8 @@ class Faulty(Spring):
     def start(self) -> None:
         if self.how == "start":
             raise RuntimeError("cannot start")
+        if self.how == "no memory in start":
+            raise MemoryError
         if self.how == "stop in start":
             os.kill(os.getpid(), signal.SIGSTOP)
         self.count = 0
@@ -129,6 +131,8 @@ class Faulty(Spring):
             match self.how:
                 case "raise":
                     raise RuntimeError("out of luck")
+                case "no memory":
+                    raise MemoryError("Unable to allocate 3 TiB")
                 case "nan":
                     return Force(force=(float("nan"), 0.0, 0.0), state="free", energy=0.0)
                 case "type":

@@ -12,10 +12,9 @@ import msgspec
 import numpy as np
 import zmq
 
-from palpate.launch.run.wire.addresses import endpoint, key_of
+from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.bus import HEALTH, split
 from palpate.launch.run.wire.discover import Running
-from palpate.launch.run.wire.keys import connect
 from palpate.messages import (
     Contact,
     Force,
@@ -65,7 +64,7 @@ class StreamReader:
         for stream in streams:
             socket.subscribe(stream.encode() + b"\0")
         for group in run.groups:
-            connect(socket, endpoint(run.name, group, "observers"), key_of(run.name, group))
+            socket.connect(endpoint(run.name, group, "observers"))
         return socket
 
     def close(self) -> None:

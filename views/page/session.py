@@ -58,6 +58,7 @@ class Session(Live):
         """The effects that the page may switch, and whether they are on."""
         self.keep = True
         self.kept: list[Path] = []
+        self.troubles: list[str] = []  # nodes that failed, and what recordings that are kept lack
         self.number = 0
         self._wish = self.touched.use
         self._switched: dict[str, bool] = {}
@@ -135,8 +136,10 @@ class Session(Live):
             )
         finally:
             self.over()
+        self.troubles += map(str, outcome.result.deaths)
         if self.keep and self.record.exists():
             self.kept.append(self.record)
+            self.troubles += [outcome.lacking] if outcome.lacking else []
         else:
             self.record.unlink(missing_ok=True)
         if not self.stopping.is_set():

@@ -8,6 +8,7 @@ import typer
 
 from palpate.launch.terminal import options
 from palpate.launch.terminal.browser import show
+from palpate.physics.errors import TROUBLE
 
 
 def touch(
@@ -26,7 +27,8 @@ def touch(
 ) -> None:
     """Touch a graph with the mouse: a simulated hand replaces the device and follows the pointer of a browser page.
 
-    The graph runs on the real clock in processes of its own. Ctrl-C ends it.
+    The graph runs on the real clock in processes of its own. Ctrl-C ends it. Exit code 1 if a node failed or a
+    recording is incomplete.
     """
     from palpate.views.page import check
 
@@ -42,3 +44,7 @@ def touch(
     show(session, "touch", port, no_open)
     for file in session.kept:
         typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
+    for trouble in session.troubles:
+        typer.echo(trouble, err=True)
+    if session.troubles:
+        raise typer.Exit(TROUBLE)

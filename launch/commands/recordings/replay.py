@@ -51,34 +51,36 @@ def replay(
     """
     from palpate.records.changed import changed
     from palpate.records.reader import Recording
+    from palpate.records.stored import damaged
 
     if speed is not None and not speed > 0:
         raise typer.BadParameter(f"--speed: found {speed}, expected more than 0")
     if end is not None and end < begin:
         raise typer.BadParameter(f"--to: found {end} s, expected not less than --from {begin} s")
-    recording = Recording(file)
-    plan = changed(recording, sets or (), graph)
-    if check:
-        for name, given in (("--only", only), ("--record", record), ("--speed", speed), ("--graph", graph)):
-            if given:
-                raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
-        _check(recording, plan, tolerance, as_json)
-        return
-    from palpate.launch.terminal.replayed import as_data, stepper, summary
-    from palpate.records.changed import no_idle
-    from palpate.records.replay import Replay
+    with damaged(file):
+        recording = Recording(file)
+        plan = changed(recording, sets or (), graph)
+        if check:
+            for name, given in (("--only", only), ("--record", record), ("--speed", speed), ("--graph", graph)):
+                if given:
+                    raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
+            _check(recording, plan, tolerance, as_json)
+            return
+        from palpate.launch.terminal.replayed import as_data, stepper, summary
+        from palpate.records.changed import no_idle
+        from palpate.records.replay import Replay
 
-    player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
-    no_idle(sets or [], plan, player.running)
-    show = stepper(recording) if step else lambda tick, time, messages: True
-    with contextlib.suppress(KeyboardInterrupt) if loop else contextlib.nullcontext():
-        player.run(show)
-        while loop:
+        player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
+        no_idle(sets or [], plan, player.running)
+        show = stepper(recording) if step else lambda tick, time, messages: True
+        with contextlib.suppress(KeyboardInterrupt) if loop else contextlib.nullcontext():
             player.run(show)
-    if as_json:
-        tell(as_data(player))
-    else:
-        summary(player)
+            while loop:
+                player.run(show)
+        if as_json:
+            tell(as_data(player))
+        else:
+            summary(player)
 
 
 def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:

@@ -1,7 +1,8 @@
 """Where the sockets of the runs on this machine lie: files in a folder that only their user can enter.
 
     FOLDER/RUN/control  FOLDER/RUN/reports           of the launcher
-    FOLDER/RUN/GROUP.force  FOLDER/RUN/GROUP.observers   of each worker
+    FOLDER/RUN/GROUP.force  FOLDER/RUN/GROUP.observers   of each worker: for nodes, and for programs that look on
+    FOLDER/RUN/GROUP.members                             for the run's own observers
 
 FOLDER is `palpate` in the user's runtime folder (XDG_RUNTIME_DIR), else /tmp/palpate-UID. The launcher holds a lock in
 the folder of its run while it lives, so that what was left by one that was killed can be told from what is in use.
@@ -18,12 +19,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote, unquote
 
-import msgspec
-
-from palpate.launch.run.wire.keys import Key
-
 LONGEST = 100  # [bytes] of the path of a socket; the kernel takes 107
-_LOCK, _KEY = "lock", "key"
+_LOCK = "lock"
 
 
 def folder() -> Path:
@@ -68,30 +65,10 @@ class RunFolder:
         fcntl.flock(self._lock, fcntl.LOCK_EX)
         self.path = made.rename(here / run)
 
-    def write_key(self, key: Key, groups: list[str]) -> None:
-        """Leave the key of the run for those who listen on this machine, and the groups whose outlets it secures."""
-        number = os.open(self.path / _KEY, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-        with os.fdopen(number, "wb") as file:
-            file.write(msgspec.json.encode(_Secured(key, groups)))
-
     def close(self) -> None:
         """Remove the folder with the sockets in it."""
         shutil.rmtree(self.path, ignore_errors=True)
         os.close(self._lock)
-
-
-class _Secured(msgspec.Struct):
-    key: Key
-    groups: list[str]
-
-
-def key_of(run: str, group: str) -> Key | None:
-    """The key that secures the outlets of a group of a run; None where nothing does."""
-    try:
-        secured = msgspec.json.decode((folder() / run / _KEY).read_bytes(), type=_Secured)
-    except FileNotFoundError:
-        return None
-    return secured.key if group in secured.groups else None
 
 
 def runs() -> Iterator[tuple[str, list[str]]]:

@@ -1,16 +1,18 @@
-"""The sockets of a worker process: orders in, reports out, one outlet for the nodes of the graph, one for observers.
+"""The sockets of a worker process: orders in, reports out, and outlets for nodes, for loggers and for other programs.
 
 A frame of ZeroMQ is the stream's name, a zero byte, and the message as one msgpack map. The outlets are publishers, so
 that any program can subscribe by the stream's name. Nodes on the same machine are reached without libzmq and its
-threads (`outlet`, `inlet`). Observers have an outlet of their own: frames for them are kept back and sent in bursts,
-because waking a second reader costs 60-100 us, which the force path must not pay.
+threads (`outlet`, `inlet`). The run's own observers, and programs that look on, have an outlet each: frames for them
+are kept back and sent in bursts, because waking a second reader costs 60-100 us, which the force path must not pay.
 
-On the simulated clock an outlet waits when a reader is slow; on the real clock it drops, and the reader counts. An
-outlet of libzmq is closed when its readers have taken all: what a connection holds when its other end closes is lost to
-a reader that had no room for it.
+On the simulated clock an outlet waits when one of the run's workers is slow; on the real clock it drops, and the reader
+counts. Programs that look on are never waited for: what they lose is counted here. libzmq cannot tell readers apart, so
+on the simulated clock nobody else can find its outlet once the run's own have. It is closed when its readers have taken
+all: what a connection holds when its other end closes is lost to a reader that had no room for it.
 """
 
 import contextlib
+import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping
 
@@ -87,6 +89,7 @@ class Bus:
         self._outlet = Outlet(group, self._external, real, self._watch)
         self._far: zmq.Socket | None = None  # where nodes on other machines read
         self._far_readers: Counter[bytes] = Counter()
+        self._public = Outlet(group, {}, real, self._watch)  # for programs that look on
         # What the outlets hold is delivered, however long it takes: the launcher ends those who never read it.
         self._observers = self._publisher()
         self._observed = self._socket(zmq.SUB, 0)
@@ -118,20 +121,21 @@ class Bus:
         return socket
 
     def bind(self, host: str | None) -> dict[str, list[str]]:
-        """Bind both outlets, locally and, where a host is given (`address` or `address:port`), there.
+        """Bind all outlets locally and, where a host is given (`address` or `address:port`), those of the run there.
 
-        Returns the endpoints by outlet. RunError: somebody else has that port.
+        Returns the endpoints of these by outlet. RunError: somebody else has that port.
         """
         if host and self.key is not None:
             self._keeper = Authenticator(self.context, self.key)
             self.key.secure(self._observers, server=True)
-        endpoints = {name: [endpoint(self.run, self.group, name)] for name in ("force", "observers")}
-        local = endpoints["force"][0]
-        try:
-            self._outlet.bind(local.removeprefix("ipc://"))
-        except OSError as error:
-            raise RunError(f"cannot bind {local}: {error.strerror}") from None
-        self._bind(self._observers, endpoints["observers"][0])
+        local = {name: endpoint(self.run, self.group, name) for name in ("force", "observers", "members")}
+        for name, outlet in (("force", self._outlet), ("observers", self._public)):
+            try:
+                outlet.bind(local[name].removeprefix("ipc://"))
+            except OSError as error:
+                raise RunError(f"cannot bind {local[name]}: {error.strerror}") from None
+        self._bind(self._observers, local["members"])
+        endpoints = {"force": [local["force"]], "observers": [local["members"]]}
         if host:
             self._far = self._publisher()
             if self.key is not None:
@@ -173,7 +177,8 @@ class Bus:
     @property
     def foreign(self) -> int:
         """Frames and readers that were refused because they are none of this run's."""
-        return self._foreign + self._outlet.foreign + sum(inlet.foreign for inlet in self._inlets.values())
+        others = (self._outlet, self._public, *self._inlets.values())
+        return self._foreign + sum(other.foreign for other in others)
 
     def sweep(self, wait: int = 0) -> list[Inlet | TcpInlet]:
         """Look at all sockets at once, for so many milliseconds: readers are served, and orders are there to be taken.
@@ -181,6 +186,7 @@ class Bus:
         self._ready.clear()
         self._watch.poll(wait)
         self._outlet.tend()
+        self._public.tend()
         if self._apart:
             for inlet in tuple(self._apart):
                 inlet.reach()
@@ -265,6 +271,8 @@ class Bus:
             poll()
         for number in wakes:
             self._watch.remove(number)
+        if not self.real:
+            os.unlink(endpoint(self.run, self.group, "members").removeprefix("ipc://"))
 
     def _subscriptions(self, socket: zmq.Socket) -> Iterable[bytes]:
         """Who has come or gone at a publisher."""
@@ -294,7 +302,10 @@ class Bus:
             self.listeners.pop(note[1:], None)
 
     def heard(self, stream: str) -> bool:
-        """Whether an observer listens to this stream."""
+        """Whether anybody looks on at this stream."""
+        return self._observed_by_members(stream) or self._public.heard(stream.encode() + b"\0")
+
+    def _observed_by_members(self, stream: str) -> bool:
         topic = stream.encode() + b"\0"
         return any(topic.startswith(listener) for listener in self.listeners)
 
@@ -305,9 +316,10 @@ class Bus:
     def flush(self, holds: Callable[[], None]) -> None:
         """Send the kept frames.
 
-        holds  called again and again while an observer has no room, on the simulated clock
+        holds  called again and again while an observer of the run has no room, on the simulated clock
         """
         kept, self._kept = self._kept, []
+        self._public.publish(kept)
         for place, data in enumerate(kept):
             while True:
                 try:
@@ -322,7 +334,7 @@ class Bus:
 
     def listened(self) -> bool:
         """Learn which observers have come and gone; returns whether one has."""
-        changed = False
+        changed, self._public.changed = self._public.changed, False
         for note in self._subscriptions(self._observers):
             changed = True
             self._listener(note)
@@ -331,7 +343,7 @@ class Bus:
     def _wait_taken(self) -> None:
         """Wait until all have taken what libzmq holds: nodes far away close their inlets, observers leave at the end.
         What was sent to nodes on this machine is the system's, and is theirs when this worker is gone."""
-        while self.heard(END):
+        while self._observed_by_members(END):
             if self._observers.poll(POLL_INTERVAL):
                 self._listener(self._observers.recv())
         if self._far is not None and not self.real:
@@ -342,7 +354,7 @@ class Bus:
     def end(self, clean_exit: bool) -> None:
         """The last reports: what there is to say of the readers, and that all is sent. What comes later may be missed,
         as the launcher does not wait for a worker that is done."""
-        for text in self._outlet.notes():
+        for text in (*self._outlet.notes(), *self._public.notes()):
             self.report(Note(text))
         self.report(NodesEnded(clean_exit))
 
@@ -361,6 +373,7 @@ class Bus:
                 self.listened()
                 self._wait_taken()
         self._outlet.close()
+        self._public.close()
         if self._keeper is not None:
             self._keeper.close()
         self._control.close(linger=0)

@@ -7,9 +7,9 @@ import msgspec
 import zmq
 
 from palpate.engine.faults import choices
-from palpate.launch.run.wire.addresses import endpoint, key_of, runs
+from palpate.launch.run.wire.addresses import endpoint, runs
 from palpate.launch.run.wire.bus import HEALTH, split
-from palpate.launch.run.wire.keys import connect
+from palpate.launch.run.wire.inlet import HIGH_WATER
 from palpate.messages import Health, Message, unpack
 from palpate.messages.docs import message_types
 from palpate.physics.errors import PalpateError, RunError
@@ -49,10 +49,11 @@ def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
     """Stream and payload of each message that a run sends on these streams, as they come, until it has ended."""
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:
         socket.set(zmq.LINGER, 0)
+        socket.set(zmq.RCVHWM, HIGH_WATER)
         for stream in streams:
             socket.subscribe(stream.encode() + b"\0")
         for group in run.groups:
-            connect(socket, endpoint(run.name, group, "observers"), key_of(run.name, group))
+            socket.connect(endpoint(run.name, group, "observers"))
         while True:
             if socket.poll(200):
                 yield split(socket.recv())

@@ -4,7 +4,8 @@ A message is written by the thread that computes, one call a reader. Any ZeroMQ 
 
 A reader that has no room holds the sender back on the simulated clock, and loses the message on the real one. A frame
 that the system has taken in part is finished before the next; only whole ones are dropped, and counted. Who is no
-worker of the run holds nobody back.
+worker of the run holds nobody back: programs that only look on have an outlet of their own, which queues for each as
+much as `QUEUE`. However many come and go, on the real clock one of them is served in each look at the sockets.
 """
 
 from __future__ import annotations
@@ -13,36 +14,48 @@ import contextlib
 import os
 import select
 import socket
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
+from itertools import islice
 
 import zmq
 
-from palpate.engine.clock import POLL_INTERVAL, Silence
+from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.launch.run.wire.inlet import credentials, trusted
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
 
 ROOM = 1 << 20  # [bytes] that wait for a reader, with the kernel's own for each frame; the system may permit less
+QUEUE = 4 << 20  # [bytes] that are queued for a reader which looks on
 LONGEST_COMMAND = 1024  # [bytes] of what a reader may send at once
 MOST_READERS = 256
 MOST_TOPICS = 1000  # that one reader subscribes to
-GREETING_TIME = 1_000_000_000  # [ns] in which a reader has to say what it is
+GREETING_TIME = 5_000_000_000  # [ns] in which a reader has to say what it is
+FAREWELL = 200_000_000  # [ns] for readers to take what is queued for them
 MOST_NOTES = 10
+MOST_BUFFERS = 1000  # of one call; the system takes 1024
 _NOW = socket.MSG_DONTWAIT
 _SHORT = tuple(bytes((0, size)) for size in range(256))  # how a frame of a message begins, by its size
 
 
+def _framed(data: bytes) -> bytes:
+    """A message as a frame."""
+    size = len(data)
+    return (_SHORT[size] if size <= 255 else b"\2" + size.to_bytes(8, "big")) + data
+
+
 class ReaderConnection:
-    """A connection to a reader. `rest` is what is left of a frame that was sent in part."""
+    """A connection to a reader. `rest` is what is still to be sent: of a frame that was sent in part, and for one that
+    looks on the frames behind it, `queued` bytes in all."""
 
     def __init__(self, end: socket.socket, group: str) -> None:
         self.end, self.pid, self.silence = end, credentials(end)[0], Silence()
         self.connection = Connection(b"PUB", SUBSCRIBERS, LONGEST_COMMAND, group)
         self.group = ""  # the group of a worker; empty for others
         self.topics: Counter[bytes] = Counter()
-        self.rest: bytes | memoryview = b""
-        self.dropped = 0
+        self.rest: deque[bytes | memoryview] = deque()
+        self.queued = self.dropped = 0
         self.send = end.send
 
     @property
@@ -59,17 +72,27 @@ class ReaderConnection:
         except BlockingIOError:
             return 0
         if sent != len(data):
-            self.rest = memoryview(data)[sent:]
+            self.keep(memoryview(data)[sent:])
         return sent
 
+    def keep(self, data: bytes | memoryview) -> None:
+        """Send this later."""
+        self.rest.append(data)
+        self.queued += len(data)
+
     def finish(self) -> bool:
-        """Send what is left of the last frame; returns whether nothing is left. OSError: the reader is gone."""
-        while self.rest:
-            try:
-                self.rest = self.rest[self.send(self.rest, _NOW) :]
-            except BlockingIOError:
-                return False
-        return True
+        """Send of what is left as much as there is room for; returns whether nothing is left. OSError: the reader is
+        gone."""
+        try:
+            sent = self.end.sendmsg(islice(self.rest, MOST_BUFFERS), (), _NOW)
+        except BlockingIOError:
+            return False
+        self.queued -= sent
+        while self.rest and sent >= len(self.rest[0]):
+            sent -= len(self.rest.popleft())
+        if sent:
+            self.rest[0] = memoryview(self.rest[0])[sent:]
+        return not self.rest
 
 
 class Sender:
@@ -81,7 +104,6 @@ class Sender:
 
     def __init__(self, outlet: Outlet, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> None:
         self.topic = stream.encode() + b"\0"
-        self._most = 255 - len(self.topic)  # [bytes] of a payload in a short frame
         self.readers: tuple[ReaderConnection, ...] = ()
         self._outlet, self._holds = outlet, holds
         # The plain send of the binding, without the layer that looks for multipart and tracking options.
@@ -89,11 +111,8 @@ class Sender:
 
     def send(self, payload: bytes) -> None:
         """Send one message to all readers."""
-        size, topic = len(payload), self.topic
-        if size <= self._most:
-            data = _SHORT[size + len(topic)] + topic + payload
-        else:
-            data = b"\2" + (size + len(topic)).to_bytes(8, "big") + topic + payload
+        topic = self.topic
+        data = _framed(topic + payload)
         size = len(data)
         for reader in self.readers:
             sent = 0
@@ -126,7 +145,10 @@ class Outlet:
 
     def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: SocketPoller) -> None:
         self.foreign = 0  # readers that were refused
-        self._group, self._external, self._real, self._watch = group, external, real, watch
+        self.changed = False  # whether a reader has come, gone, or subscribed to something else
+        self._group, self._external, self._real, self._outer = group, external, real, watch
+        self._watch = SocketPoller()
+        watch.add(self._watch.fileno(), partial(self._watch.poll, most=1 if real else 64))
         self._workers = {name for groups in external.values() for name in groups}
         self._senders: list[Sender] = []
         self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
@@ -154,6 +176,25 @@ class Outlet:
         """How many groups read a stream here."""
         topic = stream.encode() + b"\0"
         return len({reader.group for reader in self._readers if reader.group and reader.topics[topic]})
+
+    def heard(self, topic: bytes) -> bool:
+        """Whether anybody reads a stream here."""
+        return any(topic.startswith(tuple(reader.topics)) for reader in self._readers)
+
+    def publish(self, messages: Sequence[bytes]) -> None:
+        """Send messages, each after the name of its stream and a zero byte, to all who look on: one call for each. What
+        does not fit into the reader's queue is dropped."""
+        for reader in tuple(self._readers):
+            topics = tuple(reader.topics)
+            for data in messages:
+                if data.startswith(topics):
+                    if reader.queued and reader.queued + len(data) > QUEUE:
+                        reader.dropped += 1
+                    else:
+                        reader.keep(_framed(data))
+            if reader.rest:
+                self._unfinished.add(reader)
+        self.tend()
 
     # -- readers -------------------------------------------------------------------------------------------------
 
@@ -216,6 +257,7 @@ class Outlet:
 
     def _sort(self) -> None:
         """Who reads which stream. A subscription is the beginning of the name of one, or of several."""
+        self.changed = True
         for sender in self._senders:
             sender.readers = tuple(
                 reader for reader in self._readers if any(sender.topic.startswith(topic) for topic in reader.topics)
@@ -243,13 +285,12 @@ class Outlet:
     def crowded(self, reader: ReaderConnection, data: bytes, sent: int, holds: Callable[[], None]) -> None:
         """A reader has taken so many bytes of a frame and has no room for the rest."""
         if sent:
-            reader.rest = memoryview(data)[sent:]
-        room = select.poll()
-        room.register(reader.end, select.POLLOUT)
+            reader.keep(memoryview(data)[sent:])
+        room = None
         while True:
             try:
                 sent = sent or reader.write(data)
-                if sent and reader.finish():
+                if sent and (not reader.rest or reader.finish()):
                     return
             except OSError:
                 self.drop(reader)
@@ -260,6 +301,9 @@ class Outlet:
                 else:
                     reader.dropped += 1
                 return
+            if room is None:
+                room = select.poll()
+                room.register(reader.end, select.POLLOUT)
             room.poll(POLL_INTERVAL)
             holds()
 
@@ -292,8 +336,12 @@ class Outlet:
         return [text if count == 1 else f"{text} ({count} times)" for text, count in self._notes.items()]
 
     def close(self) -> None:
-        """Close; what was sent is delivered by the system."""
+        """Close; what was sent is delivered by the system, and what is queued as far as readers take it at once."""
+        until = now() + FAREWELL
+        while self._unfinished and now() < until:
+            select.select([], [reader.end for reader in self._unfinished], [], FAREWELL * 1e-9)
+            self.tend()
         for reader in tuple(self._readers):
             self.drop(reader)
-        self._watch.remove(self._listener.fileno())
+        self._outer.remove(self._watch.fileno())
         self._listener.close()

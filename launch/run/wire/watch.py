@@ -10,6 +10,7 @@ class SocketPoller:
     def __init__(self) -> None:
         self._epoll = select.epoll()
         self._calls: dict[int, Callable[[], None]] = {}
+        self.fileno = self._epoll.fileno
 
     def add(self, number: int, call: Callable[[], None]) -> None:
         """Watch a descriptor."""
@@ -21,9 +22,9 @@ class SocketPoller:
         if self._calls.pop(number, None) is not None:
             self._epoll.unregister(number)
 
-    def poll(self, wait: int = 0) -> None:
-        """Call those who have something now, or within so many milliseconds."""
-        for number, _ in self._epoll.poll(wait * 1e-3, 64):
+    def poll(self, wait: int = 0, most: int = 64) -> None:
+        """Call those who have something now, or within so many milliseconds: so many at most."""
+        for number, _ in self._epoll.poll(wait * 1e-3, most):
             call = self._calls.get(number)
             if call is not None:
                 call()

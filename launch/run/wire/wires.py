@@ -31,9 +31,6 @@ class ControlChannel:
     def __init__(self, run: str, jobs: Mapping[str, Job], address: str | None, key: Key | None) -> None:
         self.foreign = 0  # frames that were dropped because they are no reports of this run's workers
         self._folder = RunFolder(run)
-        secured = [group for group, job in jobs.items() if job.host]
-        if key is not None and secured:
-            self._folder.write_key(key, secured)
         self.control, self.reports = endpoint(run, "control"), endpoint(run, "reports")
         guard = key if address else None
         self.guarded = guard is not None

@@ -6,6 +6,7 @@ A node does not end a run that is one process: `os._exit` is that node's fault, 
 import contextlib
 import faulthandler
 import os
+import resource
 import signal
 import sys
 import threading
@@ -121,6 +122,11 @@ def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
 def death(fault: NodeError) -> Death:
     """A fault as the result tells it."""
     cause = fault.cause
+    if isinstance(cause, MemoryError):  # whoever asks last is not to blame
+        most = resource.getrlimit(resource.RLIMIT_AS)[0]
+        limit = "" if most == resource.RLIM_INFINITY else f"; the limit is {most / 1e6:.0f} MB (`ulimit -v`)"
+        during = f"while node {fault.node!r} had its turn ({fault.where})"
+        return Death("", "process", f"there was no memory left {during}: {cause or 'MemoryError'}{limit}")
     if isinstance(cause, BaseException):
         return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), _trace(cause))
     return Death(fault.node, fault.where, cause)

@@ -10,6 +10,7 @@ from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ import MeshError, OrganFile, with_organ
 from palpate.launch.load.repair import repaired
+from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.heights import heights, summit
@@ -21,6 +22,17 @@ trimesh = pytest.importorskip("trimesh")
 
 SCANNER = np.array([30.0, -200.0, 1150.0])
 """[mm] Where a liver lies in a scanner's coordinates."""
+
+
+@pytest.mark.parametrize("name", ["organ.stl", "organ.obj", "organ.ply"])
+def test_a_file_that_claims_gigabytes_is_refused_before_it_is_read(tmp_path, monkeypatch, name):
+    file = tmp_path / name
+    with file.open("wb") as out:
+        out.write(b"solid".ljust(80) + (60_000_000).to_bytes(4, "little"))
+        out.truncate(3_000_000_084)
+    monkeypatch.setattr("trimesh.load", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(SettingError, match=r"has 3000 MB, expected at most 268 MB"):
+        flaws(str(file))
 
 
 def ball(radius=1.0, subdivisions=3, centre=(0.0, 0.0, 0.0)):

@@ -19,6 +19,20 @@ def test_what_is_no_graph_is_refused(write, text):
         load(write("g.yaml", text))
 
 
+@pytest.mark.parametrize("text", [
+    "\n".join(f"k{i}: 1" for i in range(100_000)), "a:\n" + "- 1\n" * 100_000, "[" + "1," * 100_000 + "]",
+    "\n".join(f"k{i}: {{a: 1, b: [2]}}" for i in range(30_000)),
+])  # fmt: skip
+def test_a_file_of_very_many_entries_is_refused_while_it_is_read(monkeypatch, text):
+    """After as many nodes of it as are permitted, and not after all."""
+    composed = []
+    compose = source._Loader.compose_node
+    monkeypatch.setattr(source._Loader, "compose_node", lambda *given: (composed.append(1), compose(*given))[1])
+    with pytest.raises(GraphError, match=r"more than 20000 entries"):
+        parse(text, "many.yaml")
+    assert len(composed) <= 20_001
+
+
 def test_a_deep_or_missing_file_is_refused(write, tmp_path):
     with pytest.raises(GraphError, match="nested too deeply"):
         load(write("g.yaml", "[" * 5000))
