@@ -18,7 +18,7 @@ EXTRAS = {
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
     "study": {"dask-jobqueue": "dask_jobqueue"}
-    | {name: name for name in ["distributed", "bokeh", "SALib", "xarray", "zarr", "pyarrow", "pandas", "matplotlib"]},
+    | {name: name for name in "distributed cryptography SALib xarray zarr pyarrow pandas matplotlib".split()},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -30,6 +31,8 @@ from palpate.studies.sweeps.results import Results
 if TYPE_CHECKING:
     from distributed import Client
     from matplotlib.figure import Figure
+
+    from palpate.studies.sweeps.local import Local
 
 LONG = 200  # letters of the values of a path in `study.json`
 SEVERAL = 8  # values of a path that are tried for its unit
@@ -109,7 +112,7 @@ class Study(Results):
     def run(
         self,
         folder: str | Path,
-        client: Client | None = None,
+        client: Client | Local | None = None,
         *,
         workers: int | None = None,
         retry: bool = False,
@@ -119,15 +122,17 @@ class Study(Results):
     ) -> Study:
         """Compute the points that the folder does not have yet, and keep them there.
 
-        client   of Dask; None: `workers` processes of this machine, one for each core where that is None, too
+        client   of Dask, or a pool of `local`; None: `workers` processes of this machine, one for each core where that
+                 is None, too
         retry    compute again what failed before
         yes      compute more than 100 000 points
-        told     called with lines on what goes on: what changed since, the address of the dashboard
+        told     called with lines on what goes on: what changed since, that no worker is there
         done     called after each point, with the number of those that are left
 
         RunError: the scheduler is lost, the disk is full ... What was computed before is stored, also on Ctrl-C.
         """
-        from palpate.studies.sweeps.cluster import compute, cores, local
+        from palpate.studies.sweeps.batches import compute
+        from palpate.studies.sweeps.local import Local, cores, local
         from palpate.studies.sweeps.store import Store
 
         if len(self) > MANY and not yes:
@@ -150,13 +155,18 @@ class Study(Results):
             if missing:
                 task = Task(self.launch, self.keep, self._about["versions"], self.limit)
                 waits = cache(lambda: told("waiting for a worker"))
+                if client is None:
+                    workers = min(workers or cores(), left)
+                    pool: Any = local(workers, store.folder / "workers.log")
+                elif isinstance(client, Local):
+                    pool = nullcontext(client)
+                else:
+                    from palpate.studies.sweeps.cluster import pool as of_dask
+
+                    pool = of_dask(client)
                 try:
-                    if client is not None:
-                        compute(client, task, missing, add, waits)
-                    else:
-                        with local(min(workers or cores(), left), store.folder / "workers.log") as (here, alive):
-                            told(f"dashboard {here.dashboard_link}")
-                            compute(here, task, missing, add, alive)
+                    with pool as them:
+                        compute(them, task, missing, add, waits)
                 finally:
                     store.flush()
         finally:
