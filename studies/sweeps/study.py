@@ -22,7 +22,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.load.values.followers import followers, unit_of
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import axis
-from palpate.studies.sweeps.checks import check, path, seconds, space
+from palpate.studies.sweeps.checks import accepted, check, path, seconds, space
 from palpate.studies.sweeps.identity import changes, content, digest, files_of
 from palpate.studies.sweeps.keep import RECORDING, kept
 from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint, overrides
@@ -206,8 +206,10 @@ class Study(Results):
 
         Without a unit is what changes no setting, and what changes only together with other paths.
         """
-        first = self.space.point(0)[0]
-        base, found = self.launch.but(overrides=overrides(first)).load(), dict[str, str]()
+        first, found = accepted(self.launch, self.space), dict[str, str]()
+        if first is None:
+            return found
+        base = self.launch.but(overrides=overrides(first)).load()
         for one in self.space.axes:
             for k, name in enumerate(one.paths):
                 values = one.law.ppf([0.4, 0.6]).tolist() if one.law is not None else [row[k] for row in one.values]

@@ -21,6 +21,7 @@ import pyarrow.parquet
 import pytest
 
 import palpate
+from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.errors import PalpateError, RunError
 from palpate.studies.sweeps import cluster, runner
@@ -212,6 +213,51 @@ def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
     study.limit = 10.0
     assert computed(palpate.Study(ball, {**over, "ball.what": ["", "fail"]}, ["peak ball.force"]), tmp_path, client,
                     retry=True) == [1, 5]  # fmt: skip
+
+
+LIMITED = BALL.replace("Ball", "Limited")
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("law", "lowest"),
+    [
+        ({"norm": [0.0, 2e-3]}, 0.0),
+        ({"uniform": ["-3 mm", "2 mm"]}, 0.0),
+        ({"uniform": [-3e-3, -1e-3]}, 0.0),
+    ],
+)
+def test_a_draw_out_of_range_is_a_row_wherever_it_comes(write, client, tmp_path, seed, law, lowest):
+    """Also as the first one, and where all are."""
+    graph = write("ball.yaml", LIMITED)
+    study = palpate.Study(graph, {"ball.radius": law}, KEEP[:1], samples=5, seed=seed, design="random")
+    assert computed(study, tmp_path / "out", client) == list(range(5))
+    table = study.table()
+    bad = table["ball.radius"] <= lowest
+    assert bad.any() and list(table["error"].str.contains("Expected float > 0.0")) == list(bad)
+    assert table["peak ball.force"].notna().tolist() == list(~bad)
+
+
+def test_a_list_may_begin_with_a_value_out_of_range(write, client, tmp_path):
+    over = {"ball.radius": [-1e-3, 2e-3], "ball.young": {"linspace": [-1e3, 2e3, 3]}}
+    study = palpate.Study(write("ball.yaml", LIMITED), over, ["peak ball.force"]).run(tmp_path / "out", client)
+    assert (study.table()["error"] == "").tolist() == [False, False, False, False, True, True]
+    assert study.labelled("ball.radius") == "ball.radius [m]"
+
+
+@pytest.mark.parametrize(
+    ("over", "said"),
+    [
+        ({"ball.radius": {"norm": [0.0, 1e-3]}, "ball.yuong": {"norm": [1e3, 1.0]}}, "setting 'yuong': unknown"),
+        ({"ball.radius": {"norm": ["0 s", "1 s"]}}, "a time; expected a length"),
+        ({"ball.radius": [-1e-3]}, "found -0.001. Expected float > 0.0"),
+    ],
+)
+def test_what_no_value_can_cure_is_told_before_anything_runs(write, over, said):
+    samples = 4 * any(isinstance(value, dict) for value in over.values())
+    with pytest.raises(GraphError, match=re.escape(said)) as raised:
+        palpate.Study(write("ball.yaml", LIMITED), over, KEEP, samples=samples, seed=1)
+    assert len(raised.value.faults) == 1
 
 
 def test_a_long_point_holds_up_no_other(ball, client, tmp_path):
