@@ -222,9 +222,11 @@ class Study(Results):
     def _unit(self, base: Graph, first: Mapping[str, Any], name: str, values: Sequence[float]) -> str | None:
         """The unit of the first setting that follows a path; `base` is the graph at the values `first`."""
         others = [value for value in dict.fromkeys(values) if value != first[name]]
-        for value in others[:: min(-1, -len(others) // SEVERAL)]:
+        tried = [{name: value} for value in others[:: min(-1, -len(others) // SEVERAL)]]
+        fixed = {path: value for path, value in first.items() if path != name}
+        for change in [*tried, {}]:  # at last the graph's value
             try:
-                after = self.launch.but(overrides=overrides({**first, name: value})).load()
+                after = self.launch.but(overrides=overrides(fixed | change)).load()
             except GraphError:  # a point that fails, which its row tells; or a value that only goes with others
                 continue
             if follower := next(iter(followers(base, after)), None):
