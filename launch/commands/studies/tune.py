@@ -86,8 +86,8 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
         for one in found
     ]
     promised = [k for k, one in enumerate(found) if one is tuned.promised]
-    heads = ("", f">{goal.quantity} error\nRMS %", ">processor time\nof a tick [us], p50", ">\np99", ">by the clock\n[us], p50",
-             ">\np99")  # fmt: skip
+    priced = (">processor time\nof a tick [us], p50", ">\np99", ">by the clock\n[us], p50", ">\np99")
+    heads = ("", f">{goal.quantity} error\nRMS %", *priced)
     console().print(table(heads, rows, bold=promised))
     for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
