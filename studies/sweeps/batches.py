@@ -80,7 +80,7 @@ def _result(
     except killed as error:
         deaths.update(point.key for point in batch)
         if len(batch) == 1 and deaths[batch[0].key] >= DEATHS:
-            return str(error.last_worker), [Computed(error="the worker died under it, again and again")]
+            return str(getattr(error, "last_worker", "")), [Computed(error="the worker died under it, again and again")]
         return "", []
     except (PalpateError, CancelledError, OSError):
         raise

@@ -30,7 +30,7 @@ ENCRYPTED = ("tls://", "wss://", "inproc://")
 class Dask:
     """A client as a pool."""
 
-    killed = (distributed.KilledWorker,)
+    killed: tuple[type[Exception], ...] = (distributed.KilledWorker,)
 
     def __init__(self, client: distributed.Client) -> None:
         self._client, self._executor = client, client.get_executor(pure=False)

@@ -24,7 +24,7 @@ def cores() -> int:
 class Local:
     """A pool of threads, each with the `Runner` that it starts."""
 
-    killed = ()
+    killed: tuple[type[Exception], ...] = ()
 
     def __init__(self, executor: ThreadPoolExecutor, count: int) -> None:
         self._executor, self._count = executor, count
