@@ -21,7 +21,7 @@ import psutil
 
 import palpate
 import palpate.physics
-from palpate.studies.sweeps.cluster import local
+from palpate.studies.sweeps.local import local
 from palpate.studies.sweeps.point import Task, compute
 
 
@@ -51,9 +51,8 @@ def main() -> None:
     times: dict[str, list[tuple[float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         home = Path(folder)
-        with local(1, home / "one.log") as (one, _), local(2, home / "two.log") as (two, _):
+        with local(1, home / "one.log") as one, local(2, home / "two.log") as two:
             for number, client in enumerate((one, two)):
-                client.wait_for_workers(number + 1)
                 warm = palpate.Study("kidney", {"tissue.stiffness": [1.1e3, 1.2e3, 1.3e3, 1.4e3]}, duration=0.5)
                 warm.run(home / f"warm{number}", client)
             for turn in range(given.rounds):

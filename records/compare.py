@@ -50,6 +50,7 @@ class Variant:
     shape        [m] displacement of the surface: RMS over vertices that move in one of both, per instant
     step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together;
                  nodes: of each node
+    cpu          [s] processor time of this thread for a step of all nodes together; nodes_cpu: of each node
     curves       rows of time [s], force [N], indentation [m], for the picture
     """
 
@@ -63,6 +64,8 @@ class Variant:
     whole: Histogram = field(default_factory=Histogram)
     step: Histogram = field(default_factory=Histogram)
     nodes: dict[str, Histogram] = field(default_factory=dict)
+    cpu: Histogram = field(default_factory=Histogram)
+    nodes_cpu: dict[str, Histogram] = field(default_factory=dict)
     curves: list[tuple[float, float, float]] = field(default_factory=list)
 
     def report(self) -> dict[str, Any]:
@@ -76,6 +79,7 @@ class Variant:
             "shape_m": self.shape.report(),
             "step_s": self.step.report(),
             "whole_s": self.whole.report(),
+            "whole_cpu_s": self.cpu.report(),
         }
 
 
@@ -117,9 +121,11 @@ def compare(
         gc.disable()  # collections would show as steps of milliseconds
         for tick, payloads in instants(recording, present):
             for variant, player in zip(computed, players, strict=True):
-                before = sum(part.slot.health.step.total for part in player.parts)
+                wall, cpu = _totals(player)
                 if player.step(tick, payloads):
-                    variant.whole.add(sum(part.slot.health.step.total for part in player.parts) - before)
+                    wall_after, cpu_after = _totals(player)
+                    variant.whole.add(wall_after - wall)
+                    variant.cpu.add(cpu_after - cpu)
             sent = [[_sent(own, kind, tick) for kind in (Force, Contact, Surface)] for own in outputs]
             for variant, own in zip(computed, sent, strict=True):
                 _hold_against(variant, own, sent[0], tick % every == 0)
@@ -148,6 +154,11 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
         or nodes[name].every != plan.graph.nodes[name].every
     )
     return Variant(" ".join(overrides) or RECORDED, overrides, plan, swapped)
+
+
+def _totals(player: Player) -> tuple[int, int]:
+    """[ns] Duration and processor time of all steps so far."""
+    return sum(part.slot.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
 
 
 def _outputs(player: Player) -> dict[type[Message], Output]:
@@ -198,6 +209,7 @@ def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.nda
 
 def _collect(variant: Variant, player: Player) -> None:
     variant.nodes = {part.name: part.slot.health.step for part in player.parts}
+    variant.nodes_cpu = {part.name: part.cpu for part in player.parts}
     chosen = [p for p in player.parts if p.name in variant.swapped]
     # As recorded: the time of the body, so that the table has something to hold the others against.
     chosen = chosen or [

@@ -9,9 +9,11 @@ rules of simulated time.
 import inspect
 from collections import deque
 from collections.abc import Iterable
+from time import thread_time_ns
 
 from palpate.engine.faults import GraphError
 from palpate.engine.graph import places
+from palpate.engine.health import Histogram
 from palpate.engine.imports import UntrustedError, check_trusted, recorded_class
 from palpate.engine.job import node_job
 from palpate.engine.plan import Plan, force_path
@@ -47,6 +49,8 @@ class Part:
         self.places = self._places(recorded)
         """Of each input the place of its tick in `used`; None where the recorded node read something else there."""
         self.broken: str | None = None
+        self.cpu = Histogram()
+        """Processor time of this thread in each of its steps: waiting while other programs run does not count."""
 
     def _places(self, recorded: Plan) -> list[int | None]:
         spec = recorded.graph.nodes.get(self.name)
@@ -177,7 +181,10 @@ class Player:
         if due and tick >= due[0]:  # where the node was started again in the run, with a new state, so it is here
             due.pop(0)
             part.slot.restart()
+        wall, begun = part.slot.health.step.total, thread_time_ns()
         part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
+        if part.slot.health.step.total > wall:  # it does not sleep
+            part.cpu.add(thread_time_ns() - begun)
         return True
 
     def _was_recorded(self, part: Part) -> bool:

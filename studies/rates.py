@@ -4,9 +4,13 @@ An effect that is a node of its own may run at each n-th tick (`every: n`); othe
 How often it has to run follows from its own time constant: the time in which its output, as fast as it changes in the
 mean (rms) over the touch, goes through its own peak. Held for n ticks of dt, it is off by n dt/(sqrt(3) constant) of
 its peak (rms). What is chosen was measured: the touch is computed again with the effect at each of several rates.
-A faster hand goes through the peak sooner, so that this is done at a spread of speeds, and the worst of them counts.
+A faster hand goes through the peak sooner, so that this is done at a spread of speeds and on other motions through the
+same region, up to the fastest of these speeds; the worst counts. What is predicted comes from motions that the search
+has not seen.
 """
 
+import itertools
+import json
 import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from palpate.engine.plan import Plan, force_path
+from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.messages import Field, Message, fields
+from palpate.messages import Field, Message, Surface, fields
 from palpate.nodes.base import inputs
 from palpate.nodes.device.hand import SimulatedOperator
 from palpate.physics.errors import ArgumentError
@@ -32,13 +37,21 @@ SPEEDS = (0.5, 1.0, 2.0)
 """Of the hand, over that of the graph's own path."""
 DIVISORS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Divisors of the graph's rate that are tried."""
+SEARCHED, HELD_OUT = 2, 12
+"""Other motions that the search uses, and others that only the predictions come from."""
+STROKES = 8  # of another motion
+SLOWEST = 0.2
+"""[1] Speed of the slowest of these, over that of the fastest."""
+PEAK = 1.875
+"""[1] Greatest over mean speed of a minimum-jerk move."""
+AFTER = 0.1  # [s] of another motion, after its last stroke
 
 
 @dataclass(frozen=True)
 class Rate:
     """One effect: its node, the divisor of its rate as the graph has it and as it may be, its time constant [s], and
-    what it is off by at the latter: its own output, and the force on the hand, rms over the peak. Of a node that the
-    force waits for, the fields that the force is made of are told by the force.
+    what it is off by at the latter: its own output, and the force on the hand, rms over the peak. The law of a body
+    that the force waits for is told by the force.
 
     felt  whether the force waits for it
     """
@@ -64,9 +77,14 @@ class Rate:
 
 @dataclass(frozen=True)
 class Slowed(Found):
-    """With what came of the run at each speed: the choice holds for these."""
+    """With what came of the run at each speed, and of the motions that the search has not seen.
+
+    reach  [m/s] slowest and fastest move of the hand in all of them; 0: no hand follows a path
+    """
 
     at: dict[float, Trial] = field(default_factory=dict)
+    unseen: tuple[Trial, ...] = ()
+    reach: tuple[float, float] = (0.0, 0.0)
 
 
 def rates(
@@ -75,32 +93,59 @@ def rates(
     """Each effect as seldom as an error [1] allows at each speed, more often until a run at each keeps it; then written
     as a launch file."""
     effects_of(launch.plan())  # tells what has none before anything runs
-    motions = at_speeds(launch, speeds)
+    motions, drawn, reach = at_speeds(launch, speeds), itertools.count(), reached(launch, speeds)
+    seen = [*motions.values(), *others(launch, reach, itertools.islice(drawn, SEARCHED))]
     with tempfile.TemporaryDirectory() as folder:
-        recordings = [touched(motion, Path(folder) / f"{speed}.mcap") for speed, motion in motions.items()]
+        recordings = [touched(motion, Path(folder) / f"{number}.mcap") for number, motion in enumerate(seen)]
         show("the touch")
         found = [list(chosen(recording, error, show)) for recording in recordings]
         picked, promised = together(recordings, strictest(found), error)
         while True:
-            at = {
-                speed: tried(touched(motion.but(overrides=promised.texts), Path(folder) / "slow.mcap"), picked)
-                for speed, motion in motions.items()
-            }
+            at = {speed: ran(motion, picked, Path(folder)) for speed, motion in motions.items()}
+            came = worst_of(list(at.values()))
+            unseen: list[Trial] = []
+            if came.error <= error:  # each time on motions that nothing was chosen by
+                fresh = others(launch, reach, itertools.islice(drawn, HELD_OUT))
+                unseen = [ran(motion, picked, Path(folder)) for motion in fresh]
             show("a run at these rates")
-            came = replace(max(at.values(), key=lambda one: one.error), worst=max(one.worst for one in at.values()))
-            finer = None if came.error <= error else oftener(picked)
+            most = max(one.error for one in (came, *unseen))
+            finer = None if most <= error else oftener(picked)
             if finer is None:
                 break
             picked, promised = together(recordings, finer, error)
-    if came.error <= error:
-        told = (
+    if unseen:
+        promised = worst_of(unseen)
+    if most <= error:
+        told = [
             f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %.",
             f"Measured on the path of this graph at {spread(at)}:",
             *(f"  {speed:g} times its speed: force error {percents(one)}" for speed, one in at.items()),
-            "A hand that moves faster may be off by more.",
-        )
-        write(launch, promised.overrides, told, file)
-    return Slowed(picked, promised, came, came.error <= error, at)
+        ]
+        if unseen:
+            told.append(f"Predicted from {len(unseen)} other motions: force error {percents(promised)}")
+        write(launch, promised.overrides, [*told, valid(reach)], file)
+    return Slowed(picked, promised, came, most <= error, at, tuple(unseen), reach)
+
+
+def ran(motion: LaunchFile, rates: Sequence[Rate], folder: Path) -> Trial:
+    """What a run at these rates is off by, from the same motion with each effect at each tick."""
+    return tried(touched(motion.but(overrides=[rate.override() for rate in rates]), folder / "slow.mcap"), rates)
+
+
+def worst_of(trials: Sequence[Trial]) -> Trial:
+    """The one with the greatest error, and the greatest peak error of all."""
+    return replace(max(trials, key=lambda one: one.error), worst=max(one.worst for one in trials))
+
+
+def valid(reach: tuple[float, float]) -> str:
+    """The range of speeds of the hand for which the rates hold."""
+    if not reach[1]:
+        return "Holds for this motion alone: a faster one may be off by more."
+    low, high = (1e3 * speed for speed in reach)
+    return (
+        f"Holds for moves of the hand at {low:.3g} to {high:.3g} mm/s through the region of this graph's path: a "
+        "faster hand may be off by more."
+    )
 
 
 def percents(one: Trial) -> str:
@@ -116,20 +161,81 @@ def spread(speeds: Iterable[float]) -> str:
 def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, LaunchFile]:
     """The run with its hand at each of these speeds, as long as its path then takes; as it is where no hand follows a
     path."""
-    hands = {
-        name: float(spec.settings.get("speed_factor", 1.0))
-        for name, spec in launch.load().nodes.items()
-        if issubclass(spec.cls, SimulatedOperator) and not spec.cls.hardware and spec.settings.get("path")
-    }
+    hands = hands_of(launch)
     if not hands:
         return {1.0: launch}
     return {
         speed: launch.but(
-            overrides=[f"{name}.speed_factor={own * speed}" for name, own in hands.items()],
+            overrides=[f"{name}.speed_factor={hand.speed_factor * speed}" for name, hand in hands.items()],
             duration=launch.duration and launch.duration / speed,
         )
         for speed in speeds
     }
+
+
+def hands_of(launch: LaunchFile) -> dict[str, SimulatedOperator]:
+    """The simulated hands that follow a path."""
+    return {
+        name: spec.cls(**spec.settings)
+        for name, spec in launch.load().nodes.items()
+        if issubclass(spec.cls, SimulatedOperator) and not spec.cls.hardware and spec.settings.get("path")
+    }
+
+
+def reached(launch: LaunchFile, speeds: Sequence[float]) -> tuple[float, float]:
+    """[m/s] Speed of the slowest and of the fastest move of the hands at these speeds, each at its fastest moment."""
+    found = list[float]()
+    for hand in hands_of(launch).values():
+        lengths = np.linalg.norm(np.diff(hand.points(), axis=0), axis=1)
+        peaks = [1.0 if segment.shape == "linear" else PEAK for segment in hand.path]
+        own = lengths / np.diff(hand.ends(), prepend=0.0) * peaks
+        found += own[_moves(hand, launch.duration)].tolist()
+    return min(found, default=0.0) * min(speeds), max(found, default=0.0) * max(speeds)
+
+
+def others(launch: LaunchFile, reach: tuple[float, float], seeds: Iterable[int]) -> Iterator[LaunchFile]:
+    """The run with other motions of its hands: straight strokes between random places on its path. The first and the
+    last have the fastest speed of `reach` [m/s]. None where no hand moves."""
+    hands = hands_of(launch) if reach[1] else {}
+    free = replace(launch, overrides=tuple(each for each in launch.overrides if not _sets_path(each)))
+    for seed in seeds if hands else ():
+        draw, texts, longest = np.random.default_rng(seed), list[str](), 0.0
+        for name, hand in hands.items():
+            path = _strokes(hand, _moves(hand, launch.duration), reach[1], draw)
+            texts += [f"{name}.path={json.dumps(path)}", f"{name}.speed_factor=1"]
+            longest = max(longest, sum(step.get("time", 0.0) + step.get("hold", 0.0) for step in path))
+        yield free.but(overrides=texts, duration=longest + AFTER)
+
+
+def _sets_path(override: str | Override) -> bool:
+    """Whether it sets a path of the scene, which reaches no node once the node's path is set."""
+    keys = override.keys if isinstance(override, Override) else override.partition("=")[0].split(".")
+    return keys[0] == "scene" and keys[-1] == "path"
+
+
+def _moves(hand: SimulatedOperator, duration: float | None) -> np.ndarray:
+    """Segments of a path that move the hand and begin within a time [s]."""
+    begins = hand.ends() - np.diff(hand.ends(), prepend=0.0)
+    return np.flatnonzero(np.diff(hand.points(), axis=0).any(axis=1) & (begins < (duration or math.inf)))
+
+
+def _strokes(
+    hand: SimulatedOperator, moves: np.ndarray, fastest: float, draw: np.random.Generator
+) -> list[dict[str, Any]]:
+    """A path of one hand, between places on these segments of its own path; at rest where it has none."""
+    points = hand.points() + np.array(hand.origin)
+    here, path = points[0], list[dict[str, Any]]()
+    for number in range(STROKES if len(moves) else 0):
+        k, share = draw.choice(moves), draw.uniform()
+        there = points[k] + share * (points[k + 1] - points[k])
+        speed = fastest * (1.0 if number in (0, STROKES - 1) else SLOWEST ** draw.uniform())
+        straight = bool(draw.integers(2))
+        time = float(np.linalg.norm(there - here)) / speed * (1.0 if straight else PEAK)
+        if time > 1e-3:
+            shape = "linear" if straight else "minimum-jerk"
+            path += [{"to": there.tolist(), "time": time, "shape": shape}, {"hold": float(draw.uniform(0.01, 0.1))}]
+            here = there
+    return path or [{"hold": AFTER}]
 
 
 def strictest(found: Sequence[Sequence[Rate]]) -> list[Rate]:
@@ -236,8 +342,8 @@ def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error
 
 
 class _Outputs:
-    """The numbers in a node's messages that somebody reads, `without` those that these nodes read, and how far two runs
-    are apart in them."""
+    """The numbers in a node's messages that somebody reads, of a body's law `without` those that these nodes read, and
+    how far two runs are apart in them."""
 
     def __init__(self, plan: Plan, rate: Rate, without: set[str]) -> None:
         self.node = rate.node
@@ -246,7 +352,8 @@ class _Outputs:
             left: set[str] = set()
             for reader in without:
                 ports = {port.name: port for port in inputs(plan.graph.nodes[reader].cls)}
-                left.update(*(ports[e.port].wants for e in plan.edges[reader] if e.stream == stream))
+                if kind is Surface:
+                    left.update(*(ports[e.port].wants for e in plan.edges[reader] if e.stream == stream))
             shown = plan.wanted[stream] - left
             self.shown += [(index, f) for f in fields(kind) if f.name in shown and _measured(f)]
         self.squares, self.peaks, self.count = [0.0] * len(self.shown), [0.0] * len(self.shown), 0

@@ -33,11 +33,13 @@ class Trial:
 
     overrides  as `--set` takes them, by name
     error      [1] rms of a quantity from that of the reference, over its peak;  worst [1] its greatest, over its peak
-    p50, p99   [s] of a tick;  mean [s] too, as a rate that is lower does not show in the median
+    p50, p99   [s] processor time of a tick, which other programs do not change;  mean [s] too, as a rate that is lower
+               does not show in the median
     why        what went wrong, if something did
     slowest    the node beside the body that takes longest of those that run in at least one tick of a hundred, and the
                p50 [s] of its steps
     reference  [s] mean of a tick with the settings of the reference
+    wall       [s] p50 and p99 of a tick by the clock: longer than processor time where other programs run
     """
 
     overrides: dict[str, Any]
@@ -49,6 +51,7 @@ class Trial:
     mean: float = math.inf
     reference: float = math.inf
     worst: float = math.inf
+    wall: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def texts(self) -> list[str]:
@@ -57,10 +60,11 @@ class Trial:
 
     def measured(self, base: Variant, variant: Variant, quantity: str = "force") -> Trial:
         """With the error of a quantity and the times of what it gave."""
-        whole = variant.whole.report()
+        cpu, wall = variant.cpu.report(), variant.whole.report()
         worst = off_by(variant, quantity, "peak")
-        return replace(self, error=off_by(variant, quantity), worst=worst, p50=whole["p50"], p99=whole["p99"],
-                       mean=whole["mean"], reference=base.whole.report()["mean"])  # fmt: skip
+        return replace(self, error=off_by(variant, quantity), worst=worst, p50=cpu["p50"], p99=cpu["p99"],
+                       mean=cpu["mean"], reference=base.cpu.report()["mean"],
+                       wall=(wall["p50"], wall["p99"]))  # fmt: skip
 
 
 @dataclass(frozen=True)

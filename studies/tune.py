@@ -11,7 +11,6 @@ from pathlib import Path
 
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.busy import busy
 from palpate.nodes.deformation import bodies
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.records.changed import changed
@@ -29,7 +28,8 @@ QUANTITIES = ("force", "indentation", "shape")
 
 @dataclass(frozen=True)
 class Goal:
-    """What is to be kept: p99 of all steps of a tick [s], error [1] of a quantity over its peak; None: no matter."""
+    """What is to be kept: p99 of the processor time of a tick [s], error [1] of a quantity over its peak; None: no
+    matter."""
 
     budget: float | None
     error: float | None
@@ -74,7 +74,7 @@ def tune(launch: LaunchFile, goal: Goal, file: Path, show: Show = lambda what: N
             return Tuned(ranked, reference=base, estimated_error=estimated_error, why=cause(ranked, goal))
         told = (
             f"Chosen by palpate tune: {goal.quantity} error {100 * best.error:.2g} % of peak (RMS),",
-            f"a tick {1e6 * best.p50:.0f} us p50, {1e6 * best.p99:.0f} us p99, on the machine where it was tuned.",
+            f"a tick {times(best)}, on the machine where it was tuned.",
         )
         write(launch, best.overrides, told, file)
         came = _came(launch, best, base, goal, Path(folder) / "tuned.mcap")
@@ -87,6 +87,15 @@ def title(one: Trial) -> str:
     words = {"use": "{}", "vertices": "{} vertices", "every": "every {}"}
     told = [words[key.rpartition(".")[2]].format(value) for key, value in one.overrides.items()]
     return ", ".join(word.removeprefix("deformation.") for word in told)
+
+
+def times(one: Trial) -> str:
+    """Processor time and duration of a tick in words."""
+    (p50, p99), (wall50, wall99) = (one.p50, one.p99), one.wall
+    return (
+        f"{1e6 * p50:.0f} us p50, {1e6 * p99:.0f} us p99 of processor time "
+        f"({1e6 * wall50:.0f} and {1e6 * wall99:.0f} us by the clock)"
+    )
 
 
 def candidates(graph: Graph) -> list[Trial]:
@@ -129,7 +138,7 @@ def judged(one: Trial, base: Variant, variant: Variant, goal: Goal, estimated_er
     body = body_of(variant.plan.graph)
     often = [
         (name, steps.report()["p50"])
-        for name, steps in variant.nodes.items()
+        for name, steps in variant.nodes_cpu.items()
         if name != body and 100 * steps.count >= variant.whole.count
     ]
     told = one.measured(base, variant, goal.quantity)
@@ -148,8 +157,8 @@ def pick(ranked: list[Trial], goal: Goal) -> Trial | None:
 
 
 def cause(ranked: list[Trial], goal: Goal) -> str:
-    """Why nothing keeps the budget, in words: another node that takes longer than it, or a machine on which more runs
-    than it has cores. Empty where it is the error that nothing keeps, or nothing is known."""
+    """Why nothing keeps the budget, in words: another node takes longer than it. Empty where it is the error that
+    nothing keeps, or nothing is known."""
     late = [one for one in ranked if replace(goal, budget=None).keeps(one)]
     if goal.budget is None or not late:
         return ""
@@ -159,8 +168,7 @@ def cause(ranked: list[Trial], goal: Goal) -> str:
             f"Node {name!r} alone takes {1e6 * took:.0f} us (p50 of its steps), with any tissue model: allow a larger "
             "budget, or tune the graph without it."
         )
-    why = busy(own=1.0)
-    return f"{why}, which is the likely cause. Tune again when the machine is idle." if why else ""
+    return ""
 
 
 def _came(launch: LaunchFile, chosen: Trial, base: Trial, goal: Goal, file: Path) -> Trial:

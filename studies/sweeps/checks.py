@@ -1,10 +1,15 @@
 """What is wrong with a study, before anything runs."""
 
-from itertools import product
+from collections.abc import Mapping
+from itertools import islice, product
+from typing import Any
 
+import numpy as np
+
+from palpate.engine.faults import Fault, GraphError
 from palpate.engine.graph import Graph
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.load.values.units import UnitError, convert
+from palpate.launch.load.values.units import UnitError, convert, parse, split
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import DESIGNS, Axis, Space
 from palpate.studies.sweeps.point import overrides
@@ -12,6 +17,8 @@ from palpate.studies.sweeps.sensitivity import METHODS
 
 TRIED = 64
 """Combinations of bodies, motions and files that are loaded before anything runs, at most."""
+DRAWS = 8
+"""Points whose values are tried until one loads."""
 
 
 def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: str | None) -> Space:
@@ -56,17 +63,40 @@ def check(launch: LaunchFile, base: Graph, space: Space) -> None:
     for path in space.paths:
         if len(path.split(".")) < 2 and path != "rate":
             raise ArgumentError(f"over {path}: expected a setting, such as {path}.stiffness, or scene.<path>")
-    first = space.point(0)[0]
-    choices = []
+    choices, units = [], list[tuple[str, str]]()
     for one in space.axes:
         if one.law is not None or all(isinstance(v, int | float) for row in one.values for v in row):
-            texts = [{one.paths[0]: text} for text in one.texts[:1]]
-            choices.append([{path: first[path] for path in one.paths}, *texts])
+            units += [(one.paths[0], split(text)[1]) for text in one.texts[:1]]
         else:
             choices.append([dict(zip(one.paths, row, strict=True)) for row in one.values])
-    for _, combination in zip(range(TRIED), product(*choices), strict=False):
-        values = {path: value for part in combination for path, value in part.items()}
-        launch.but(overrides=overrides(values)).load()
+    for combination in islice(product(*choices), TRIED):
+        values = accepted(launch, space, {path: value for part in combination for path, value in part.items()})
+        for path, unit in units if values is not None else ():
+            same = f"{values[path] / float(parse(unit).factor)!r} {unit}" if unit else str(values[path])
+            launch.but(overrides=overrides({**values, path: same})).load()
+
+
+def accepted(launch: LaunchFile, space: Space, fixed: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
+    """Values of a point that loads, with these `fixed` ones; None: none of those that were tried does, each for another
+    reason, so the values are out of range and each point is a row with its error.
+
+    GraphError: the faults that do not depend on the values.
+    """
+    common, faults = set[Fault](), list[Fault]()
+    for number in range(min(DRAWS, max(space.shape, default=1))):
+        each = [number % count for count in space.shape]  # every axis takes another value each time
+        values = space.point(int(np.ravel_multi_index(each, space.shape)))[0] | dict(fixed or {})
+        try:
+            launch.but(overrides=overrides(values)).load()
+            return values
+        except GraphError as error:
+            common = common & set(error.faults) if number else set(error.faults)
+            faults = [fault for fault in error.faults if fault in common]
+            if number and faults:
+                break
+    if faults:
+        raise GraphError(faults)
+    return None
 
 
 def seconds(name: str, given: float | str | None) -> float | None:

@@ -1,4 +1,4 @@
-"""What a worker of Dask does: it hands points to a process of its own, and ends that when one takes too long."""
+"""What a worker of a study does: it hands points to a process of its own, and kills it when a point takes too long."""
 
 import contextlib
 import os
@@ -8,10 +8,14 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import CancelledError
 from multiprocessing import Pipe
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from typing import IO
 
-from palpate.engine.clock import one_blas_thread
+from palpate.engine.clock import BLAS_THREADS
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
@@ -19,34 +23,48 @@ ENOUGH = 1.5
 """[s] of work after which a worker reports what it has done of a batch."""
 NETWORK = ("nfs", "lustre", "gpfs", "beegfs", "cifs", "smb", "afs", "ceph", "panfs", "pvfs", "glusterfs", "fuse.")
 """How Linux calls file systems of other machines, by their beginning."""
+SERVE = "from palpate.studies.sweeps.point import main; main()"
 STARTS = 120.0  # [s] for the process to come up
 
 
 class Runner:
-    """A process that computes points, and the connection to it."""
+    """A process that computes points, and the connection to it.
 
-    def __init__(self) -> None:
+    env      environment variables in addition to those of this process
+    printed  file for what it prints; None: where this process prints
+    ended    readable as soon as the pool ends: the process is then killed; None: it ends with this thread
+    """
+
+    def __init__(
+        self, env: Mapping[str, str] | None = None, printed: IO[bytes] | None = None, ended: Connection | None = None
+    ) -> None:
         self.link, theirs = Pipe()
+        self._awaited = [self.link] if ended is None else [self.link, ended]
         cache = local_cache()
-        with theirs, one_blas_thread():
+        with theirs:
             self.process = subprocess.Popen(
-                [sys.executable, "-c", "from palpate.studies.sweeps.point import main; main()", str(theirs.fileno())],
+                [sys.executable, "-c", SERVE, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
+                stdout=printed,
+                stderr=printed and subprocess.STDOUT,
                 env={
                     **os.environ,
+                    **dict.fromkeys(BLAS_THREADS, "1"),  # sums in a fixed order
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
                     **({"NUMBA_CACHE_DIR": cache} if cache else {}),
+                    **(env or {}),
                 },
                 process_group=0,  # Ctrl-C reaches the study alone
             )
-        if not self.link.poll(STARTS):
+        if not self._answers(STARTS):
             self.close()
             raise RunError(f"the process that computes points did not start within {STARTS:g} s")
         try:
             self.about: dict[str, str] = self.link.recv()
         except (EOFError, OSError):
-            raise RunError(f"the process that computes points ended at its start: {self._ending()}") from None
+            told = f"; {printed.name} has what it printed" if printed else ""
+            raise RunError(f"the process that computes points ended at its start: {self._ending()}{told}") from None
 
     def run(self, task: Task, point: Point) -> Computed:
         """Compute a point. The process ends with a point that takes too long, or that takes it down."""
@@ -55,7 +73,7 @@ class Runner:
             self.link.send((task, point))
             while True:
                 until = None if task.limit is None else max(0.0, since + task.limit - time.monotonic())
-                if not self.link.poll(until):
+                if not self._answers(until):
                     self.close()
                     return Computed(error=f"took longer than {task.limit:g} s", seconds=task.limit or 0.0)
                 done = self.link.recv()
@@ -64,6 +82,14 @@ class Runner:
                 since = time.monotonic()  # what it had to compile before does not count
         except (EOFError, OSError):
             return Computed(error=f"its process ended: {self._ending()}", seconds=time.monotonic() - since)
+
+    def _answers(self, seconds: float | None) -> bool:
+        """Whether the process sends something, or ends, in this time. CancelledError: the pool ended."""
+        ready = wait(self._awaited, seconds)
+        if ready and self.link not in ready:
+            self.close()
+            raise CancelledError
+        return bool(ready)
 
     def _ending(self) -> str:
         """Why the process is gone."""
@@ -76,13 +102,19 @@ class Runner:
         return not self.link.closed and self.process.poll() is None
 
     def close(self) -> None:
-        """End the process with whatever it does."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            os.killpg(self.process.pid, signal.SIGKILL)
+        """Kill the process with all that it has started."""
+        if self.process.poll() is None:
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(self.process.pid, signal.SIGKILL)
         self._ending()
 
 
 _here = threading.local()
+
+
+def start_with(start: Callable[[], Runner]) -> None:
+    """Have this thread start its process by a function."""
+    _here.start = start
 
 
 def work(task: Task, points: list[Point]) -> tuple[str, list[Computed]]:
@@ -94,7 +126,7 @@ def work(task: Task, points: list[Point]) -> tuple[str, list[Computed]]:
     for point in points:
         runner = getattr(_here, "runner", None)
         if runner is None or not runner.alive:
-            runner = _here.runner = Runner()
+            runner = _here.runner = getattr(_here, "start", Runner)()
         other = [
             f"{name} {runner.about.get(name, 'none')} there, {ours} here"
             for name, ours in task.about.items()

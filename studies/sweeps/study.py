@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache, cached_property
 from pathlib import Path
@@ -21,7 +22,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.load.values.followers import followers, unit_of
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import axis
-from palpate.studies.sweeps.checks import check, path, seconds, space
+from palpate.studies.sweeps.checks import accepted, check, path, seconds, space
 from palpate.studies.sweeps.identity import changes, content, digest, files_of
 from palpate.studies.sweeps.keep import RECORDING, kept
 from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint, overrides
@@ -30,6 +31,8 @@ from palpate.studies.sweeps.results import Results
 if TYPE_CHECKING:
     from distributed import Client
     from matplotlib.figure import Figure
+
+    from palpate.studies.sweeps.local import Local
 
 LONG = 200  # letters of the values of a path in `study.json`
 SEVERAL = 8  # values of a path that are tried for its unit
@@ -109,7 +112,7 @@ class Study(Results):
     def run(
         self,
         folder: str | Path,
-        client: Client | None = None,
+        client: Client | Local | None = None,
         *,
         workers: int | None = None,
         retry: bool = False,
@@ -119,15 +122,17 @@ class Study(Results):
     ) -> Study:
         """Compute the points that the folder does not have yet, and keep them there.
 
-        client   of Dask; None: `workers` processes of this machine, one for each core where that is None, too
+        client   of Dask, or a pool of `local`; None: `workers` processes of this machine, one for each core where that
+                 is None, too
         retry    compute again what failed before
         yes      compute more than 100 000 points
-        told     called with lines on what goes on: what changed since, the address of the dashboard
+        told     called with lines on what goes on: what changed since, that no worker is there
         done     called after each point, with the number of those that are left
 
         RunError: the scheduler is lost, the disk is full ... What was computed before is stored, also on Ctrl-C.
         """
-        from palpate.studies.sweeps.cluster import compute, cores, local
+        from palpate.studies.sweeps.batches import compute
+        from palpate.studies.sweeps.local import Local, cores, local
         from palpate.studies.sweeps.store import Store
 
         if len(self) > MANY and not yes:
@@ -150,13 +155,18 @@ class Study(Results):
             if missing:
                 task = Task(self.launch, self.keep, self._about["versions"], self.limit)
                 waits = cache(lambda: told("waiting for a worker"))
+                if client is None:
+                    workers = min(workers or cores(), left)
+                    pool: Any = local(workers, store.folder / "workers.log")
+                elif isinstance(client, Local):
+                    pool = nullcontext(client)
+                else:
+                    from palpate.studies.sweeps.cluster import pool as of_dask
+
+                    pool = of_dask(client)
                 try:
-                    if client is not None:
-                        compute(client, task, missing, add, waits)
-                    else:
-                        with local(min(workers or cores(), left), store.folder / "workers.log") as (here, alive):
-                            told(f"dashboard {here.dashboard_link}")
-                            compute(here, task, missing, add, alive)
+                    with pool as them:
+                        compute(them, task, missing, add, waits)
                 finally:
                     store.flush()
         finally:
@@ -196,8 +206,10 @@ class Study(Results):
 
         Without a unit is what changes no setting, and what changes only together with other paths.
         """
-        first = self.space.point(0)[0]
-        base, found = self.launch.but(overrides=overrides(first)).load(), dict[str, str]()
+        first, found = accepted(self.launch, self.space), dict[str, str]()
+        if first is None:
+            return found
+        base = self.launch.but(overrides=overrides(first)).load()
         for one in self.space.axes:
             for k, name in enumerate(one.paths):
                 values = one.law.ppf([0.4, 0.6]).tolist() if one.law is not None else [row[k] for row in one.values]
@@ -210,9 +222,11 @@ class Study(Results):
     def _unit(self, base: Graph, first: Mapping[str, Any], name: str, values: Sequence[float]) -> str | None:
         """The unit of the first setting that follows a path; `base` is the graph at the values `first`."""
         others = [value for value in dict.fromkeys(values) if value != first[name]]
-        for value in others[:: min(-1, -len(others) // SEVERAL)]:
+        tried = [{name: value} for value in others[:: min(-1, -len(others) // SEVERAL)]]
+        fixed = {path: value for path, value in first.items() if path != name}
+        for change in [*tried, {}]:  # at last the graph's value
             try:
-                after = self.launch.but(overrides=overrides({**first, name: value})).load()
+                after = self.launch.but(overrides=overrides(fixed | change)).load()
             except GraphError:  # a point that fails, which its row tells; or a value that only goes with others
                 continue
             if follower := next(iter(followers(base, after)), None):

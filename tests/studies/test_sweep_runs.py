@@ -1,15 +1,19 @@
-"""Studies on real workers of Dask: what is stored, and what becomes of it when something goes wrong."""
+"""Studies on real workers: what is stored, and what becomes of it when something goes wrong."""
 
 import fcntl
 import json
 import math
 import os
+import re
 import resource
 import signal
+import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import distributed
 import numba
 import numpy as np
 import psutil
@@ -17,11 +21,13 @@ import pyarrow.parquet
 import pytest
 
 import palpate
+from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.errors import PalpateError, RunError
-from palpate.studies.sweeps import cluster
+from palpate.studies.sweeps import cluster, runner
 from palpate.studies.sweeps import point as point_process
 from palpate.studies.sweeps.file import load
+from palpate.studies.sweeps.local import local
 from palpate.studies.sweeps.point import Task, compute, fingerprint
 from palpate.studies.sweeps.store import Store
 
@@ -38,7 +44,16 @@ OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
 @pytest.fixture(scope="module")
 def client(tmp_path_factory):
     """Two workers, processes of their own, for all tests that leave them alive."""
-    with cluster.local(2, tmp_path_factory.mktemp("dask") / "workers.log") as (client, _):
+    with local(2, tmp_path_factory.mktemp("local") / "workers.log") as pool:
+        yield pool
+
+
+@pytest.fixture(scope="module")
+def dask(tmp_path_factory):
+    """Two workers of Dask, processes of their own."""
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
+    folder = tmp_path_factory.mktemp("dask")
+    with distributed.LocalCluster(**options, local_directory=folder) as cluster, distributed.Client(cluster) as client:
         yield client
 
 
@@ -143,8 +158,8 @@ def test_curves_of_other_lengths_lie_in_one_folder(ball, client, tmp_path):
 
 
 def test_workers_that_cannot_start_are_no_endless_wait(ball, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_WORKERS", "raise SystemExit('no room for workers')")
-    with pytest.raises(RunError, match=r"the workers ended with exit code 1; \S*workers\.log has"):
+    monkeypatch.setattr(runner, "SERVE", "raise SystemExit('no room for workers')")
+    with pytest.raises(RunError, match=r"ended at its start: exit code 1; \S*workers\.log has what it printed"):
         palpate.Study(ball, OVER, KEEP).run(tmp_path)
     assert "no room for workers" in (tmp_path / "workers.log").read_text()
 
@@ -200,6 +215,51 @@ def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
                     retry=True) == [1, 5]  # fmt: skip
 
 
+LIMITED = BALL.replace("Ball", "Limited")
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("law", "lowest"),
+    [
+        ({"norm": [0.0, 2e-3]}, 0.0),
+        ({"uniform": ["-3 mm", "2 mm"]}, 0.0),
+        ({"uniform": [-3e-3, -1e-3]}, 0.0),
+    ],
+)
+def test_a_draw_out_of_range_is_a_row_wherever_it_comes(write, client, tmp_path, seed, law, lowest):
+    """Also as the first one, and where all are."""
+    graph = write("ball.yaml", LIMITED)
+    study = palpate.Study(graph, {"ball.radius": law}, KEEP[:1], samples=5, seed=seed, design="random")
+    assert computed(study, tmp_path / "out", client) == list(range(5))
+    table = study.table()
+    bad = table["ball.radius"] <= lowest
+    assert bad.any() and list(table["error"].str.contains("Expected float > 0.0")) == list(bad)
+    assert table["peak ball.force"].notna().tolist() == list(~bad)
+
+
+def test_a_list_may_begin_with_a_value_out_of_range(write, client, tmp_path):
+    over = {"ball.radius": [-1e-3, 2e-3], "ball.young": {"linspace": [-1e3, 2e3, 3]}}
+    study = palpate.Study(write("ball.yaml", LIMITED), over, ["peak ball.force"]).run(tmp_path / "out", client)
+    assert (study.table()["error"] == "").tolist() == [False, False, False, False, True, True]
+    assert study.labelled("ball.radius") == "ball.radius [m]"
+
+
+@pytest.mark.parametrize(
+    ("over", "said"),
+    [
+        ({"ball.radius": {"norm": [0.0, 1e-3]}, "ball.yuong": {"norm": [1e3, 1.0]}}, "setting 'yuong': unknown"),
+        ({"ball.radius": {"norm": ["0 s", "1 s"]}}, "a time; expected a length"),
+        ({"ball.radius": [-1e-3]}, "found -0.001. Expected float > 0.0"),
+    ],
+)
+def test_what_no_value_can_cure_is_told_before_anything_runs(write, over, said):
+    samples = 4 * any(isinstance(value, dict) for value in over.values())
+    with pytest.raises(GraphError, match=re.escape(said)) as raised:
+        palpate.Study(write("ball.yaml", LIMITED), over, KEEP, samples=samples, seed=1)
+    assert len(raised.value.faults) == 1
+
+
 def test_a_long_point_holds_up_no_other(ball, client, tmp_path):
     """It is started first, on one of two workers: the short ones come on the other."""
     study = palpate.Study(ball, {"ball.pause": [5.0, *np.arange(12) * 1e-3]}, ["peak ball.force"])
@@ -253,32 +313,32 @@ def test_a_full_disk_under_a_point_is_no_fault_of_the_point(ball, tmp_path):
 
 
 @pytest.mark.long
-def test_a_worker_that_is_killed_is_made_up_for(ball, client, tmp_path):
+def test_a_worker_that_is_killed_is_made_up_for(ball, dask, tmp_path):
     study, killed = palpate.Study(ball, {"ball.pause": [0.2 + k * 1e-3 for k in range(8)]}, KEEP), []
 
     def kill(point, computed, left):
         if not killed:
-            killed.append(next(iter(client.run(os.getpid).values())))
+            killed.append(next(iter(dask.run(os.getpid).values())))
             os.kill(killed[0], signal.SIGKILL)
 
-    study.run(tmp_path, client, done=kill)
+    study.run(tmp_path, dask, done=kill)
     assert killed and not study.table()["error"].any()
-    client.wait_for_workers(2, timeout=120)
+    dask.wait_for_workers(2, timeout=120)
 
 
 @pytest.mark.long
-def test_a_process_of_points_ends_with_its_worker(ball, client, tmp_path):
+def test_a_process_of_points_ends_with_its_worker(ball, dask, tmp_path):
     flag = tmp_path / "begun"
     study = palpate.Study(ball, {"ball.pause": [60.0]}, KEEP, sets=[f"ball.flag={flag}"])
     task = Task(study.launch, study.keep, fingerprint(), None)
-    point = client.submit(cluster.work, task, study.points, pure=False)
+    point = dask.submit(runner.work, task, study.points, pure=False)
     while not (flag.exists() and flag.read_text()):
         time.sleep(0.01)
     child = psutil.Process(int(flag.read_text()))
     point.cancel()
     os.kill(child.ppid(), signal.SIGKILL)
     child.wait(60)
-    client.wait_for_workers(2, timeout=120)
+    dask.wait_for_workers(2, timeout=120)
 
 
 def test_two_studies_do_not_write_one_folder(ball, client, tmp_path):
@@ -362,20 +422,24 @@ def test_long_values_stand_by_their_number_in_legends(ball, client, tmp_path):
     assert list(study.table()["ball.flag"]) == 2 * flags
 
 
-def test_the_slurm_script_has_one_thread_a_worker(write):
+def test_the_slurm_script_has_one_thread_a_worker(write, tmp_path):
     study = write("mine.yaml", """
         graph: kidney
         over: {tissue.stiffness: [2e3, 3e3]}
         keep: [peak contact.force]
         slurm: {jobs: 3, cores: 8, memory: 16 GB, walltime: '02:00:00', queue: short}
     """)  # fmt: skip
-    with cluster.slurm(load(study)[1]) as jobs:
+    with cluster.slurm(load(study)[1], tmp_path / "out") as jobs:
         script = jobs.job_script()
+        (key,) = (Path(word) for word in re.findall(r"--tls-key (\S+)", script))
+        assert key.read_text().startswith("-----BEGIN PRIVATE KEY") and key.is_relative_to(tmp_path / "out")
+        assert stat.S_IMODE(key.parent.stat().st_mode) == 0o700
+    assert not key.parent.exists(), "the key ends with the study"
     for line in ("#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --mem=15G", "#SBATCH -t 02:00:00",
                  "export OMP_NUM_THREADS=1", "--nthreads 1", "--nworkers 8"):  # fmt: skip
         assert line in script
-    with pytest.raises(PalpateError, match=r"slurm: .*wall_time"):
-        cluster.slurm({"wall_time": "1"})
+    with pytest.raises(PalpateError, match=r"slurm: .*wall_time"), cluster.slurm({"wall_time": "1"}, tmp_path):
+        pass
 
 
 @pytest.mark.long
@@ -388,11 +452,13 @@ def test_jobs_of_slurm_are_submitted_and_compute(ball, tmp_path, monkeypatch):
         program.parent.mkdir(exist_ok=True)
         program.write_text(f"#!/bin/bash\n{text}\n")
         program.chmod(0o755)
-    with pytest.raises(RunError, match=r"no `sbatch` here"), cluster.submitted({}):
+    with pytest.raises(RunError, match=r"no `sbatch` here"), cluster.submitted({}, tmp_path):
         pass
     monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
-    with cluster.submitted({"jobs": 1, "cores": 2, "memory": "2 GB", "interface": "lo"}) as client:
+    options = {"jobs": 1, "cores": 2, "memory": "2 GB", "interface": "lo"}
+    with cluster.submitted(options, tmp_path / "out") as client:
+        assert client.scheduler.addr.startswith("tls://") and not cluster.exposed(client)
         study = palpate.Study(ball, OVER, KEEP).run(tmp_path / "out", client)
     assert not study.table()["error"].any(), (tmp_path / "job.log").read_text()
 

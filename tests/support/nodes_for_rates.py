@@ -1,6 +1,7 @@
 """An effect whose output is known: a swinging force."""
 
 import math
+import time
 from typing import Annotated
 
 from palpate.messages import Force, Pose
@@ -26,3 +27,13 @@ class Swing(Node):
     def step(self, pose: Pose) -> Force:
         turned = 2.0 * math.pi * self.frequency * pose.time * 1e-9
         return Force(force=(self.amplitude * math.sin(turned), 0.0, 0.0), state="free", energy=0.0)
+
+
+class Waits(Node):
+    """A force of 1 N that takes time, but no processor."""
+
+    effect = "display"
+
+    def step(self, pose: Pose) -> Force:
+        time.sleep(4e-3)
+        return Force(force=(1.0, 0.0, 0.0), state="free", energy=0.0)

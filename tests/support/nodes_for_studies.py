@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
+
 from palpate.messages import Contact
 from palpate.nodes.base import Node
 
@@ -47,6 +49,13 @@ class Ball(Node):
         depth = self.depth * self.count / self.steps
         stiffness = 4.0 / 3.0 * self.young / (1.0 - self.poisson**2) * math.sqrt(self.radius)
         return contact(stiffness * depth**1.5, depth)
+
+
+class Limited(Ball):
+    """One whose settings have a range."""
+
+    young: Annotated[float, "Pa", msgspec.Meta(gt=0.0)] = 1e4
+    radius: Annotated[float, "m", msgspec.Meta(gt=0.0)] = 8e-3
 
 
 class Ishigami(Node):

@@ -2,7 +2,9 @@
 
 import functools
 import http.server
+import os
 import shutil
+import socket
 import struct
 import subprocess
 import threading
@@ -12,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from browser import CHROMIUM, opened
+from strangers import Listening, answer
 
 pytest.importorskip("websockets")
 
@@ -131,6 +134,22 @@ def test_who_has_no_token_or_is_a_page_from_elsewhere_is_refused(server):
         assert refused.value.response.status_code == 403
     with listen(server, origin="http://localhost:8000") as client:
         client.recv(timeout=WAIT)
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
+def test_another_user_is_refused_who_has_read_the_token(server):
+    """It is an argument of the browser that opens the address, and any user may list the processes."""
+    host = server.url().split("/")[2]
+    there = Listening(socket.AF_INET, socket.SOCK_STREAM, "127.0.0.1", int(host.partition(":")[2]))
+    for path in ("/", "/frames", "/socket", "/page.css"):
+        target = server.url(path).split(host)[1]
+        keys = "Upgrade: websocket\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n"
+        upgrade = "" if path in ("/", "/page.css") else f"Connection: Upgrade\r\nOrigin: http://{host}\r\n{keys}"
+        request = f"GET {target} HTTP/1.1\r\nHost: {host}\r\n{upgrade}\r\n".encode()
+        assert answer(there, request).startswith(b"HTTP/1.1 403"), path
+        with socket.create_connection(("127.0.0.1", there.port), WAIT) as own:
+            own.sendall(request)
+            assert own.recv(100).split(b" ")[1] in (b"200", b"101"), path
 
 
 @pytest.mark.long

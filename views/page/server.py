@@ -1,15 +1,19 @@
-"""The server of the pages: static files and a socket on loopback, for whoever has the token."""
+"""The server of the pages: static files and a socket on loopback, for programs of this user that have the token."""
 
 import asyncio
 import contextlib
 import hmac
 import html
+import os
 import secrets
+import socket
+import sys
 import threading
 import time
 from collections.abc import Callable
 from http import HTTPStatus
 from importlib import resources
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -179,13 +183,14 @@ class PageServer:
             given = parse_qs(parts.query).get("token", [""])[0]
             origin = request.headers.get("Origin")
             strange = origin is not None and urlsplit(origin).hostname not in LOOPBACK
+            strange |= _user(connection.remote_address, self.port) not in (None, 0, os.getuid())
             known = hmac.compare_digest(given.encode(), self.token.encode())
         except (ValueError, MultipleValuesError):  # what no browser sends: http://[::1, two origins
             return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")
         if parts.path in ("/socket", RENDERERS):
             browser = parts.path == "/socket"  # a program that is none tells no origin
             if strange or (browser and origin is None) or not known:
-                return _reply(HTTPStatus.FORBIDDEN, b"the token of the address is missing or wrong\n")
+                return _reply(HTTPStatus.FORBIDDEN, b"the token is missing or wrong, or of another user\n")
             return None
         if parts.path not in self._files:
             return _reply(HTTPStatus.NOT_FOUND, b"no such file\n")
@@ -195,6 +200,18 @@ class PageServer:
         name, kind = self._files[parts.path]
         body = resources.files("palpate.views.page").joinpath("static", name).read_bytes()
         return _reply(HTTPStatus.OK, body, kind)
+
+
+def _user(peer: tuple[str, int], port: int) -> int | None:
+    """User at the other end of a connection to a port of loopback; None: the kernel does not list it. The token alone
+    does not tell users apart: a browser that is started with the address shows it in the list of processes."""
+    ends = [f"{int.from_bytes(socket.inet_aton(ip), sys.byteorder):08X}:{own:04X}" for ip, own in (peer, (HOST, port))]
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]:
+            row = line.split()
+            if row[1:3] == ends:
+                return int(row[7])
+    return None
 
 
 def _reply(status: HTTPStatus, body: bytes, kind: str = "text/plain") -> Response:

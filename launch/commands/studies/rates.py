@@ -39,9 +39,9 @@ def rates(
 ) -> None:
     """Find the lowest update rate of each effect that keeps a given error.
 
-    The search starts at the time constant of each effect, with the hand at several speeds. It then runs the graph at
-    each, raises the rates until the error is kept, and writes a launch file with the measured figures. If no run keeps
-    the error, nothing is written and the exit code is 1.
+    The search starts at the time constant of each effect, with the hand at several speeds and on other motions. It then
+    runs the graph at each, and on motions that it has not seen, raises the rates until the error is kept, and writes a
+    launch file with the figures. If no run keeps the error, nothing is written and the exit code is 1.
     """
     from palpate.physics.writable import check_file
     from palpate.studies import rates as study
@@ -55,10 +55,11 @@ def rates(
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
     check_file(file)
     moves = study.at_speeds(launch, fast)
+    searched = len(moves) + (study.SEARCHED if study.reached(launch, fast)[1] else 0)
     took = sum((motion.duration or 0.0) for motion in moves.values())
     title = f"rates: a touch of {length:g} s, then again at other rates of {effects} effects"
     with steps(
-        title, effects * len(moves) + 2, silent=as_json, seconds=PER_TICK * took * planned.graph.rate * (effects + 2)
+        title, effects * searched + 2, silent=as_json, seconds=PER_TICK * took * planned.graph.rate * (effects + 2)
     ) as done:
         found = study.rates(launch, share, file, done, fast)
     if as_json:
@@ -66,6 +67,7 @@ def rates(
         tell({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
               "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
               "predicted": _times(found.promised), "measured": _times(found.came),
+              "unseen": [_times(one) for one in found.unseen], "hand_m_s": found.reach,
               "speeds": [{"speed": speed, **_times(one)} for speed, one in found.at.items()]})  # fmt: skip
     else:
         _print(found, file)
@@ -85,7 +87,7 @@ def _times(one: Trial) -> dict[str, float]:
 
 
 def _print(found: Slowed, file: Path) -> None:
-    from palpate.studies.rates import percents, spread
+    from palpate.studies.rates import percents, valid
 
     rows = []
     for rate in found.tried:
@@ -99,13 +101,17 @@ def _print(found: Slowed, file: Path) -> None:
         say(idle, "dim", wrap=True)
     for word, one in (("predicted", found.promised), ("measured", found.came)):
         assert one is not None
-        full = f"{1e6 * one.reference:.0f} us with all effects at every tick"
-        say(f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us; {full}", wrap=True)
+        full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
+        say(
+            f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us of processor time; {full}",
+            wrap=True,
+        )
+    if found.unseen:
+        say(f"          predicted from {len(found.unseen)} motions that the search has not seen", "dim", wrap=True)
     for speed, one in found.at.items() if len(found.at) > 1 else ():
         say(f"          at {speed:g} times its speed {percents(one)}", wrap=True)
     say("Errors are differences from the same graph with all effects at every tick.", "dim", wrap=True)
-    holds = "this motion alone: a faster one" if found.at.keys() == {1.0} else f"{spread(found.at)}: a faster hand"
-    say(f"Holds for {holds} may be off by more.", "dim", wrap=True)
+    say(valid(found.reach), "dim", wrap=True)
     if found.kept:
         say(f"written   {file}: palpate run {file}", wrap=True)
     else:

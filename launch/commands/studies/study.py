@@ -25,7 +25,7 @@ def study(
     workers: Annotated[
         int | None, typer.Option(help="Processes of this machine; default: one per core.", min=1)
     ] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler that is running: tcp://HOST:PORT.")] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler that is running: tls://HOST:PORT.")] = None,
     slurm: Annotated[
         bool, typer.Option("--slurm", help="Submit workers to SLURM, as `slurm:` in the file says.")
     ] = False,
@@ -43,16 +43,17 @@ def study(
     Computes the points that the folder does not have yet. Ctrl-C keeps what is done; the same command goes on. Exit
     code 1 if points failed, 130 after Ctrl-C.
     """
-    from palpate.studies.sweeps import cluster
     from palpate.studies.sweeps.file import find, load
 
     path = find(file)
     found, options = load(path, sensitivity, samples)
+    folder, left = out or Path("runs", path.stem), len(found)
+    if slurm or job_script or scheduler is not None:
+        from palpate.studies.sweeps import cluster
     if job_script:
-        with cluster.slurm(options) as jobs:
+        with cluster.slurm(options, Path()) as jobs:
             typer.echo(jobs.job_script())
         return
-    folder, left = out or Path("runs", path.stem), len(found)
 
     def told(text: str) -> None:
         if not as_json:
@@ -61,11 +62,11 @@ def study(
     with contextlib.ExitStack() as ending:
         client = None
         if slurm:
-            client = ending.enter_context(cluster.submitted(options))
+            client = ending.enter_context(cluster.submitted(options, folder))
         elif scheduler is not None:
             client = ending.enter_context(cluster.connect(scheduler))
-        if client is not None:
-            told(f"dashboard {client.dashboard_link}")
+        if client is not None and (warning := cluster.exposed(client)):
+            say(warning, "yellow", err=True, wrap=True)
         done = ending.enter_context(steps(f"study {path.stem}", len(found), silent=as_json, timed=False))
 
         def each(point: Any, computed: Any, remain: int) -> None:

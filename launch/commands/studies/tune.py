@@ -22,7 +22,8 @@ PER_TICK = 1e-3  # [s] that a body takes for a tick of the touch, the reference 
 def tune(
     graph: Graph,
     budget: Annotated[
-        float | None, typer.Option(help="Time per tick, all nodes, p99: '0.5 ms'.", parser=seconds, metavar="TIME")
+        float | None,
+        typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=seconds, metavar="TIME"),
     ] = None,
     error: Annotated[
         str | None, typer.Option(help="Allowed error, RMS, % of peak: '2 % force', or of indentation or shape.")
@@ -70,17 +71,23 @@ def tune(
 
 
 def _data(one: Trial) -> dict[str, object]:
-    told = {"why": one.why} if one.why else {"error": one.error, "p50_s": one.p50, "p99_s": one.p99}
-    return {"set": one.overrides, **told}
+    if one.why:
+        return {"set": one.overrides, "why": one.why}
+    wall = {"wall_p50_s": one.wall[0], "wall_p99_s": one.wall[1]}
+    return {"set": one.overrides, "error": one.error, "p50_s": one.p50, "p99_s": one.p99, **wall}
 
 
 def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
-    from palpate.studies.tune import title
+    from palpate.studies.tune import times, title
 
     found = sorted((one for one in tuned.tried if not one.why), key=lambda one: one.error)
-    rows = [(title(one), f"{100 * one.error:.3g}", f"{1e6 * one.p50:.0f}", f"{1e6 * one.p99:.0f}") for one in found]
+    rows = [
+        (title(one), f"{100 * one.error:.3g}", *(f"{1e6 * time:.0f}" for time in (one.p50, one.p99, *one.wall)))
+        for one in found
+    ]
     promised = [k for k, one in enumerate(found) if one is tuned.promised]
-    heads = ("", f">{goal.quantity} error\nRMS %", ">tick [us]\np50", ">\np99")
+    priced = (">processor time\nof a tick [us], p50", ">\np99", ">by the clock\n[us], p50", ">\np99")
+    heads = ("", f">{goal.quantity} error\nRMS %", *priced)
     console().print(table(heads, rows, bold=promised))
     for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
@@ -89,13 +96,14 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
     if tuned.estimated_error:
         known = f"plus the known error of that reference: {100 * tuned.estimated_error:.2g} %."
     say(f"Errors are differences from {title(tuned.reference)}, {known}", wrap=True)
+    here = "They are those of this graph's touch; `palpate bench accuracy` has other test cases, with other errors."
+    say(here, "dim", wrap=True)
     if tuned.promised is None or tuned.came is None:
         say(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), "yellow", wrap=True)
         return
     for word, one in (("predicted", tuned.promised), ("measured", tuned.came)):
-        times = f"{1e6 * one.p50:.0f} us p50, {1e6 * one.p99:.0f} us p99"
-        say(f"{word:9} {goal.quantity} error {100 * one.error:.3g} % of peak (RMS), tick {times}", wrap=True)
+        say(f"{word:9} {goal.quantity} error {100 * one.error:.3g} % of peak (RMS), tick {times(one)}", wrap=True)
     if not tuned.kept:
-        why = "The run missed the goal: the machine was busier, or the touch changes with this model."
+        why = "The run missed the goal: the touch changes with this model."
         say(why, "yellow", wrap=True)
     say(f"written   {file}: palpate run {file}", wrap=True)
