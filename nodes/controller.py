@@ -19,6 +19,8 @@ LENT = 0.5e-3  # [J] of debt that the display may make after an outage before th
 STEEP = 0.25  # [s] of contact over which the share is averaged that is withheld of a force too steep to be shown
 MOST_WITHHELD = 0.01  # [1] beyond which it is told
 YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
+PATIENCE = 0.5  # [s] of withheld force after which the debt may grow, and a note says so
+POWER = 10e-3  # [W] by which the debt may grow then, until all of the force is back
 
 
 class Haptic(Node):
@@ -69,8 +71,10 @@ class Haptic(Node):
         self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
         self._energy, self._least = 0.0, -LENT
         """[J] Of the display: at the last step, and the least at which the force still comes back."""
+        self._outage = 0.0
+        """[s] For which less than the full force of a contact has been given."""
         self._open, self._tripped = 1.0, False
-        self._withheld, self._cautioned = 0.0, False
+        self._withheld, self._cautioned, self._reported = 0.0, False, False
         self._notes = []
         self.state, self.past = buffers(self.delay)
         self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
@@ -105,8 +109,20 @@ class Haptic(Node):
             gain.value = min(gain.value + dt / SETTLE, 1.0)
         elif energy < before and gain.value < 1.0:
             gain.value = max(gain.value - dt / YIELD, 0.0)
+        self._outage = self._outage + dt if gain.value < 1.0 and touching else 0.0
+        if self._outage > PATIENCE:
+            self._least -= POWER * dt
+            if not self._reported:
+                self._report()
         self.gains[LIMIT] = gain.value * self.limit
         return gain.value
+
+    def _report(self) -> None:
+        self._reported = True
+        self._notes.append(
+            f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s, because messages of the contact, the "
+            "pose or the device were missing; it comes back slowly, so that the hand is not pushed"
+        )
 
     def _closed(self, dt: float) -> float:
         """The share of the force that is left since the ledger tripped [1]: none after `ramp`."""

@@ -20,7 +20,7 @@ LATE = 1.5  # [1] steps of the contact after which a law is an old one
 AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
 GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
 REST = 1e3  # [s] a step after which any body is at rest
-RETURN, CATCH_UP = 0.04, 10e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
+RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
 Heard = Surface | SeenSurface
