@@ -41,10 +41,12 @@ class Haptic(Node):
     A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact, a
     pose, or an input that the contact is computed from is missing, or the device works without the command that it had,
     the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let go, it
-    comes in from zero, never above limit/ramp times the time since and, with `passivity`, over a second while it pushes
-    the hand out. A step that comes late changes the force by no more than one in time. When a ledger trips the force
-    goes to zero within `ramp`, and stays there. A contact that is too steep to be shown, so that more than a hundredth
-    of its force is withheld, is told once.
+    ramps up from zero, never above limit/ramp times the time since and, with `passivity`, over a second while the hand
+    rests or is pushed out. It gives out no more energy than the hand has put in since the touch began, 0.5 mJ, and,
+    where the force has been withheld for more than 0.5 s, which is reported, 10 mJ a second from then on. A step that
+    comes late changes the force by no more than one in time. When a ledger trips the force goes to zero within
+    `ramp`, and stays there. A contact that is too steep to be shown, so that more than a hundredth of its force is
+    withheld, is told once.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -120,8 +122,8 @@ class Haptic(Node):
     def _report(self) -> None:
         self._reported = True
         self._notes.append(
-            f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s, because messages of the contact, the "
-            "pose or the device were missing; it comes back slowly, so that the hand is not pushed"
+            f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s after messages of the contact, "
+            "the pose or the device were missing; it comes back slowly, so that it does not push the hand"
         )
 
     def _closed(self, dt: float) -> float:

@@ -147,10 +147,10 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
             old = assist(gains, mode, state, i, position[i], velocity[i])
             state[ANCHOR, i] = position[i]
             state[OFFSET, i] += old - assist(gains, new, state, i, position[i], velocity[i])
-        credit = 0.0 if state[MODE, WITHHELD] == 0.0 else state[ENERGY, 0]  # an outage ends no touch
-        state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), credit)
+        whole = state[MODE, WITHHELD] == 0.0  # an outage ends no touch
+        state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0 if whole else state[ENERGY, 0])
         state[MODE, 0] = new
-        if new == FREE:
+        if new == FREE and whole:
             state[ENERGY, RISE] = 0.0
     return new
 
