@@ -19,6 +19,8 @@ LENT = 0.5e-3  # [J] of debt that the display may make after an outage before th
 STEEP = 0.25  # [s] of contact over which the share is averaged that is withheld of a force too steep to be shown
 MOST_WITHHELD = 0.01  # [1] beyond which it is told
 YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
+PATIENCE = 0.5  # [s] of withheld force after which the debt may grow, and a note says so
+POWER = 10e-3  # [W] by which the debt may grow then, until all of the force is back
 
 
 class Haptic(Node):
@@ -39,10 +41,12 @@ class Haptic(Node):
     A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact, a
     pose, or an input that the contact is computed from is missing, or the device works without the command that it had,
     the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let go, it
-    comes in from zero, never above limit/ramp times the time since and, with `passivity`, over a second while it pushes
-    the hand out. A step that comes late changes the force by no more than one in time. When a ledger trips the force
-    goes to zero within `ramp`, and stays there. A contact that is too steep to be shown, so that more than a hundredth
-    of its force is withheld, is told once.
+    ramps up from zero, never above limit/ramp times the time since and, with `passivity`, over a second while the hand
+    rests or is pushed out. It gives out no more energy than the hand has put in since the touch began, 0.5 mJ, and,
+    where the force has been withheld for more than 0.5 s, which is reported, 10 mJ a second from then on. A step that
+    comes late changes the force by no more than one in time. When a ledger trips the force goes to zero within
+    `ramp`, and stays there. A contact that is too steep to be shown, so that more than a hundredth of its force is
+    withheld, is told once.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -69,8 +73,10 @@ class Haptic(Node):
         self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
         self._energy, self._least = 0.0, -LENT
         """[J] Of the display: at the last step, and the least at which the force still comes back."""
+        self._outage = 0.0
+        """[s] For which less than the full force of a contact has been given."""
         self._open, self._tripped = 1.0, False
-        self._withheld, self._cautioned = 0.0, False
+        self._withheld, self._cautioned, self._reported = 0.0, False, False
         self._notes = []
         self.state, self.past = buffers(self.delay)
         self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
@@ -105,8 +111,20 @@ class Haptic(Node):
             gain.value = min(gain.value + dt / SETTLE, 1.0)
         elif energy < before and gain.value < 1.0:
             gain.value = max(gain.value - dt / YIELD, 0.0)
+        self._outage = self._outage + dt if gain.value < 1.0 and touching else 0.0
+        if self._outage > PATIENCE:
+            self._least -= POWER * dt
+            if not self._reported:
+                self._report()
         self.gains[LIMIT] = gain.value * self.limit
         return gain.value
+
+    def _report(self) -> None:
+        self._reported = True
+        self._notes.append(
+            f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s after messages of the contact, "
+            "the pose or the device were missing; it comes back slowly, so that it does not push the hand"
+        )
 
     def _closed(self, dt: float) -> float:
         """The share of the force that is left since the ledger tripped [1]: none after `ramp`."""

@@ -8,7 +8,7 @@ import msgspec
 from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
 from palpate.messages.tissue import SeenSurface
 from palpate.nodes.base import InputError, Node, Wants, part
-from palpate.nodes.base.absence import FALL, Gain
+from palpate.nodes.base.absence import FALL
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact import series as laws
 from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
@@ -17,7 +17,10 @@ from palpate.physics.entry_point import entry_point
 FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
 LATE = 1.5  # [1] steps of the contact after which a law is an old one
-RETURN = 0.1  # [s] in which the contact comes back to the whole approach when its body is back
+AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
+GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
+REST = 1e3  # [s] a step after which any body is at rest
+RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
 Heard = Surface | SeenSurface
@@ -29,17 +32,17 @@ class Series(Node):
     """Fingertip and tissue in series: they share the approach and press on each other with one force
     (docs/equations/contact.md).
 
-    The tissue answers by the terminal law of its last message. Where that is older than a step (a tissue that runs at a
-    divisor, a message that is held) the law is taken for the present time, and the contact's own memory of the
-    indentation for that of the tissue. Where it says how its energy changes along the surface, the finger feels that,
-    too: force and place have one energy (docs/equations/reduced-fe.md). Idle and farther than 2 mm from touching it
-    sleeps, and its foot and normal stay as they were.
+    The tissue answers by the terminal law of its last message. Where that law is for another step than the contact's (a
+    tissue at a divisor, messages that are late or lost), it is taken for the contact's step, from the contact's own
+    indentation, until both agree again within 1 um. So a late message makes no jump of the indentation, which damping
+    would answer with a force spike. Where the tissue says how its energy changes along the surface, the finger feels
+    that, too: force and place have one energy (docs/equations/reduced-fe.md). Idle and farther than 2 mm from touching
+    the node sleeps, and its foot and normal stay as they were.
 
     Without tissue there is nothing to press on: the force is zero and the fingertip recovers. A tissue that was there
-    and is missing is left within 8 ms: its last law answers, at rest, to an approach that falls to where the force is
-    zero. When it is back, or where this node itself joins a run that goes on, the approach comes in again within 0.1 s
-    from where the two just touch. So neither of them sees an approach that jumped, which the damping of both would
-    answer with a blow of many times the force.
+    and is missing is left within 8 ms: its last law answers, at rest, to an approach that falls to zero. When it is
+    back, or where this node itself joins a run in progress, the approach begins at the sum of compression and
+    indentation, and the rest w, which is withheld, decays: w' = -w/(30 ms) - 20 mm/s, 0.1 s for 15 mm.
     """
 
     finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
@@ -58,11 +61,10 @@ class Series(Node):
         self.compression = 0.0
         self.indentation: float | None = None
         self._idle = False
-        self._there = Gain(2.0 * FALL, 0.0)
-        self._law_then: Law | None = None
-        self._touched_at: float | None = None
-        """[m] Approach from which the contact comes back; None: it feels all of the approach."""
-        self._back_for = 0.0
+        self._previous = 0.0
+        self._in_step = True
+        self._withheld = 0.0
+        self._heard: Heard | None = None
         self._finger_law = self._finger()
         self._law = laws.kernel_form(self._finger_law, self.finger_damping)
         self._series = entry_point(laws.series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -82,41 +84,29 @@ class Series(Node):
 
         InputError: a law out of its range.
         """
-        k, n, c, free = body.stiffness, body.exponent, body.damping, body.rest_indentation
-        previous = body.previous_indentation
-        law = k, n, c, free, previous
-        step, relaxation = body.step, body.relaxation
+        k, n, c, free, previous = law = _law(body)
+        step, own = body.step, self.indentation
         if not _in_range(body):
             try:
-                check_law(Terminal(*law), step, relaxation)
+                check_law(Terminal(*law), step, body.relaxation)
             except ValueError as error:
                 raise InputError(body, str(error)) from None
         age = (time - body.time) * 1e-9 if time >= 0 and body.time >= 0 else dt
-        if not (age > LATE * dt or step > LATE * dt) or self.indentation is None:
+        fresh = age <= LATE * dt and step <= LATE * dt and (dt <= LATE * step or step == 0.0)
+        self._in_step = fresh and (self._in_step or own is None or abs(own - previous) <= AGREE)
+        if self._in_step or own is None:
             return law
-        if step > LATE * dt:  # its own step is longer: it comes through it with the contact, and ends it alike
-            k, free = law_at(max(age, dt), previous, Terminal(*law), step, relaxation)
-        else:  # its message is held, or late: from where the contact has been since
-            k, free = law_at(dt, self.indentation, Terminal(*law), step, relaxation)
-        return k, n, c, free, self.indentation
+        k, free = law_at(dt, own, Terminal(*law), step, body.relaxation)
+        return k, n, c, free, own
 
-    def _touching(self, law: Law, dt: float) -> float:
-        """The approach [m] at which fingertip and body just touch, or that which the contact has at present."""
-        _, _, c, free, previous = law
-        just = free_recovery(self.compression, 0.0, self.finger_damping, dt) + free_recovery(previous, free, c, dt)
-        return max(just, self.compression + (self.indentation or 0.0))
-
-    def _felt(self, approach: float, dt: float) -> float:
-        """The approach [m] that fingertip and body feel: all of it, but for `RETURN` after the body was missing."""
-        begin = self._touched_at
-        if begin is None:
-            return approach
-        self._back_for += dt
-        left = 1.0 - self._back_for / RETURN
-        if left <= 0.0 or approach <= begin:
-            self._touched_at = None
-            return approach
-        return approach - left * left * (approach - begin)
+    def _feel(self, proximity: Proximity, previous: float, dt: float) -> float:
+        """The approach [m] that fingertip and body feel: all of it, but for a while after the body was missing."""
+        if self.indentation is None and proximity.tick > 0:
+            self._withheld = proximity.approach - self.compression - previous
+        elif self._withheld > 0.0:
+            self._withheld = (self._withheld - CATCH_UP * dt) / (1.0 + dt / RETURN)
+        self._withheld = max(self._withheld, 0.0)
+        return proximity.approach - self._withheld
 
     def rests(self, proximity: Proximity, body: Heard | None) -> bool:
         if not self._idle or body is None or not proximity.separation > FAR:
@@ -134,18 +124,19 @@ class Series(Node):
     def pressing(self, proximity: Proximity, body: Heard | None, dt: float) -> tuple[float, float, Law] | None:
         """Approach [m], length of the step [s] and the body's law, which determine the force of this step; None where
         there is nothing to press on."""
-        back = self._there.value < 1.0 or (self._law_then is None and proximity.tick > 0)
-        if body is None or self._there.value < 1.0:
-            self._there.update(body is not None or self._law_then is None, dt)
         if body is not None:
-            law = self._law_then = self._law_now(body, proximity.time, dt)
-            if back:
-                self._touched_at, self._back_for = self._touching(law, dt), 0.0
-            return self._felt(proximity.approach, dt), dt, law
-        if self._law_then is not None and self._there.value > 0.0:
-            free = max(self._law_then[3], 0.0)
-            return free + self._there.value * (proximity.approach - free), math.inf, self._law_then
-        return None
+            self._heard = body
+            law = self._law_now(body, proximity.time, dt)
+            self._previous = law[-1]
+            return self._feel(proximity, self._previous, dt), dt, law
+        self.indentation, self._in_step = None, True
+        self._withheld += max(proximity.approach, 0.0) * dt / GONE
+        felt = proximity.approach - self._withheld
+        if self._heard is None or not felt > STILL:
+            return None
+        k, n, c, free, previous = law = _law(self._heard)
+        k, free = law_at(REST, previous, Terminal(*law), self._heard.step, self._heard.relaxation)
+        return felt, math.inf, (k, n, c, free, previous)
 
     def contact(
         self, proximity: Proximity, body: Heard | None, solved: tuple[float, float, float] | None, dt: float
@@ -155,13 +146,12 @@ class Series(Node):
         lateral: Vector3 = (0.0, 0.0, 0.0)
         force = indentation = indentation_rate = 0.0
         if solved is None:
-            self.indentation = None
             self.compression = free_recovery(before, 0.0, self.finger_damping, dt)
         else:
             force, self.compression, indentation = solved
+        if body is not None:
+            indentation_rate = (indentation - self._previous) / dt
             self.indentation = indentation
-        if body is not None and self._law_then is not None:
-            indentation_rate = (indentation - self._law_then[-1]) / dt
             if force > 0.0 and len(body.shape_operator) == 9:
                 lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
         rate = (self.compression - before) / dt
@@ -182,6 +172,11 @@ class Series(Node):
     def _stored(self) -> Vector:
         """The energy that the fingertip holds."""
         return (float(laws.energy(self._finger_law, self.compression)),)
+
+
+def _law(body: Heard) -> Law:
+    """K, n, c, s_free, s_prev of a body's message."""
+    return body.stiffness, body.exponent, body.damping, body.rest_indentation, body.previous_indentation
 
 
 def _in_range(body: Heard) -> bool:

@@ -26,7 +26,7 @@ import math
 import numpy as np
 
 from palpate.physics.device.passivity import absorbed, clamp, dissipation, slew
-from palpate.physics.device.rendered import SPAN, compensation, slope, soften, stiffest
+from palpate.physics.device.rendered import LINE, SPAN, compensation, slope, soften, stiffest
 from palpate.physics.kernel import kernel
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
@@ -38,6 +38,7 @@ SPEED = 3  # state[WAY] = last way booked [m], speed out of the surface [m/s]
 SMOOTH = 0.5e-3  # [s] of that speed: at a high rate one count within one step is a great speed
 FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
 FILTER_LAG = 8.0  # [1] samples, twice the delay of the velocity filter
+RECOVERY = 10.0  # [N/s] by which the rendered force may rise without motion after an outage
 CARRIED = 1e-2  # [J] largest debt carried over a switch
 HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
 WITHHELD = 3  # and the part of the contact force that is withheld [1]
@@ -99,6 +100,8 @@ def render(gains, state, before, force, n, approach, place, lag, dt):
     along = wx * n[0] + wy * n[1] + wz * n[2]
     sideways = math.sqrt(max(wx * wx + wy * wy + wz * wz - along * along, 0.0))
     most = stiffest(gains[MASS], gains[DRAG], gains[RESOLUTION], lag)
+    if state[ENERGY, RISE] > 0.0:  # after an outage the force also rises while the finger rests
+        state[WALL, LINE] += RECOVERY * dt
     shown = soften(state[WALL], force, approach, -along, sideways, most, gains[RESOLUTION], dt)
     steepness = slope(state[GAUGE], shown, -along, SPAN * gains[RESOLUTION])
     elapsed = state[TIMES, CLOCK] - before[WHEN]
@@ -144,9 +147,10 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
             old = assist(gains, mode, state, i, position[i], velocity[i])
             state[ANCHOR, i] = position[i]
             state[OFFSET, i] += old - assist(gains, new, state, i, position[i], velocity[i])
-        state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0)
+        whole = state[MODE, WITHHELD] == 0.0  # an outage ends no touch
+        state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0 if whole else state[ENERGY, 0])
         state[MODE, 0] = new
-        if new == FREE:
+        if new == FREE and whole:
             state[ENERGY, RISE] = 0.0
     return new
 

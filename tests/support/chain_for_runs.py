@@ -2,11 +2,12 @@
 that come late, are lost on the way, or are not sent. Only the numbers of the ticks count, so no machine changes the
 answer."""
 
-from collections import deque
 from collections.abc import Callable
+from heapq import heappop, heappush
+from itertools import count
 from types import SimpleNamespace
 
-from palpate.engine.slot import Slot, make
+from palpate.engine.slot import Input, Slot, make
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
@@ -16,6 +17,8 @@ from palpate.messages import Message
 
 Lost = Callable[[str, str, int], bool]
 """Whether the message of a stream to a node is lost on its way at a tick."""
+Fate = Callable[[str, str, int], tuple[int, ...]]
+"""Ticks after which the copies of a message of a stream reach a node: none if it is lost, two if it is duplicated."""
 
 
 def nothing(stream: str, reader: str, tick: int) -> bool:
@@ -28,6 +31,7 @@ class Chain:
 
     late  ticks that a message takes to come
     lost  which messages never come
+    fate  when the messages come; by default as `late` and `lost` say
     told  hears every message that is sent
     """
 
@@ -44,7 +48,10 @@ class Chain:
                 port.feed = object()  # from elsewhere; nothing more comes while a step waits
             slot.start()
         self.worker = SimpleNamespace(job=job, wait=self._pass, stopping=False)
-        self.late, self.lost, self.way = late, lost, deque[tuple[int, str, Message]]()
+        self.late, self.lost = late, lost
+        self.fate: Fate | None = None
+        self.way: list[tuple[int, int, Input, Message]] = []
+        self._sent = count()
         self.told: Callable[[str, Message], None] = lambda stream, message: None
         self.begin()
 
@@ -81,11 +88,20 @@ class Chain:
 
     def _arrive(self) -> None:
         while self.way and self.way[0][0] <= self.tick:
-            _, stream, message = self.way.popleft()
-            for slot in self.slots:
-                for port in slot.inputs:
-                    if port.stream == stream and not self.lost(stream, slot.name, message.tick):
-                        port.put(message, 0)
+            _, _, port, message = heappop(self.way)
+            port.put(message, 0)
+
+    def _send(self, stream: str, message: Message) -> None:
+        for slot in self.slots:
+            for port in slot.inputs:
+                if port.stream == stream:
+                    for late in self._fate(stream, slot.name, message.tick):
+                        heappush(self.way, (self.tick + late, next(self._sent), port, message))
+
+    def _fate(self, stream: str, reader: str, tick: int) -> tuple[int, ...]:
+        if self.fate is not None:
+            return self.fate(stream, reader, tick)
+        return () if self.lost(stream, reader, tick) else (self.late,)
 
     def _step(self, slot: Slot) -> None:
         driver = slot.driver
@@ -101,7 +117,7 @@ class Chain:
             self.ran[slot.name] = tick
             for output in slot.outputs:
                 self.told(output.stream, output.last)
-                self.way.append((self.tick + self.late, output.stream, output.last))
+                self._send(output.stream, output.last)
 
     @property
     def device(self) -> Slot:

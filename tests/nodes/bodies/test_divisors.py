@@ -74,12 +74,11 @@ def test_a_law_that_does_not_change_gives_the_same_force_at_any_divisor(name, ev
     assert coarse == pytest.approx(fine, rel=1e-7, abs=1e-9 * fine.max())
 
 
-@pytest.mark.parametrize(("path", "most"), [("press", 0.03), ("hold", 0.01), ("tap", 0.15)])
-def test_the_reduced_body_comes_to_the_fine_force_with_the_divisor(path, most):
+@pytest.mark.parametrize(("path", "most"), [("press", 1e-3), ("hold", 1e-3), ("tap", 5e-3)])
+def test_the_reduced_body_gives_the_fine_force_at_a_divisor(path, most):
     fine = fine_forces("ReducedFE", path)
-    errors = [np.abs(forces(named("ReducedFE"), PATHS[path], every) - fine).max() / fine.max() for every in (10, 5, 2)]
-    assert errors[0] < most
-    assert errors[1] < 0.7 * errors[0] and errors[2] < 0.6 * errors[1]
+    for every in (10, 5, 2):
+        assert np.abs(forces(named("ReducedFE"), PATHS[path], every) - fine).max() < most * fine.max()
 
 
 @pytest.mark.parametrize(("path", "most"), [("press", 0.12), ("hold", 0.05)])
