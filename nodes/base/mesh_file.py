@@ -1,5 +1,6 @@
 """Reading a user's triangle mesh: STL (binary or text), PLY, OBJ."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from palpate.physics.extras import missing
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.orient import edge_counts, outward
+from palpate.physics.geometry.orient import FLAT, edge_counts, outward
 
 LEAST_AREA = 1e-9  # [1] of all triangles, over the square of the longest side
 FORMATS = (".stl", ".ply", ".obj")
@@ -28,7 +29,7 @@ MEND = "`palpate run kidney --organ {} --repair`"
 def read_mesh(path: str, scale: float) -> Mesh:
     """The mesh of a file, its numbers times `scale` [m].
 
-    Equal vertices are made one (an STL file repeats them), and so are vertices at open edges that are nearer than `NEAR`.
+    Equal vertices are made one (an STL file repeats them), and vertices at open edges nearer than `NEAR`.
     Triangles without three corners, repeated triangles and vertices that no triangle holds are left out. The triangles
     are turned outwards (`orient.outward`); those of an open sheet as most of them are.
 
@@ -109,13 +110,20 @@ def flaws(path: str) -> list[str]:
     border, _ = edge_counts(triangles, len(vertices))
     lines = []
     if merged:
-        lines.append(f"{path}: {merged} vertices at open edges are merged with one within {NEAR:g} of its longest side.")
+        lines.append(f"{path}: {merged} vertices at open edges are merged with one within "
+                     f"{NEAR:g} of its longest side.")  # fmt: skip
+    right = outward(vertices, triangles)
     if border:
+        areas = Mesh(vertices, right).face_vectors
+        x, y, z = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
+        sheet = f" It is a sheet that faces ({x:.2g}, {y:.2g}, {z:.2g}); touch it from there."
         lines.append(
             f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
             f"nothing, and deformation.ReducedFE needs a closed surface. {MEND.format(path)} closes it."
+            + sheet
+            * (math.hypot(x, y, z) > FLAT)
         )
-    turned = int((_least_first(outward(vertices, triangles)) != _least_first(triangles)).any(axis=1).sum())
+    turned = int((_least_first(right) != _least_first(triangles)).any(axis=1).sum())
     if turned == len(triangles):
         lines.append(f"{path} is inside out: all of its {turned} triangles face inwards. They are turned for this run.")
     elif turned:

@@ -84,9 +84,7 @@ def surface_mesh(
 
 
 @lru_cache(maxsize=4)
-def _placed(
-    surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes
-) -> Mesh:
+def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes) -> Mesh:
     """`surface_mesh` of a file with this digest."""
     if surface == "plane":
         mesh = plane(PLANE_SIZE, vertices)

@@ -37,9 +37,9 @@ EXACT = 3e-4
 """[1] RMS misfit over the peak that is none: no law and no sensor is that exact."""
 FEW = 20
 """Rows before contact below which they do not show the noise."""
-SMOOTH = 2.0
+SMOOTH = 1.5
 """[1] Least RMS residual over the noise, of a misfit whose residuals count as few."""
-WITHHELD = 10.0
+WITHHELD = 3.0
 """[1] Highest over lowest value that fit: beyond, no interval is given."""
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
 
@@ -207,6 +207,7 @@ def _fewer_runs(presses: Sequence[Press], best: Estimate) -> bool:
         return False
     share = (free[0] + pressed[0]) / (free[1] + pressed[1])
     spread = math.sqrt(max(share * (1.0 - share), 1e-12) * (1.0 / free[1] + 1.0 / pressed[1]))
+    spread /= math.sqrt(min(2.0 * max(share, 1e-6), 1.0))  # changes of correlated noise come in clusters
     return bool(norm.sf((free[0] / free[1] - pressed[0] / pressed[1]) / spread) < RARE)
 
 

@@ -43,7 +43,7 @@ class Press:
 
     touch   [m]  where it begins to touch, as the force shows it; uncertain by `slack` [m]
     zero    [N]  mean force before, taken off; what is left of it is found with the parameters
-    drifts  whether the force seems to change before the touch already, so that the slope of its baseline is found as well
+    drifts  whether the force seems to change before the touch already: the slope of its baseline is found as well
     air     whether rows before the touch show the zero of force; else zero and touch point are searched far and wide
     """
 

@@ -28,10 +28,10 @@ def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
 
 
 def inflation_limit(residuals: Sequence[np.ndarray], parameters: int) -> float:
-    """tau with a first autocorrelation two standard errors above that found: what a short record cannot exclude."""
+    """tau with a first autocorrelation three standard errors above that found: what a short record cannot exclude."""
     at = inflation(residuals, parameters)
     first, rows = (at - 1.0) / (at + 1.0), sum(map(len, residuals))
-    above = min(first + 2.0 * math.sqrt((1.0 - first**2) / rows), 0.999)
+    above = min(first + 3.0 * math.sqrt((1.0 - first**2) / rows), 0.999)
     return max(at, (1.0 + above) / (1.0 - above))
 
 
