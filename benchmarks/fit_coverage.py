@@ -1,4 +1,6 @@
-"""How often the 95 % intervals of `palpate fit-tissue` hold the truth, and how often a press without a flaw gets a note: synthetic presses, white and correlated noise.
+"""How often the 95 % intervals of `palpate fit-tissue` hold the truth, and
+how often a press without a flaw gets a
+note: synthetic presses, white and correlated noise.
 
 A ball of 8 mm on a layer of 20 mm, E = 10 kPa, bonded; noise of 1 % of the peak, the touch point 0.1 mm off
 what the file says; once white, once with a correlation of 0.9 from row to row, and a press and hold where it relaxes.

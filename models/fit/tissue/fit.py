@@ -152,7 +152,7 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
         top = float(press.depth.max())
         notes.append(
             f"{press.name}: the force stays near {press.force[limit] + press.zero:.3g} N while the indentation rises "
-            f"from {1e3 * press.depth[limit]:.3g} to {1e3 * top:.3g} mm: a saturated sensor, or a material that yields. The "
+            f"from {1e3 * press.depth[limit]:.3g} to {1e3 * top:.3g} mm: a saturated sensor, or a material that yields. The "  # noqa: E501
             "rows from there on are left out"
         )
         keep &= np.arange(len(keep)) < limit
