@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.launch.load.values.units import convert
+from palpate.launch.load.values.units import convert, split
 from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import Press, prepared, read_presses
@@ -45,6 +45,13 @@ class Presses:
         felt = [m for m in recording.messages(contacts[0]) if isinstance(m, Contact)]
         moved = [m for name in poses for m in recording.messages(name) if isinstance(m, Pose)]
         return recorded_press(file.name, moved, felt, self.bone)
+
+
+def length(option: str, text: str) -> float:
+    """[m] of a length on the command line. UnitError, SessionError: it is none, or has no unit."""
+    if not split(text)[1]:
+        raise SessionError(f"{option}: found {text!r}, expected a length with its unit, such as {option} '{text} mm'")
+    return convert(text, "m")
 
 
 def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:

@@ -1,19 +1,24 @@
 """Reading a user's triangle mesh: STL (binary or text), PLY, OBJ."""
 
+import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.nodes.base import SettingError
 from palpate.physics.extras import missing
 from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.orient import edge_counts, outward
+from palpate.physics.geometry.orient import FLAT, edge_counts, outward
 
 LEAST_AREA = 1e-9  # [1] of all triangles, over the square of the longest side
 FORMATS = (".stl", ".ply", ".obj")
+NEAR = 1e-6
+"""[1] Of the longest side: vertices at open edges that are nearer are made one; the numbers of an STL file are rounded
+to 6e-8 of themselves."""
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
 """[m] Limits of the longest side of what a fingertip may touch: beyond them the unit is wrong."""
@@ -25,9 +30,9 @@ MEND = "`palpate run kidney --organ {} --repair`"
 def read_mesh(path: str, scale: float) -> Mesh:
     """The mesh of a file, its numbers times `scale` [m].
 
-    Equal vertices are made one (an STL file repeats them), triangles without three corners, repeated triangles and
-    vertices that no triangle holds are left out, and the triangles are turned one way round: a closed mesh outwards, an
-    open one as most of its triangles are.
+    Equal vertices are made one (an STL file repeats them), and vertices at open edges nearer than `NEAR`.
+    Triangles without three corners, repeated triangles and vertices that no triangle holds are left out. The triangles
+    are turned outwards (`orient.outward`); those of an open sheet as most of them are.
 
     SettingError: no such file, not a mesh, no triangles, no area, an implausible size, edges of more than two
     triangles.
@@ -50,11 +55,17 @@ def read_mesh(path: str, scale: float) -> Mesh:
 
 
 def read_triangles(path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V,3) as the file's numbers and triangles (T,3) int32: equal vertices made one, triangles without three
-    corners, repeated triangles and vertices that no triangle holds left out, the order of corners as it was.
+    """Vertices (V,3) as the file's numbers and triangles (T,3) int32: equal vertices made one, and those at open edges
+    that are nearer than `NEAR`; triangles without three corners, repeated triangles and vertices that no triangle holds
+    left out, the order of corners as it was.
 
     SettingError: no such file, not a mesh, no triangles.
     """
+    return _read(path)[:2]
+
+
+def _read(path: str) -> tuple[np.ndarray, np.ndarray, int]:
+    """`read_triangles`, and how many vertices were merged with one that is not equal."""
     vertices, triangles = _load(path)
     if not len(triangles):
         raise SettingError(f"setting 'surface': {path} holds no triangles")
@@ -68,8 +79,27 @@ def read_triangles(path: str) -> tuple[np.ndarray, np.ndarray]:
     triangles = _distinct(weld(vertices)[triangles])
     if not len(triangles):
         raise SettingError(f"setting 'surface': {path}: every triangle is a point or a line")
+    same = _near(vertices, triangles)
+    merged = int((same != np.arange(len(vertices))).sum())
+    if merged:
+        triangles = _distinct(same[triangles])
     used, triangles = np.unique(triangles, return_inverse=True)
-    return vertices[used], triangles.reshape(-1, 3).astype(np.int32)
+    return vertices[used], triangles.reshape(-1, 3).astype(np.int32), merged
+
+
+def _near(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """For each vertex the index of one that stands for all at an open edge that are nearer than `NEAR` (V,)."""
+    ends, count = Mesh(vertices, triangles).edges
+    border = np.unique(ends[count == 1])
+    same = np.arange(len(vertices))
+    if len(border):
+        size = float(np.ptp(vertices[np.unique(triangles)], axis=0).max())
+        pairs = scipy.spatial.cKDTree(vertices[border]).query_pairs(NEAR * size, output_type="ndarray")
+        links = scipy.sparse.csr_array((np.ones(len(pairs)), pairs.T), shape=(len(border), len(border)))
+        _, group = scipy.sparse.csgraph.connected_components(links, directed=False)
+        _, first = np.unique(group, return_index=True)
+        same[border] = border[first[group]]
+    return same
 
 
 def flaws(path: str) -> list[str]:
@@ -77,15 +107,24 @@ def flaws(path: str) -> list[str]:
 
     SettingError: it cannot be read.
     """
-    vertices, triangles = read_triangles(path)
+    vertices, triangles, merged = _read(path)
     border, _ = edge_counts(triangles, len(vertices))
     lines = []
+    if merged:
+        lines.append(f"{path}: {merged} vertices at open edges are merged with one within "
+                     f"{NEAR:g} of its longest side.")  # fmt: skip
+    right = outward(vertices, triangles)
     if border:
+        areas = Mesh(vertices, right).face_vectors
+        x, y, z = areas.sum(axis=0) / np.linalg.norm(areas, axis=1).sum()
+        sheet = f" It is a sheet that faces ({x:.2g}, {y:.2g}, {z:.2g}); touch it from there."
         lines.append(
             f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
             f"nothing, and deformation.ReducedFE needs a closed surface. {MEND.format(path)} closes it."
+            + sheet
+            * (math.hypot(x, y, z) > FLAT)
         )
-    turned = int((_least_first(outward(vertices, triangles)) != _least_first(triangles)).any(axis=1).sum())
+    turned = int((_least_first(right) != _least_first(triangles)).any(axis=1).sum())
     if turned == len(triangles):
         lines.append(f"{path} is inside out: all of its {turned} triangles face inwards. They are turned for this run.")
     elif turned:

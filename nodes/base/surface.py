@@ -13,6 +13,7 @@ touches 1 mm below.
 """
 
 from functools import lru_cache
+from hashlib import file_digest
 from pathlib import Path
 from typing import Annotated
 
@@ -61,11 +62,11 @@ class OnSurface(Placed):
         return surface_mesh(self.surface, self.vertices, self.position, self.rotation, self.file_unit)
 
 
-@lru_cache(maxsize=4)
 def surface_mesh(
     surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m"
 ) -> Mesh:
-    """The triangle mesh of a surface, turned and moved to its place in the world.
+    """The triangle mesh of a surface, turned and moved to its place in the world; the same object as long as these
+    arguments and the content of the file are the same.
 
     surface    name of a built-in surface, or path of a mesh file
     vertices   about how many vertices a built-in surface gets
@@ -75,6 +76,16 @@ def surface_mesh(
 
     SettingError: no such surface, or a file that cannot be used; says why.
     """
+    file, content = Path(surface).expanduser(), b""
+    if surface not in SURFACES and file.is_file():
+        with file.open("rb") as stream:
+            content = file_digest(stream, "blake2b").digest()
+    return _placed(surface, vertices, position, rotation, file_unit, content)
+
+
+@lru_cache(maxsize=4)
+def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, file_unit: str, content: bytes) -> Mesh:
+    """`surface_mesh` of a file with this digest."""
     if surface == "plane":
         mesh = plane(PLANE_SIZE, vertices)
     elif surface in SURFACES:
@@ -89,6 +100,9 @@ def surface_mesh(
     turn = _matrix(rotation)
     _finite("position", position)
     return Mesh(np.ascontiguousarray(mesh.vertices @ turn.T + np.asarray(position)), mesh.triangles)
+
+
+surface_mesh.cache_clear = _placed.cache_clear  # type: ignore[attr-defined]
 
 
 def complete(surface: Surface, points: np.ndarray) -> Surface:

@@ -12,26 +12,37 @@ def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
     return int((count == 1).sum()), int((count > 2).sum())
 
 
-def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The triangles of a manifold mesh, each piece oriented consistently; a closed mesh gets positive volume.
+FLAT = 0.75
+"""[1] Length of the sum of the triangles' area vectors over their area, from which on an open piece is a sheet: 0.5 of
+a hemisphere, 0.71 of half a kidney, 1 of a plane. A bowl below it is taken as a body and turned over."""
 
-    vertices [m] (V,3), triangles (T,3). Where the pieces of a closed mesh are consistent already they keep their sense
-    towards each other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by
-    itself. An open piece gets the sense that most of its triangles have.
+
+def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The triangles of a manifold mesh, each piece oriented consistently; a body gets positive volume.
+
+    vertices [m] (V,3), triangles (T,3). Where the closed pieces are consistent already they keep their sense towards
+    each other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by itself.
+    An open piece gets positive volume about the mean of its border, as if its hole were closed; a sheet (`FLAT`) has
+    no inside and gets the sense that most of its triangles have.
     """
     oriented = np.ascontiguousarray(triangles, dtype=np.int32).copy()
     across = _across(oriented, len(vertices))
-    closed = bool((across >= 0).all())
     piece, turned = _one_way(oriented, across)
-    changed = np.bincount(piece, turned)
-    if closed:
-        a, b, c = (vertices[oriented[:, i]] for i in range(3))
-        part = np.bincount(piece, np.einsum("ij,ij->i", a, np.cross(b, c)))
-        turn = (changed > 0) & (part < 0)
-        if np.where(turn, -part, part).sum() < 0:
-            turn = ~turn
-    else:
-        turn = changed > np.bincount(piece) / 2
+    changed, size = np.bincount(piece, turned), np.bincount(piece)
+    corners = vertices[oriented] - vertices.mean(axis=0)
+    of, edge = np.nonzero(across < 0)
+    border = 0.5 * (corners[of, edge] + corners[of, (edge + 1) % 3])
+    count = np.bincount(piece[of], minlength=len(size))
+    middle = np.stack([np.bincount(piece[of], border[:, i], len(size)) for i in range(3)], axis=1)
+    a, b, c = np.moveaxis(corners - (middle / np.maximum(count, 1)[:, None])[piece][:, None], 1, 0)
+    area = np.cross(b - a, c - a)
+    volume = np.bincount(piece, np.einsum("ij,ij->i", a, area))
+    total = np.linalg.norm([np.bincount(piece, area[:, i]) for i in range(3)], axis=0)
+    sheet = (count > 0) & (total > FLAT * np.bincount(piece, np.linalg.norm(area, axis=1)))
+    closed = count == 0
+    turn = np.where(closed, (changed > 0) & (volume < 0), np.where(sheet, changed > size / 2, volume < 0))
+    if np.where(turn, -volume, volume)[closed].sum() < 0:
+        turn[closed] = ~turn[closed]
     oriented[turn[piece]] = oriented[turn[piece]][:, ::-1]
     return oriented
 

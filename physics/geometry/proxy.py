@@ -30,7 +30,7 @@ from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
 from palpate.physics.kernel import kernel
 
 JUMP = 6e-3
-"""[m] A tool that moves farther in a step starts anew."""
+"""[m] A tool that moves farther in a step starts anew, without a side: 6 m/s at 1 kHz, 3 m/s at 500 Hz."""
 TURNED = -0.3
 """[1] Cosine between normals below which a foot is on the other side; a little below 0, for rims at right angles."""
 OUTSIDE = -0.5

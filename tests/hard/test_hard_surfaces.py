@@ -67,7 +67,7 @@ def test_a_penalty_ball_tunnels_a_sheet_that_the_proxy_holds():
 @settings(deadline=None, max_examples=40)
 @given(st.floats(1e-3, 20e-3), st.floats(0.05, 5.0), st.integers(0, 2**31))
 def test_at_any_speed_a_sheet_has_one_side(thickness, speed, seed):
-    """Sheets of 1 to 20 mm met at up to 5 m/s at 1 kHz, turned anyhow: until the ball is far through, the normal is
+    """Sheets of 1 to 20 mm met in steps of up to 5 mm, turned anyhow: until the ball is far through, the normal is
     that of the side it met, and the depth is the way it has gone, to within the hysteresis of 0.1 mm."""
     turned = Rotation.random(random_state=seed)
     mesh = slab(0.2, thickness)

@@ -43,6 +43,7 @@ def fit_tissue(
     weight: Annotated[str, typer.Option(help="Of residuals: even, relative; auto: relative for a cylinder.")] = "auto",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an earlier fit in that folder.")] = False,
     as_json: Json = False,
 ) -> None:
     """Fit a material to measured presses: force over indentation, from CSV files or recordings.
@@ -52,14 +53,13 @@ def fit_tissue(
     """
     import math
 
-    from palpate.launch.load.values.units import convert
     from palpate.launch.terminal.progress import steps
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue.fit import fit_tissue as fitted_to
-    from palpate.models.fit.tissue.report import data, markdown, scene
+    from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
     from palpate.models.fit.tissue.rigs import Rig
     from palpate.physics.writable import check_folder
-    from palpate.studies.presses import Presses
+    from palpate.studies.presses import Presses, length
 
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
@@ -67,17 +67,16 @@ def fit_tissue(
     ):  # fmt: skip
         if found not in known:
             raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
-    size = convert(radius, "m") if radius else 0.5 * convert(diameter, "m") if diameter else 0.0
-    if (radius and diameter) or (rig != "fingertip" and not size > 0.0):
+    size = length("--radius", radius) if radius else 0.5 * length("--diameter", diameter) if diameter else None
+    if (radius and diameter) or (rig != "fingertip" and size is None):
         raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
-    tall = convert(height, "m") if height else None
-    if tall is not None and not tall > 0:
-        raise SessionError(f"--height: found {height!r}, expected a length above 0")
+    made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
+    if kept := [name for name in WRITTEN if not force and (out / name).exists()]:
+        raise SessionError(f"{out}: has {', '.join(kept)} of an earlier fit; expected another folder (-o), or --force")
     try:
         check_folder(out)
     except OSError as error:
         raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
-    made = Rig(rig, size or 8e-3, tall, plates, poisson)
     read = Presses(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
@@ -85,7 +84,7 @@ def fit_tissue(
         fit = fitted_to(
             presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
             relative=None if weight == "auto" else weight == "relative",
-            deepest=convert(depth_limit, "m") if depth_limit else math.inf,
+            deepest=length("--depth-limit", depth_limit) if depth_limit else math.inf,
             report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
     told = data(fit)
@@ -100,10 +99,10 @@ def fit_tissue(
     if as_json:
         tell({"ok": True, "out": str(out)} | told)
         return
-    rows = [(name, f"{p['value']:.5g}", f"{p['low']:.4g} to {p['high']:.4g}", str(p["unit"]))
-            for name, p in told["parameters"].items()]  # fmt: skip
+    ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
+    rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in told["parameters"].items()]
     console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
-    for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes]:
+    for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
         say(text, wrap=True)
     for row in fit.compared:
         say(

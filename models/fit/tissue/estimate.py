@@ -20,6 +20,7 @@ from scipy.stats import t as student
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.measured import Press
+from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
 
 STARTS = 10
@@ -53,6 +54,8 @@ class Estimate:
     effective    independent residuals, of how many
     starts       share of the starts that came to this minimum
     squares      mean square of the weighted residuals
+    at, errors   what was found, in the search's own numbers as in `names`, and its standard errors
+    withheld     whether the law misfits so far that the intervals are the whole range of the search
     """
 
     parameters: tuple[Parameter, ...]
@@ -67,6 +70,15 @@ class Estimate:
     starts: float
     squares: float
     runs: float
+    at: np.ndarray
+    errors: np.ndarray
+    withheld: bool = False
+
+    def number(self, name: str) -> tuple[float, float]:
+        """What was found, in the search's own numbers, with its standard error; (0, 0): it was not searched."""
+        if name not in self.names:
+            return 0.0, 0.0
+        return float(self.at[self.names.index(name)]), float(self.errors[self.names.index(name)])
 
     @property
     def values(self) -> dict[str, float]:
@@ -92,8 +104,11 @@ class Problem:
             1.0 / (np.maximum(np.abs(p.force), 0.05 * peak) if relative else np.full(len(p.force), peak))
             for p, peak in zip(presses, peaks, strict=True)
         ]
-        self.drifting = [i for i, p in enumerate(self.presses) if p.drifts]
-        self.percent = [0.01 * peak for peak in peaks]
+        self.baselines = []
+        for i, (press, peak) in enumerate(zip(self.presses, peaks, strict=True)):
+            self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
+            if press.drifts:
+                self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
         self.count = sum(len(p.force) for p in presses)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -102,8 +117,9 @@ class Problem:
         if self.free_touch:  # in units of what the force leaves open
             low += [-2.0] * len(self.presses)
             high += [2.0] * len(self.presses)
-        low += [-10.0] * len(self.drifting)  # in percent of the peak
-        high += [10.0] * len(self.drifting)
+        limits = [10.0 if self.presses[i].air and name.startswith("zero") else 100.0 for name, i, _ in self.baselines]
+        low += [-limit for limit in limits]  # in percent of the peak
+        high += limits
         return np.array(low), np.array(high)
 
     def values(self, x: np.ndarray) -> dict[str, float]:
@@ -116,13 +132,13 @@ class Problem:
 
     def forces(self, x: np.ndarray) -> list[np.ndarray]:
         values = self.values(x)
-        zeros = [0.0] * len(self.presses)
-        for i, off in zip(self.drifting, x[len(x) - len(self.drifting) :], strict=True):
-            zeros[i] = float(off) * self.percent[i]
-        return [
-            relaxing.force(self.kind, self.law, values, press, touch) + zero
-            for press, touch, zero in zip(self.presses, self.touches(x), zeros, strict=True)
+        forces = [
+            relaxing.force(self.kind, self.law, values, press, touch)
+            for press, touch in zip(self.presses, self.touches(x), strict=True)
         ]
+        for (_, i, column), size in zip(self.baselines, x[len(x) - len(self.baselines) :], strict=True):
+            forces[i] = forces[i] + size * column
+        return forces
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         parts = [(f - p.force) * w for f, p, w in zip(self.forces(x), self.presses, self.weight, strict=True)]
@@ -132,7 +148,7 @@ class Problem:
     def start(self) -> np.ndarray:
         """The guesses, the first parameter scaled so that the forces are of the size measured."""
         guess = [p.searched(p.guess) for p in self.parameters]
-        x = np.array(guess + [0.0] * ((len(self.presses) if self.free_touch else 0) + len(self.drifting)))
+        x = np.array(guess + [0.0] * ((len(self.presses) if self.free_touch else 0) + len(self.baselines)))
         made = float(np.linalg.norm(np.concatenate(self.forces(x))))
         found = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
         if self.parameters[0].log and made > 0.0 and math.isfinite(made):
@@ -172,8 +188,9 @@ class Problem:
                 block[:, k] = by[p.name] * (values[p.name] if p.log else 1.0)
             if self.free_touch:
                 block[:, first + i] = before * press.slack
-            if i in self.drifting:
-                block[:, len(x) - len(self.drifting) + self.drifting.index(i)] = self.percent[i]
+            for k, (_, of, column) in enumerate(self.baselines, len(x) - len(self.baselines)):
+                if of == i:
+                    block[:, k] = column
             blocks.append(block * w[:, None])
         return np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
 
@@ -188,29 +205,8 @@ class Problem:
         return np.stack(columns, axis=1)
 
 
-def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
-    """tau >= 1 of residuals in order, press by press."""
-    taus = []
-    for r in residuals:
-        n = len(r)
-        own = max(parameters // len(residuals), 1)
-        size = float(r @ r)
-        if n < 8 or size == 0.0:
-            continue
-        rho = np.array([float(r[k:] @ r[: n - k]) / size for k in range(1, n // 3)])
-        first = min(rho[0] + (1.0 + 3.0 * rho[0] + own) / n, 0.995)
-        summed = 1.0
-        for k, value in enumerate(rho, 1):  # until the first that is noise
-            value += (1.0 + own) / n
-            if value < 2.0 / math.sqrt(n) * (0.5 if k > 1 else 1.0):
-                break
-            summed += 2.0 * value
-        taus.append(max(summed, (1.0 + first) / (1.0 - first) if first > 2.0 / math.sqrt(n) else 1.0))
-    return max(float(np.mean(taus)), 1.0) if taus else 1.0
-
-
-def estimate(problem: Problem, profiles: bool = True) -> Estimate:
-    """Fit from several starts, with intervals.
+def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:
+    """Fit from several starts, or from this one alone, with intervals.
 
     SessionError: fewer rows than numbers to find.
     """
@@ -222,8 +218,8 @@ def estimate(problem: Problem, profiles: bool = True) -> Estimate:
         )
     rng = np.random.default_rng(0)
     low, high = problem.bounds()
-    begin, found = problem.start(), []
-    for k in range(STARTS):
+    starts, begin, found = (STARTS, problem.start(), []) if begin is None else (1, begin, [])
+    for k in range(starts):
         wide = np.where([p.log for p in problem.parameters], 1.4, 0.15 * (high - low)[: len(problem.parameters)])
         off = np.zeros(size)
         if k:
@@ -260,12 +256,12 @@ def estimate(problem: Problem, profiles: bool = True) -> Estimate:
             own.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
     names = [p.name for p in problem.parameters]
     names += [f"touch, {p.name}" for p in problem.presses] if problem.free_touch else []
-    names += [f"zero, {problem.presses[i].name}" for i in problem.drifting]
-    alike = sum(c <= least * 1.01 + 1e-12 for _, c in found) / STARTS
+    names += [name for name, _, _ in problem.baselines]
+    alike = sum(c <= least * 1.01 + 1e-12 for _, c in found) / starts
     return Estimate(
         problem.parameters, intervals, problem.touches(x), names, cov / np.outer(errors, errors),
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, least / count,
-        _runs(weighted),
+        runs(weighted), x, errors,
     )  # fmt: skip
 
 
@@ -304,19 +300,6 @@ def _profile(
                 inner, at = float(trial[i]), solved
         ends.append(0.5 * (inner + outer))
     return (ends[0], ends[1]), points
-
-
-def _runs(residuals: Sequence[np.ndarray]) -> float:
-    """How many standard deviations fewer runs of one sign there are than in independent residuals (Wald, Wolfowitz)."""
-    signs = np.concatenate([np.sign(r) for r in residuals])
-    signs = signs[signs != 0]
-    up, n = int((signs > 0).sum()), len(signs)
-    down = n - up
-    if not up or not down or n < 10:
-        return math.inf
-    mean = 2.0 * up * down / n + 1.0
-    spread = math.sqrt((mean - 1.0) * (mean - 2.0) / (n - 1.0))
-    return (mean - 1.0 - int((np.diff(signs) != 0).sum())) / max(spread, 1e-12)
 
 
 def between(problem: Problem, made: Callable[[list[Press]], Problem], pooled: Estimate) -> None:

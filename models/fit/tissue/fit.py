@@ -10,10 +10,12 @@ from scipy.optimize import least_squares
 
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
+from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import ALIKE, Estimate, Problem, between, estimate
 from palpate.models.fit.tissue.measured import LEAST_ROWS, Press
 from palpate.models.fit.tissue.rigs import SHAPES, Law, Rig, closed_form
 from palpate.models.fit.tissue.tables import REFERENCE, curve, tabulated
+from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
 """Ratio of the greatest to the least stiffness of presses from which two indenters or specimens may be mixed."""
@@ -35,6 +37,8 @@ class Fit:
     open_: list[str]
     notes: list[str]
     compared: list[dict[str, Any]] = field(default_factory=list)
+    given: list[Press] = field(default_factory=list)
+    """The presses with the rows that were left out."""
 
     @property
     def young(self) -> tuple[float, float, float] | None:
@@ -97,8 +101,9 @@ def fit_tissue(
     problem = made(loaded)
     best = estimate(problem)
     between(problem, made, best)
+    notes += checks.baselines(problem, best) + checks.widen(problem, best)
     kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
-    fitted = Fit(rig, law, relaxation, loaded, best, [], {}, [], notes)
+    fitted = Fit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
     fitted.held_out = [_predicted(problem, best, press) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, made)
     fitted.open_ = _open(fitted)
@@ -142,6 +147,15 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
     """The rows that a law is fitted to: without relaxation those of the loading alone."""
     keep = press.depth - press.touch <= deepest
     notes = []
+    limit = checks.plateau(press, relaxation != "none")
+    if limit is not None:
+        top = float(press.depth.max())
+        notes.append(
+            f"{press.name}: the force stays near {press.force[limit] + press.zero:.3g} N while the indentation rises "
+            f"from {1e3 * press.depth[limit]:.3g} to {1e3 * top:.3g} mm: a saturated sensor, or a material that yields. The "  # noqa: E501
+            "rows from there on are left out"
+        )
+        keep &= np.arange(len(keep)) < limit
     top = int(np.argmax(np.where(keep, press.depth, -np.inf)))
     if relaxation == "none" and top < len(press.depth) - 1:
         after = np.arange(len(press.depth)) > top
@@ -248,6 +262,11 @@ def _open(fit: Fit) -> list[str]:
                 said.append(f"{names[j]} and {names[i]} cannot be told apart: correlation {best.correlation[i, j]:.3f}")
     if fit.law.rest is not None and fit.rig.kind != "cylinder":
         said.append(f"young and poisson: only E/(1 - nu²) shows in a press; nu was fixed at {fit.rig.poisson:g}")
+    if fit.law.name == "hertz" and fit.rig.kind == "ball":
+        said.append(_thickness(fit.rig, reach))
+    if fit.rig.kind == "fingertip" and fit.relaxation != "none":
+        said.append("what relaxes, finger or tissue: the damping found is that of both in series; the recording's own "
+                    "indentation of the tissue, --rig ball, has that of the tissue alone")  # fmt: skip
     if fit.rig.kind == "cylinder":
         said.append("young and the friction of the plates: fit with --plates frictionless and bonded; the truth lies "
                     "between")  # fmt: skip
@@ -261,6 +280,20 @@ def _open(fit: Fit) -> list[str]:
             f"only {100 * best.starts:.0f} % of the starts came to this minimum: there are others nearly as good"
         )
     return said
+
+
+def _thickness(rig: Rig, deepest: float) -> str:
+    """How thick the tissue must be for Hertz's law, and what it means if it is not."""
+    factor, across = thickness_factor(rig.poisson), math.sqrt(rig.radius * deepest)
+    chi = np.linspace(0.0, float(factor.x[-1]), 1000)
+    least = across / float(np.interp(0.1, factor(chi) - 1.0, chi))
+    if rig.height and rig.height < least:
+        more = 100.0 * (float(factor(min(across / rig.height, float(factor.x[-1])))) - 1.0)
+        return (f"young and the thickness: hertz ignores --height, and a bonded layer of {1e3 * rig.height:.3g} mm is "
+                f"{more:.0f} % stiffer at the deepest row than the half-space; fit --law layer")  # fmt: skip
+    return (f"young and the thickness: hertz is the law of a half-space; a layer bonded to a stiff ground is more than "
+            f"10 % stiffer at the deepest row if it is thinner than {1e3 * least:.3g} mm, and young that much too "
+            "great: --law layer with --height")  # fmt: skip
 
 
 def _mesh_error(fit: Fit) -> str:

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import t as student
 
 from palpate.models.fit.sessions import HEAD, SessionError, cells_of, numbered_lines, separator_of
+from palpate.models.fit.tissue.residuals import inflation
 
 NAMES = {"time": ("time", "t"), "force": ("force", "load", "f"), "indentation": ("indentation", "depth", "compression",
          "approach", "d")}  # fmt: skip
@@ -20,7 +22,15 @@ LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}
 RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
 """Columns that say what pressed: more than one value is more than one indenter."""
 LEAST_ROWS = 10
-MOST_ROWS = 400
+LEAST_AIR = 8
+"""Rows before the touch from which on they show the zero of force."""
+STEEPEST = 0.3
+"""[1] Rise of a baseline up to the deepest row, over the peak: more is a press that begins in contact."""
+LEAST_RISE = 2e-3
+"""[1] The same below which a slope does no harm."""
+RARE, SUSPECT = 1e-3, 0.2
+"""[1] Probability below which what is seen is not chance; and below which it is searched for."""
+MOST_ROWS = 1000
 """Rows of a press that are fitted: of more, means of neighbours."""
 
 Convert = Callable[[str, str], float]
@@ -32,7 +42,9 @@ class Press:
     """One press: time [s] (n,) or None, indentation [m] (n,), force [N] (n,) less its zero.
 
     touch   [m]  where it begins to touch, as the force shows it; uncertain by `slack` [m]
-    zero    [N]  mean force before, taken off; `drifts` whether there are rows that show it, so that it is found as well
+    zero    [N]  mean force before, taken off; what is left of it is found with the parameters
+    drifts  whether the force seems to change before the touch already: the slope of its baseline is found as well
+    air     whether rows before the touch show the zero of force; else zero and touch point are searched far and wide
     """
 
     name: str
@@ -43,11 +55,18 @@ class Press:
     slack: float
     zero: float
     drifts: bool = False
+    air: bool = True
 
     @property
     def rate(self) -> np.ndarray:
         """[m/s] (n,) of the indentation; 0 without time."""
         return np.zeros(len(self.depth)) if self.time is None else np.gradient(self.depth, self.time)
+
+    @property
+    def elapsed(self) -> np.ndarray:
+        """[1] (n,) Share of the record, 0 at its first row and 1 at its last; without time by rows."""
+        time = np.arange(len(self.depth), dtype=float) if self.time is None else self.time
+        return (time - time[0]) / np.ptp(time)
 
     def part(self, keep: np.ndarray) -> Press:
         """The rows (n,) bool."""
@@ -161,23 +180,52 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
         raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d counts it so")
     deepest = int(np.argmax(depth))
     noise = float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
-    peak = float(force.max())
+    line = np.full(len(force), float(np.median(force[: max(deepest // 100, 5)])))
+    peak = float((force - line).max())
     if not peak > max(10.0 * noise, 1e-9):
         raise SessionError(f"{name}: never touches: at most {peak:.3g} N, and noise of {noise:.2g} N")
     level = max(5.0 * noise, 1e-4 * peak)
-    base = float(np.median(force[: max(deepest // 100, 5)])) if force[0] < 0.05 * peak else 0.0
-    apart = np.flatnonzero(force[: deepest + 1] - base < level)
-    last = int(apart[-1]) if len(apart) else 0
-    # the force rises out of the noise later than it touches, by Hertz's law by this share of the press
-    reach = float(depth[deepest] - depth[last])
-    back = reach * min(level / peak, 1.0) ** (2.0 / 3.0)
+    when = np.arange(len(force), dtype=float) if time is None else time - time[0]
+    air, drifts, last = np.zeros(0, int), False, -1
+    for _ in range(20):  # the touch point needs the baseline, and the baseline what is before the touch point
+        apart = np.flatnonzero((force - line)[: deepest + 1] < level)
+        before, last = last, int(apart[-1]) if len(apart) else 0
+        if last == before:
+            break
+        # the force rises out of the noise later than it touches, by Hertz's law by this share of the press
+        reach = float(depth[deepest] - depth[last])
+        share = min(level / peak, 0.3) ** (2.0 / 3.0)
+        back = reach * share / (1.0 - share)
+        clear = (depth[:last] < depth[last] - 1.5 * back) | ((depth[:last] == 0.0) & (force[:last] == 0.0))
+        air = np.flatnonzero(clear)
+        if last < LEAST_AIR:
+            break
+        seen = air if len(air) >= LEAST_AIR else np.arange(last)
+        slope, at, sure = _line(when[seen], force[seen])
+        rise = abs(slope) * float(when[deepest] - when[0]) / peak
+        if rise > STEEPEST:  # it touches already
+            air = air[:0]
+            break
+        drifts = sure and rise > LEAST_RISE
+        line = at + slope * when if drifts else np.full(len(force), float(force[seen].mean()))
     touch = float(depth[last]) - 0.5 * back
-    before = np.flatnonzero(depth[:last] < touch - back)
-    first, second = np.array_split(force[before], 2) if len(before) >= 8 else (np.zeros(1), np.full(1, np.inf))
-    flat = abs(float(second.mean() - first.mean())) < 4.0 * noise / math.sqrt(len(first))  # it has not yet touched
-    zero = float(force[before].mean()) if flat else 0.0
-    press = Press(name, time, depth, force - zero, touch, max(back, 0.05 * reach), zero, flat)
+    free = len(air) >= LEAST_AIR
+    zero = float(force[air].mean()) if free else 0.0
+    slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
+    press = Press(name, time, depth, force - zero, touch, slack, zero, drifts and free, free)
     return press if len(depth) <= MOST_ROWS else _thinned(press)
+
+
+def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
+    """Slope and offset of the line through points (n,), and whether its slope may differ from 0; the residuals may
+    be correlated."""
+    slope, at = np.polyfit(x, y, 1)
+    off = y - at - slope * x
+    effective = len(x) / inflation([off], 2)
+    if effective <= 3.0:
+        return float(slope), float(at), False
+    error = math.sqrt(float(off @ off) / len(x) / (effective - 2.0)) / float(x.std())
+    return float(slope), float(at), bool(2.0 * student.sf(abs(slope) / max(error, 1e-300), effective - 2.0) < SUSPECT)
 
 
 def _thinned(press: Press) -> Press:

@@ -7,7 +7,10 @@ from typing import Any
 import yaml
 
 from palpate.models.fit.tissue.fit import Fit
-from palpate.physics.contact.under_finger import FINGER_RADIUS, under_finger
+from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, under_finger
+
+WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")
+"""What a fit leaves in its folder."""
 
 
 def data(fit: Fit) -> dict[str, Any]:
@@ -18,11 +21,11 @@ def data(fit: Fit) -> dict[str, Any]:
                  "profile": [None if math.isnan(v) else v for v in i.profile], "presses": i.presses}
         for p in best.parameters for i in [best.intervals[p.name]]
     }  # fmt: skip
-    young, ratio = fit.young, 0.5 if fit.rig.kind == "cylinder" or "finite" in fit.law.remark else fit.rig.poisson
+    young, ratio = fit.young, _poisson(fit)
     shear = None if young is None else [v / (2.0 * (1.0 + ratio)) for v in young]
     return {
         "law": fit.law.name, "rig": fit.rig.kind, "relaxation": fit.relaxation, "remark": fit.law.remark,
-        "parameters": parameters,
+        "parameters": parameters, "withheld": best.withheld,
         "shear_modulus_at_rest": None if shear is None else dict(zip(("value", "low", "high"), shear, strict=True))
         | {"unit": "Pa"},
         "touch": {p.name: {"value": t, "unit": "m"} for p, t in zip(fit.presses, best.touches, strict=True)},
@@ -54,10 +57,13 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
         i = best.intervals[p.name]
         low, high = (("open" if math.isnan(v) else f"{v:.4g}") for v in i.profile)
         each = ", ".join(f"{v:.4g}" for v in i.presses)
-        cells = (f"{p.name} [{p.unit}]", f"{i.value:.4g}", f"{i.low:.4g} to {i.high:.4g}", f"{low} to {high}", each)
+        ends = "withheld" if best.withheld else f"{i.low:.4g} to {i.high:.4g}"
+        cells = (f"{p.name} [{p.unit}]", f"{i.value:.4g}", ends, f"{low} to {high}", each)
         lines.append(f"| {' | '.join(cells)} |")
     if shear := told["shear_modulus_at_rest"]:
-        lines += ["", f"Shear modulus at rest: {shear['value']:.4g} Pa ({shear['low']:.4g} to {shear['high']:.4g})."]
+        ends = "interval withheld" if best.withheld else f"{shear['low']:.4g} to {shear['high']:.4g}"
+        lines += ["", f"Shear modulus at rest: {shear['value']:.4g} Pa ({ends}).", "", *scene_young(fit)]
+    lines += ["", *(f"* {note}" for note in fit.notes)]
     lines += ["", "## What the data cannot tell", "", *(f"* {text}" for text in fit.open_ or ["nothing was found"])]
     errors = told["residuals"]
     lines += [
@@ -86,8 +92,24 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
     lines += ["", "## Correlation", "", "| | " + " | ".join(best.names) + " |", "|---" * (len(best.names) + 1) + "|"]
     lines += [f"| {name} | " + " | ".join(f"{v:.2f}" for v in row) + " |"
               for name, row in zip(best.names, best.correlation, strict=True)]  # fmt: skip
-    lines += ["", *(f"* {note}" for note in fit.notes), ""] if fit.notes else [""]
-    return "\n".join(lines)
+    return "\n".join([*lines, ""])
+
+
+def _poisson(fit: Fit) -> float:
+    """Poisson's ratio that Young's modulus was found with."""
+    return 0.5 if fit.rig.kind == "cylinder" or "finite" in fit.law.remark else fit.rig.poisson
+
+
+def scene_young(fit: Fit) -> list[str]:
+    """Why the scene has another Young's modulus than the report, in a sentence; none where it has not."""
+    if fit.young is None:
+        return []
+    tissue = under_finger(fit.young[0] / (1.0 - _poisson(fit) ** 2))
+    return [
+        f"young is {fit.young[0]:.5g} Pa with Poisson's ratio {_poisson(fit):g}; scene.yaml has young "
+        f"{tissue['young']:.5g} Pa, because the basis of deformation.ReducedFE has Poisson's ratio {BASIS_POISSON:g}: "
+        "E/(1 - nu²) stays the same, and so does the force"
+    ]
 
 
 def scene(fit: Fit) -> str:
@@ -96,8 +118,7 @@ def scene(fit: Fit) -> str:
     depth = fit.deepest
     tissue: dict[str, float]
     if young is not None:
-        ratio = 0.5 if "finite" in fit.law.remark or fit.rig.kind == "cylinder" else fit.rig.poisson
-        tissue = under_finger(young[0] / (1.0 - ratio**2))
+        tissue = under_finger(young[0] / (1.0 - _poisson(fit) ** 2))
         why = f"Hertz's law of a finger of {1e3 * FINGER_RADIUS:g} mm on the modulus at rest; what stiffens is left out"
     elif "exponent" in values:
         bent = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
@@ -118,4 +139,4 @@ def scene(fit: Fit) -> str:
     body = yaml.safe_dump({"extends": "kidney", "tissue": {k: float(f"{v:.6g}") for k, v in tissue.items()}},
                           sort_keys=False)  # fmt: skip
     head = f"# Fitted by `palpate fit-tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
-    return f"{head}\n# {why}.\n{body}"
+    return "\n".join([head, *(f"# {text}." for text in (why, *scene_young(fit))), body])

@@ -30,6 +30,8 @@ Values = Mapping[str, float]
 Slopes = Callable[[Values, np.ndarray, np.ndarray], tuple[np.ndarray, dict[str, np.ndarray]]]
 RATIO = 0.499
 """Poisson's ratio of rubber-like laws in full finite elements, which stands for 0.5."""
+WIDEST, TALLEST = 0.1, 1.0
+"""[m] Radius and height beyond which a unit must be wrong."""
 FINGER = (26.2641, 1681.06)
 """[N/m] b and [1/m] m of the fingertip's law, as in the scene kidney: two published points on steel."""
 
@@ -56,13 +58,21 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Rig:
-    """What pressed: a ball, a flat punch, a fingertip, or plates on a cylinder; lengths in [m]."""
+    """What pressed: a ball, a flat punch, a fingertip, or plates on a cylinder; lengths in [m].
+
+    SessionError: a length that no such rig has.
+    """
 
     kind: str
     radius: float = 8e-3
     height: float | None = None
     plates: str = "frictionless"
     poisson: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name, size, most in (("radius", self.radius, WIDEST), ("height", self.height or WIDEST, TALLEST)):
+            if not 0.0 < size <= most:
+                raise SessionError(f"{name} of a {self.kind}: found {size:g} m, expected above 0, at most {most:g} m")
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,22 @@
 """Mesh files of the user's: formats, units, and files that cannot be used."""
 
+import os
+
 import numpy as np
 import pytest
+import scipy
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Pose
 from palpate.nodes.base import SettingError
 from palpate.nodes.base import surface as surfaces
+from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.collision import Mesh as MeshNode
 from palpate.nodes.collision import Nurbs
 from palpate.physics.geometry.kidney import kidney
-from palpate.physics.geometry.mesh import Mesh, write_ply
+from palpate.physics.geometry.mesh import Mesh, plane, write_ply
+from palpate.physics.geometry.orient import edge_counts
 from palpate.physics.geometry.tessellate import tessellate
 
 trimesh = pytest.importorskip("trimesh")
@@ -133,3 +138,84 @@ def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(SettingError, match=r"palpate\[mesh\]"):
         surface_mesh(file, 0)
+
+
+def upper(part=0.4):
+    """The kidney without its underside: closed up to a hole of some share of its height."""
+    z = KIDNEY.vertices[KIDNEY.triangles].mean(axis=1)[:, 2]
+    return KIDNEY.triangles[z > z.min() + part * np.ptp(z)]
+
+
+@pytest.mark.parametrize("part", [0.1, 0.3, 0.5])
+@pytest.mark.parametrize("turn", [(0, 0, 0), (2.0, -1.0, 0.7)])
+def test_an_open_mesh_that_is_inside_out_is_turned_and_reported(tmp_path, part, turn):
+    """Wherever its hole is."""
+    rotated = scipy.spatial.transform.Rotation.from_rotvec(turn).apply(KIDNEY.vertices) + (0.3, -0.2, 1.0)
+    right = surface_mesh(save(tmp_path / "k.obj", Mesh(rotated, upper(part))), 0)
+    assert not any("inside out" in line for line in flaws(str(tmp_path / "k.obj")))
+    out = np.einsum("ij,ij->i", right.face_vectors, right.vertices[right.triangles].mean(axis=1) - rotated.mean(axis=0))
+    assert (out > 0).mean() > 0.95
+    half = upper(part).copy()
+    half[::3] = half[::3, ::-1]
+    for triangles, text in ((upper(part)[:, ::-1], "inside out: all"), (half[:, ::-1], "partly inside out")):
+        mesh = surface_mesh(save(tmp_path / "k.obj", Mesh(rotated, triangles)), 0)
+        np.testing.assert_allclose(mesh.face_vectors, right.face_vectors, atol=1e-12)
+        assert any(text in line for line in flaws(str(tmp_path / "k.obj")))
+
+
+def test_the_force_on_an_open_mesh_does_not_depend_on_its_sense(tmp_path):
+    gaps = []
+    for k, triangles in enumerate((upper(), upper()[:, ::-1])):
+        node = MeshNode(surface=save(tmp_path / f"{k}.ply", Mesh(KIDNEY.vertices, triangles)), position=(0, 0, 0))
+        path = [Pose(position=(0, 0, z), velocity=(0, 0, 0), dt=1e-3) for z in np.linspace(0.03, 0.015, 50)]
+        gaps.append([(answer.gap, answer.normal) for answer in FakeBus(node).publish(*path)])
+    assert gaps[0] == gaps[1] and gaps[0][-1][0] == pytest.approx(-6e-3, abs=3e-4)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_vertices_that_differ_by_rounding_are_merged_and_reported(tmp_path, scale):
+    """Each triangle of an ellipsoid's pole has its own pole, which differs by 1e-14 of its size."""
+    ball = trimesh.creation.uv_sphere(radius=1.0, count=[16, 16])
+    v, t = np.array(ball.vertices) * (0.06, 0.04, 0.02), np.array(ball.faces)
+    pole = int(v[:, 2].argmax())
+    at = np.argwhere(t == pole)
+    more = v[pole] + 1e-14 * np.random.default_rng(0).normal(size=(len(at), 3))
+    t[tuple(at.T)] = len(v) + np.arange(len(at))
+    mesh = Mesh(np.concatenate([v, more]) * scale, t)
+    file = save(tmp_path / "e.obj", mesh, digits=17)
+    unit = {1e-3: "m", 1.0: "m", 1e3: "mm"}[scale]
+    if scale == 1e-3:
+        with pytest.raises(SettingError, match="file_unit"):  # 0.1 mm across
+            surface_mesh(file, 0, file_unit=unit)
+        return
+    found = surface_mesh(file, 0, file_unit=unit)
+    assert edge_counts(found.triangles, len(found.vertices)) == (0, 0)
+    assert len(found.vertices) == len(v)
+    (line,) = flaws(file)
+    assert f"{len(at) - 1} vertices at open edges are merged with one within 1e-06 of its longest side" in line
+
+
+def test_a_slit_wider_than_the_tolerance_stays(tmp_path):
+    sheet = plane(0.1, 100)
+    left = sheet.triangles[sheet.vertices[sheet.triangles].mean(axis=1)[:, 0] < 0]
+    right = sheet.triangles[sheet.vertices[sheet.triangles].mean(axis=1)[:, 0] > 0] + len(sheet.vertices)
+    for slit in (5e-8, 5e-7):  # of 0.1 m
+        both = np.concatenate([sheet.vertices, sheet.vertices + (slit, 0, 0)])
+        save(tmp_path / "s.obj", Mesh(both, np.concatenate([left, right])), digits=12)
+        mesh = surface_mesh(str(tmp_path / "s.obj"), 0)
+        assert (edge_counts(mesh.triangles, len(mesh.vertices))[0] == 36) == (slit < 1e-7)
+
+
+def test_a_file_that_is_rewritten_is_read_again(tmp_path):
+    """With the same size, name and time stamp; and nothing is read twice that has not changed."""
+    file = save(tmp_path / "k.stl")
+    stamp = (tmp_path / "k.stl").stat()
+    first = surface_mesh(file, 0)
+    save(tmp_path / "k.stl", scale=2.0)
+    os.utime(file, ns=(stamp.st_atime_ns, stamp.st_mtime_ns))
+    assert (tmp_path / "k.stl").stat().st_size == stamp.st_size
+    second = surface_mesh(file, 0)
+    assert np.ptp(second.vertices, axis=0) == pytest.approx(2.0 * np.ptp(first.vertices, axis=0), rel=1e-6)
+    assert surface_mesh(file, 0) is second
+    save(tmp_path / "k.stl")
+    assert surface_mesh(file, 0) is first

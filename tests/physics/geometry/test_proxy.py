@@ -12,7 +12,7 @@ from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
-from palpate.physics.geometry.proxy import follow, follow_mesh, memory
+from palpate.physics.geometry.proxy import JUMP, TURNED, follow, follow_mesh, memory
 from palpate.physics.geometry.tessellate import tessellate
 
 
@@ -168,3 +168,38 @@ def test_the_gap_changes_no_faster_than_the_tool_on_any_path(slab, seed):
     assert np.isfinite(feet).all() and lipschitz(path, feet) <= 1e-12
     away = run(body, np.concatenate([path, line(path[-1], (0, 0, 0.1), (0, 0, 0.005))]))
     assert away[-1, 8] == approx(0.005, abs=1e-6)
+
+
+@pytest.mark.parametrize("slab", ["box 1 mm", "box 4 mm", "pebble 4 mm"])
+@pytest.mark.parametrize(("step", "kept"), [(5.9e-3, True), (6.1e-3, False)])
+def test_the_side_is_kept_up_to_a_step_of_6_mm_whatever_the_rate(slab, step, kept):
+    """The limit is a length: 6 m/s at 1 kHz, 3 m/s at 500 Hz."""
+    assert JUMP == 6e-3
+    run, _ = SLABS[slab]
+    z = np.arange(2e-3, -18e-3, -step)
+    feet = run(SLABS[slab][1], np.column_stack([np.full(len(z), 1e-4), np.full(len(z), 2e-4), z]))
+    assert (feet[:, 5] > 0.9).all() == kept
+
+
+@pytest.mark.parametrize("aside", [0.3e-3, 0.7e-3, 1.5e-3])
+@pytest.mark.parametrize("thickness", [4e-3, 8e-3, 12e-3])
+def test_a_finger_near_a_sharp_rim_slides_off_and_sees_the_underside_only_from_below(thickness, aside):
+    """A finger on a spring is pushed down near the rim at x = 20 mm. Where a normal points down the finger is below the
+    plate's middle, and beyond its side or under it, but for the rounding of normals that are interpolated."""
+    mesh = box(0.04, thickness)
+    closest = MeshClosestPoint(mesh)
+    (work, result), kept = closest.scratch(), memory(mesh.vertices)
+    position, speed, seen = np.array([0.02 - aside, 1e-3, 6e-3]), np.zeros(3), []
+    for k in range(1200):
+        hand = np.array([0.02 - aside, 1e-3, 6e-3 - 18e-3 * min(k / 500, 1.0)])
+        follow_mesh(*closest.tables.arrays, tuple(map(float, position)), 1e-4, work, result, kept)
+        push = 3000.0 * max(4e-3 - result[8], 0.0) ** 1.5 * result[3:6]
+        speed = speed + 1e-3 * (500.0 * (hand - position) - 20.0 * speed + push) / 0.2
+        seen.append((position[2], result[5], result[8]))
+        position = position + 1e-3 * speed
+    z, normal, gap = np.array(seen).T
+    assert np.abs(np.diff(gap)).max() < 1e-3
+    down = normal < TURNED
+    assert (gap[down] > -1e-4).all() and (z[down] < -thickness / 2).all()
+    if aside < 1e-3:  # it slides off, passes the plate, and is under it in the end
+        assert z[-1] < -thickness and normal[-1] < -0.5

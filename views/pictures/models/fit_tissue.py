@@ -18,6 +18,10 @@ def _forces(fit: Fit, path: Path) -> Path:
     timed = all(p.time is not None for p in fit.presses)
     figure = Figure(figsize=(14 if timed else 10, 4), layout="constrained")
     axes = figure.subplots(1, 3 if timed else 2)
+    for k, (press, given, touch) in enumerate(zip(fit.presses, fit.given, fit.estimate.touches, strict=True)):
+        out = ~np.isin(given.depth + 1j * given.force, press.depth + 1j * press.force)
+        axes[0].plot(1e3 * (given.depth[out] - touch), given.force[out], "o", ms=4, mfc="none", color="0.6",
+                     label="left out" if out.any() and k == 0 else None)  # fmt: skip
     for k, (press, force, touch) in enumerate(zip(fit.presses, fit.estimate.fitted, fit.estimate.touches, strict=True)):
         colour, depth, off = f"C{k % 10}", 1e3 * (press.depth - touch), force - press.force
         axes[0].plot(depth, press.force, ".", ms=3, color=colour, label=press.name)
