@@ -32,6 +32,8 @@ class Haptic(Node):
     delay                whole samples by which the loop is late, at most: 0 for a force that acts right after the
                          motion that it was computed from, 1 for a device that takes a command while it gives a state.
                          Too large a value is safe but shows less stiffness than it could
+    at_hand              of `delay`, the samples between controller and hand, over which the observed energy pairs force
+                         and motion; None: all of them. 0 where the delay is on the way to the organ (`remote`)
     resolution           step of the device's position; 0: exact
     limit, slew          largest force, and its largest change over time
     ramp                 time in which the largest force is permitted again after an outage
@@ -53,6 +55,7 @@ class Haptic(Node):
     mass: Annotated[float, "kg", msgspec.Meta(gt=0)] = 0.1
     drag: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 0.2
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
+    at_hand: Annotated[Annotated[int, msgspec.Meta(ge=0, le=1000)] | None, "1"] = None
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
     limit: Annotated[float, "N", msgspec.Meta(gt=0)] = 9.0
     slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0
@@ -72,13 +75,13 @@ class Haptic(Node):
         self._open, self._tripped = 1.0, False
         self._withheld, self._cautioned = 0.0, False
         self._notes = []
-        self.state, self.past = buffers(self.delay)
+        self.state, self.past = buffers(self.delay, self.at_hand)
         self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
 
     def _come_back(self) -> None:
         """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
         old = self.state
-        self.state, self.past = buffers(self.delay)
+        self.state, self.past = buffers(self.delay, self.at_hand)
         self.state[FORCE], self.state[ENERGY, 0], self.state[MODE, 0] = old[FORCE], old[ENERGY, 0], old[MODE, 0]
         self.state[ENERGY, BRAKE:] = old[ENERGY, BRAKE], GENTLE, 0.0
         self._least = min(old[ENERGY, 0], 0.0) - LENT

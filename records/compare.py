@@ -50,6 +50,7 @@ class Variant:
     shape        [m] displacement of the surface: RMS over vertices that move in one of both, per instant
     step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together;
                  nodes: of each node
+    notes        lines of its nodes that the user should see
     curves       rows of time [s], force [N], indentation [m], for the picture
     """
 
@@ -63,6 +64,7 @@ class Variant:
     whole: Histogram = field(default_factory=Histogram)
     step: Histogram = field(default_factory=Histogram)
     nodes: dict[str, Histogram] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
     curves: list[tuple[float, float, float]] = field(default_factory=list)
 
     def report(self) -> dict[str, Any]:
@@ -76,6 +78,7 @@ class Variant:
             "shape_m": self.shape.report(),
             "step_s": self.step.report(),
             "whole_s": self.whole.report(),
+            "notes": self.notes,
         }
 
 
@@ -197,6 +200,7 @@ def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.nda
 
 
 def _collect(variant: Variant, player: Player) -> None:
+    variant.notes = player.notes()
     variant.nodes = {part.name: part.slot.health.step for part in player.parts}
     chosen = [p for p in player.parts if p.name in variant.swapped]
     # As recorded: the time of the body, so that the table has something to hold the others against.
@@ -232,4 +236,5 @@ class Comparison:
                 f"  {variant.name}: force error {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
                 f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
             )
+        lines += [f"  {variant.name}: {note}" for variant in self.variants for note in variant.notes]
         return "\n".join(lines)

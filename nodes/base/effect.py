@@ -51,6 +51,7 @@ class Effect:
     fields   output fields that show it, () where the whole message does
     setting  that holds it, "" for others
     about    what it is, in a sentence
+    also     output fields of other effects that need it
     """
 
     name: str
@@ -58,6 +59,7 @@ class Effect:
     fields: tuple[str, ...] = ()
     setting: str = ""
     about: str = ""
+    also: tuple[str, ...] = ()
 
 
 def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) -> Callable[[Method], Method]:
@@ -72,7 +74,7 @@ def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) 
             wanted = self.wanted
             return otherwise if wanted is not None and wanted.isdisjoint(needed) else method(self, *given)
 
-        where_wanted.part = Effect(effect, "part", fields, about=summary(method))  # type: ignore[attr-defined]
+        where_wanted.part = Effect(effect, "part", fields, about=summary(method), also=also)  # type: ignore[attr-defined]
         return typing.cast(Method, where_wanted)
 
     return mark

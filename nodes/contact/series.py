@@ -7,7 +7,7 @@ import msgspec
 
 from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
 from palpate.messages.tissue import SeenSurface
-from palpate.nodes.base import InputError, Node, Wants, part
+from palpate.nodes.base import InputError, Node, Switch, Wants, part
 from palpate.nodes.base.absence import FALL, Gain
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact import series as laws
@@ -17,6 +17,7 @@ from palpate.physics.entry_point import entry_point
 FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
 LATE = 1.5  # [1] steps of the contact after which a law is an old one
+NOWHERE = 0.0, 0.0, -1  # compression [m], force [N] and time [ns] of what never was
 RETURN = 0.1  # [s] in which the contact comes back to the whole approach when its body is back
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
@@ -43,7 +44,7 @@ class Series(Node):
     """
 
     finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
-    finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0)] = 8.0
+    finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0), Switch("relaxation")] = 8.0
     finger_stiffness: Annotated[float, "N/m", Positive] = 26.2641
     """of the exponential law"""
     finger_hardening: Annotated[float, "1/m", Positive] = 1681.06
@@ -53,8 +54,11 @@ class Series(Node):
     finger_hertz_slope: Annotated[float, "Pa/m", Positive] = 5.672e6
     finger_hertz_hardening: Annotated[float, "1/m", Positive] = 466.6
     finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
+    """Of the soft tissue before the bone: a compression beyond it is reported, as no law is valid there; 0: unknown."""
 
     def start(self) -> None:
+        self._notes, self._beyond, self._reported = [], NOWHERE, False
         self.compression = 0.0
         self.indentation: float | None = None
         self._idle = False
@@ -165,6 +169,8 @@ class Series(Node):
             if force > 0.0 and len(body.shape_operator) == 9:
                 lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
         rate = (self.compression - before) / dt
+        if self.compression > self.thickness > 0.0:
+            self._beyond = max(self._beyond, (self.compression, force, proximity.time))
         self._idle = force == 0.0 and before == self.compression and abs(indentation) < STILL
         return Contact(
             foot=proximity.foot,
@@ -177,6 +183,21 @@ class Series(Node):
             lateral_force=lateral,
             stored=self._stored(),
         )
+
+    def condition(self) -> str:
+        return "beyond its law" if self.compression > self.thickness > 0.0 else ""
+
+    def notes(self) -> list[str]:
+        deepest, force, time = self._beyond
+        if deepest > 0.0 and not self._reported:
+            self._reported = True
+            when = f" at {time * 1e-9:.3f} s" if time >= 0 else ""
+            self._notes.append(
+                f"{type(self).__name__}: the fingertip is compressed by {1e3 * deepest:.3g} mm{when}, its soft tissue is "
+                f"{1e3 * self.thickness:.3g} mm thick. Its law is not valid there: the force, {force:.3g} N, is "
+                "meaningless"
+            )
+        return super().notes()
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:

@@ -10,8 +10,9 @@ point where the approach was zero. At a switch the difference of the two laws' d
 fades out, so the force is continuous.
 
 The contact force that is shown is no stiffer than the loop allows (rendered.py). The observer, E <- E - F . dx, pairs
-each way with the force of `delay` samples before, which is what the hand has really received when position or force
-travels that long. At a switch a credit is dropped and a debt is kept (of at most 10 mJ, so that rounding errors do not
+each way with the force of `at_hand` samples before, which is what the hand has really received when position or force
+travels that long between controller and hand; the rest of `delay` arises behind the controller, which sees its effect
+in the force. At a switch a credit is dropped and a debt is kept (of at most 10 mJ, so that rounding errors do not
 pile up): else each bounce of a stiff wall would leave its leak behind. A whole debt paid within one step is a blow
 (0.5 mJ at 0.1 m/s: 5 N), which keeps a stiff wall stable, but after an outage would be felt: until contact ends the
 force of the added damping then rises by no more than RISE.
@@ -41,14 +42,21 @@ FILTER_LAG = 8.0  # [1] samples, twice the delay of the velocity filter
 CARRIED = 1e-2  # [J] largest debt carried over a switch
 HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
 WITHHELD = 3  # and the part of the contact force that is withheld [1]
-STILL, TOUCHING, CLOCK = range(3)  # state[TIMES] = time without movement [s], approach when last touching [m], time [s]
+STILL, TOUCHING, CLOCK, AT_HAND = range(4)
+# state[TIMES] = time without movement [s], approach when last touching [m], time [s], samples between controller and hand
 BRAKE, RISE = 1, 2  # state[ENERGY] = observed energy [J], force of the added damping [N], its bound [N/s] (0: none)
 PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
 
 
-def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fresh state (13,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s]."""
-    return np.zeros((13, 4)), np.zeros((delay + 1, 7))
+def buffers(delay: int, at_hand: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Fresh state (13,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s].
+
+    delay    [1]  samples by which the loop is late
+    at_hand  [1]  of them, those between controller and hand, over which force and motion are paired; None: all
+    """
+    state = np.zeros((13, 4))
+    state[TIMES, AT_HAND] = delay if at_hand is None else min(at_hand, delay)
+    return state, np.zeros((delay + 1, 7))
 
 
 @kernel
@@ -184,7 +192,8 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     # 2. passivity observer: the energy that the force has generated since the start, by positions
     before = past[remember(state, past, dt)]
     if gains[OBSERVE] != 0.0:
-        wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
+        held = past[(int(state[MODE, HEAD]) - int(state[TIMES, AT_HAND])) % len(past)]
+        wx, wy, wz = observe(state, held, x, y, z, dt, gains[RESOLUTION])
     lag = (len(past) - 0.5) * dt
     # 3. the tissue's force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
@@ -209,7 +218,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         fz += damped * n[2] - share * friction[2]
     # 5. passivity controller: a damper that takes up the generated energy, along the measured velocity w
     if gains[PASSIVE] != 0.0:
-        slow = 2.0 * lag / dt  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
+        slow = 1.0 + 2.0 * state[TIMES, AT_HAND]  # a damper d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
         if way < 1.5 * gains[RESOLUTION]:
             wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG
