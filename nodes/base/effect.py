@@ -43,6 +43,18 @@ class Switch:
 
 
 @dataclass(frozen=True)
+class Calibrated:
+    """Mark of a setting that holds for one tissue: a graph that leaves it at its default is told what that stands for.
+
+    default  what the default is calibrated to
+    command  that fits it to another tissue
+    """
+
+    default: str
+    command: str
+
+
+@dataclass(frozen=True)
 class Effect:
     """How one node class computes an effect.
 

@@ -193,8 +193,8 @@ class Series(Node):
             self._reported = True
             when = f" at {time * 1e-9:.3f} s" if time >= 0 else ""
             self._notes.append(
-                f"{type(self).__name__}: the fingertip is compressed by {1e3 * deepest:.3g} mm{when}, its soft tissue is "
-                f"{1e3 * self.thickness:.3g} mm thick. Its law is not valid there: the force, {force:.3g} N, is "
+                f"{type(self).__name__}: the fingertip is compressed by {1e3 * deepest:.3g} mm{when}, its soft tissue "
+                f"is {1e3 * self.thickness:.3g} mm thick. Its law is not valid there: the force, {force:.3g} N, is "
                 "meaningless"
             )
         return super().notes()

@@ -43,7 +43,7 @@ CARRIED = 1e-2  # [J] largest debt carried over a switch
 HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
 WITHHELD = 3  # and the part of the contact force that is withheld [1]
 STILL, TOUCHING, CLOCK, AT_HAND = range(4)
-# state[TIMES] = time without movement [s], approach when last touching [m], time [s], samples between controller and hand
+# state[TIMES] = time without movement [s], approach when last touching [m], time [s], samples from controller to hand
 BRAKE, RISE = 1, 2  # state[ENERGY] = observed energy [J], force of the added damping [N], its bound [N/s] (0: none)
 PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
 
