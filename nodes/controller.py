@@ -8,7 +8,20 @@ import numpy as np
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import Node, Wants
 from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost, Pace
-from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE, SLEW, WALL, WITHHELD, buffers, haptic
+from palpate.physics.device.controller import (
+    BRAKE,
+    ENERGY,
+    FORCE,
+    GIVEN,
+    JOULE,
+    LIMIT,
+    MODE,
+    SLEW,
+    WALL,
+    WITHHELD,
+    buffers,
+    haptic,
+)
 from palpate.physics.device.rendered import stiffest
 from palpate.physics.entry_point import entry_point
 
@@ -32,8 +45,8 @@ class Haptic(Node):
     delay                whole samples by which the loop is late, at most: 0 for a force that acts right after the
                          motion that it was computed from, 1 for a device that takes a command while it gives a state.
                          Too large a value is safe but shows less stiffness than it could
-    at_hand              of `delay`, the samples between controller and hand, over which the observed energy pairs force
-                         and motion; None: all of them. 0 where the delay is on the way to the organ (`remote`)
+    at_hand              of `delay`, the samples between controller and hand, over which the energy that is sent pairs
+                         force and motion; None: all of them. 0 where the delay is on the way to the organ (`remote`)
     resolution           step of the device's position; 0: exact
     limit, slew          largest force, and its largest change over time
     ramp                 time in which the largest force is permitted again after an outage
@@ -82,6 +95,7 @@ class Haptic(Node):
         """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
         old = self.state
         self.state, self.past = buffers(self.delay, self.at_hand)
+        self.state[GIVEN, JOULE] = old[GIVEN, JOULE]
         self.state[FORCE], self.state[ENERGY, 0], self.state[MODE, 0] = old[FORCE], old[ENERGY, 0], old[MODE, 0]
         self.state[ENERGY, BRAKE:] = old[ENERGY, BRAKE], GENTLE, 0.0
         self._least = min(old[ENERGY, 0], 0.0) - LENT

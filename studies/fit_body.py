@@ -176,6 +176,6 @@ def layer_constants(
         layers = ", ".join(f"{1e3 * layer * math.ceil(2 * thicker):g} mm" for layer in body.layers)
         caution = (
             f"The deepest press takes these beams to their strain limit of {STRAIN_LIMIT:g}, where they are too stiff; "
-            f"thicker ones would not be: --set tissue.layers='[{layers}]'"
+            f"thicker ones would not be. Give the scene `tissue: {{layers: [{layers}]}}` and fit again"
         )
     return {"moduli": moduli, "relaxations": relaxations}, caution

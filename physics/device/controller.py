@@ -10,12 +10,13 @@ point where the approach was zero. At a switch the difference of the two laws' d
 fades out, so the force is continuous.
 
 The contact force that is shown is no stiffer than the loop allows (rendered.py). The observer, E <- E - F . dx, pairs
-each way with the force of `at_hand` samples before, which is what the hand has really received when position or force
-travels that long between controller and hand; the rest of `delay` arises behind the controller, which sees its effect
-in the force. At a switch a credit is dropped and a debt is kept (of at most 10 mJ, so that rounding errors do not
-pile up): else each bounce of a stiff wall would leave its leak behind. A whole debt paid within one step is a blow
-(0.5 mJ at 0.1 m/s: 5 N), which keeps a stiff wall stable, but after an outage would be felt: until contact ends the
-force of the added damping then rises by no more than RISE.
+each way with the force of `delay` samples before, which is what the hand has really received when position or force
+travels that long. Where only `at_hand` of these samples lie between controller and hand, and the others on the way to
+the organ, that is a bound which keeps the loop damped; the energy that is returned pairs with `at_hand` samples. At a
+switch a credit is dropped and a debt is kept (of at most 10 mJ, so that rounding errors do not pile up): else each
+bounce of a stiff wall would leave its leak behind. A whole debt paid within one step is a blow (0.5 mJ at 0.1 m/s: 5
+N), which keeps a stiff wall stable, but after an outage would be felt: until contact ends the force of the added
+damping then rises by no more than RISE.
 
 The velocity v of that damping is the last difference of positions: it is the one that the energy is counted with, and
 a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though,
@@ -32,9 +33,10 @@ from palpate.physics.kernel import kernel
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
 """Places in the gains."""
-PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY = range(13)
+PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY, GIVEN = range(14)
 """Rows of the state."""
 FREE, CONTACT = 0.0, 1.0
+JOULE = 3  # state[GIVEN] = impulse of the force in the hand [N s] (3), energy absorbed under it [J]
 SPEED = 3  # state[WAY] = last way booked [m], speed out of the surface [m/s]
 SMOOTH = 0.5e-3  # [s] of that speed: at a high rate one count within one step is a great speed
 FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
@@ -49,12 +51,12 @@ PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
 
 
 def buffers(delay: int, at_hand: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Fresh state (13,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s].
+    """Fresh state (14,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s].
 
     delay    [1]  samples by which the loop is late
-    at_hand  [1]  of them, those between controller and hand, over which force and motion are paired; None: all
+    at_hand  [1]  of them, those between controller and hand; None: all
     """
-    state = np.zeros((13, 4))
+    state = np.zeros((14, 4))
     state[TIMES, AT_HAND] = delay if at_hand is None else min(at_hand, delay)
     return state, np.zeros((delay + 1, 7))
 
@@ -153,6 +155,7 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
             state[ANCHOR, i] = position[i]
             state[OFFSET, i] += old - assist(gains, new, state, i, position[i], velocity[i])
         state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0)
+        state[GIVEN, JOULE] = min(max(state[GIVEN, JOULE], -CARRIED), 0.0)
         state[MODE, 0] = new
         if new == FREE:
             state[ENERGY, RISE] = 0.0
@@ -174,12 +177,12 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     An input that is not finite gives no force.
     """
     if not 0.0 < dt < math.inf:
-        return state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[MODE, 0] == CONTACT, state[ENERGY, 0]
+        return state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[MODE, 0] == CONTACT, state[GIVEN, JOULE]
     x, y, z = position
     vx, vy, vz = velocity
     if not abs(x + y + z + vx + vy + vz + normal_force + approach) < math.inf:
         state[FORCE, :] = 0.0
-        return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[ENERGY, 0]
+        return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[GIVEN, JOULE]
     wx, wy, wz = 0.0, 0.0, 0.0
     # 1. start: anchor, last place and all past places are where the device is
     if state[MODE, STARTED] == 0.0:
@@ -193,7 +196,13 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     before = past[remember(state, past, dt)]
     if gains[OBSERVE] != 0.0:
         held = past[(int(state[MODE, HEAD]) - int(state[TIMES, AT_HAND])) % len(past)]
-        wx, wy, wz = observe(state, held, x, y, z, dt, gains[RESOLUTION])
+        given = state[GIVEN]
+        for i in range(3):
+            given[i] += held[PUSH + i] * dt
+        wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
+        if wx != 0.0 or wy != 0.0 or wz != 0.0:
+            given[JOULE] = absorbed(given[JOULE], given[0], given[1], given[2], wx, wy, wz)
+            given[:JOULE] = 0.0
     lag = (len(past) - 0.5) * dt
     # 3. the tissue's force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
@@ -218,7 +227,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         fz += damped * n[2] - share * friction[2]
     # 5. passivity controller: a damper that takes up the generated energy, along the measured velocity w
     if gains[PASSIVE] != 0.0:
-        slow = 1.0 + 2.0 * state[TIMES, AT_HAND]  # a damper d samples late is stable up to about m / ((1 + 2 d) T)
+        slow = 2.0 * lag / dt  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
         if way < 1.5 * gains[RESOLUTION]:
             wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG
@@ -236,4 +245,4 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     fx, fy, fz = clamp(fx, fy, fz, gains[LIMIT])
     fx, fy, fz = slew(fx, fy, fz, state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], gains[SLEW] * dt)
     state[FORCE, 0], state[FORCE, 1], state[FORCE, 2] = fx, fy, fz
-    return fx, fy, fz, mode == CONTACT, state[ENERGY, 0]
+    return fx, fy, fz, mode == CONTACT, state[GIVEN, JOULE]

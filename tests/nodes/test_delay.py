@@ -235,3 +235,23 @@ def test_a_controller_that_does_not_know_of_the_delay_is_not_passive():
     unknown, *_ = felt(0.02, 0.0, 0.0, known=False)
     assert bare > 0.1
     assert 0.01 < unknown < bare
+
+
+@pytest.mark.parametrize("delay", [5, _long(20), _long(50)])
+def test_the_energy_that_is_reported_is_the_work_of_the_force_that_acts_while_the_hand_moves(delay):
+    """By the grip's true places, which the controller does not see. A delay behind the controller changes the force,
+    not when it acts; the encoder's steps are all that the two differ by."""
+    sets = [f"scene.network.delay={delay} ms", f"controller.delay={2 * delay}"]
+    stepper = Stepper(described("remote", scene=None, duration=None, sets=sets, nodes={}))
+    stepper.start()
+    device = stepper.node("device")
+    forces, places, told = [], [], []
+    for _ in range(2600):
+        tick = stepper.tick()
+        forces.append(tick.controller.force)
+        told.append(tick.controller.energy)
+        places.append(device.state[0].copy())
+    stepper.stop()
+    work = -np.cumsum(np.einsum("ij,ij->i", np.array(forces)[:-1], np.diff(places, axis=0)))
+    assert min(told) == pytest.approx(min(0.0, float(work.min())), abs=2e-4)
+    assert work.max() > 5e-3, "the display took in far more than the difference"

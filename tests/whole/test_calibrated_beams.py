@@ -20,7 +20,7 @@ PARTS = {  # each begins where the one before ends: the way there, then how long
     "slide at 160 mm/s": ("{to: [-0.018, 0.003, 0.0965], time: 0.15, shape: linear}", 0.15),
     "lift": ("{to: [-0.018, 0.003, 0.112], time: 0.3}", 0.3),
 }
-FASTEST = "slide at 160 mm/s"
+FASTEST = "fast press"
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_presses_holds_and_slides_have_the_force_of_the_reference(forces):
         begin += round(1e3 * time)
         by_part[name] = float(np.sqrt(np.mean(own**2)))
     assert max(error for name, error in by_part.items() if name != FASTEST) < 0.05, by_part
-    assert by_part[FASTEST] < 0.1, "solids are displaced in front of the finger, beams are not (docs)"
+    assert by_part[FASTEST] < 0.1, "one relaxation time for presses and slides is too short for the fastest press"
 
 
 @pytest.mark.parametrize("graph, node", [("kidney", "tissue"), ("organs", "liver")])
