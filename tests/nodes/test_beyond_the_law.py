@@ -37,9 +37,9 @@ def pressed(*depths, **settings):
 
 
 def test_a_compression_within_the_tissue_says_nothing_and_one_beyond_it_is_said_once_with_its_force():
-    told = pressed(1e-3, 3.9e-3, 4.6e-3, 4.8e-3, 1e-3)
-    assert [len(notes) for notes, _, _ in told] == [0, 0, 1, 0, 0]
-    assert [bool(condition) for _, condition, _ in told] == [False, False, True, True, False]
+    told = pressed(1e-3, 3.9e-3, 4.6e-3, 4.8e-3, *[1e-3] * 10)  # it recovers by 0.125 mm a step
+    assert [len(notes) for notes, _, _ in told] == [0, 0, 1] + [0] * 11
+    assert [bool(condition) for _, condition, _ in told][:4] == [False, False, True, True] and not told[-1][1]
     (note,), _, contact = told[2]
     assert "4.6 mm" in note and "4 mm thick" in note and f"{contact.force:.3g} N" in note and "meaningless" in note
 
