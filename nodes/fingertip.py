@@ -7,7 +7,8 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
-from palpate.nodes.base import Node, SettingError
+from palpate.nodes.base import Node, SettingError, Switch, part
+from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, dome, step
 from palpate.physics.fingertip.surfaces import FingertipError, FingertipSurfaces, fill
@@ -15,6 +16,7 @@ from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, Viscoelas
 
 UP = (0.0, 0.0, 1.0)
 CLEAR = 1e-3  # [m] how far above the plate a lifted finger stops
+NO_SLIP = 0.0, 0.0, False, False, NO_FLOATS, NO_FLOATS, NO_NODES, np.zeros((0, 2))
 
 
 class Slide(Node):
@@ -77,15 +79,15 @@ class BundleContact(Node):
     """Of the tissue in front of the bone edge, whose place the pose tells."""
     plate: Annotated[float, "m"] = 0.0
     """Height of the plate, which is z = constant, the finger above it."""
-    friction: Annotated[float, "1", msgspec.Meta(ge=0)] = 0.7
+    friction: Annotated[float, "1", msgspec.Meta(ge=0), Switch("friction")] = 0.7
     lateral: Annotated[Literal["shear", "cantilever"], "1"] = "shear"
     tissue_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = TISSUE.modulus
-    tissue_relaxation: Annotated[float, "s", msgspec.Meta(ge=0)] = TISSUE.relaxation
+    tissue_relaxation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = TISSUE.relaxation
     skin_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = SKIN.modulus
-    skin_relaxation: Annotated[float, "s", msgspec.Meta(ge=0)] = SKIN.relaxation
+    skin_relaxation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = SKIN.relaxation
     bone_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = BONE.modulus
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = TISSUE.poisson
-    sheet: Annotated[float, "m", msgspec.Meta(ge=0)] = 1e-3
+    sheet: Annotated[float, "m", msgspec.Meta(ge=0), Switch("sheet")] = 1e-3
     """Thickness of the skin that couples the beams' ends; 0: none."""
     dome_radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     dome_length: Annotated[float, "m", msgspec.Meta(gt=0)] = 4e-3
@@ -133,54 +135,78 @@ class BundleContact(Node):
             self.onset = -1.0
         elif self.onset < 0 and shift != (0.0, 0.0):
             self.onset = self.state.time - dt
-        foot = (x, y, self.plate)
-        force = float(reaction[2])
-        compression = max(self.depth, 0.0)
-        contact = Contact(foot=foot, normal=UP, force=force, compression=compression, indentation=0.0,
+        contact = Contact(foot=(x, y, self.plate), normal=UP, force=float(reaction[2]),
+                          compression=max(depth, 0.0), indentation=0.0,
                           compression_rate=rate, indentation_rate=0.0)  # fmt: skip
-        slip = self._slip()
-        return contact, self._friction(slip, reaction), slip, self._surface()
+        return contact, self._friction(reaction), self._slip(), self._surface()
 
-    def _friction(self, slip: Slip, reaction: np.ndarray) -> Friction:
+    def _friction(self, reaction: np.ndarray) -> Friction:
+        summary = self.state.summary
         touching = self.state.normal > 0
-        bristle = -self.state.deflection[touching].mean(axis=0) if slip.contacts else np.zeros(2)
-        return Friction(force=(-reaction[0], -reaction[1], 0.0), bristle=(*bristle, 0.0), stick=not slip.gross)
+        bristle = -self.state.deflection[touching].mean(axis=0) if summary.contacts else np.zeros(2)
+        stick = not 0 < summary.contacts == summary.slips
+        return Friction(force=(-reaction[0], -reaction[1], 0.0), bristle=(*bristle, 0.0), stick=stick)
 
     def _slip(self) -> Slip:
+        summary = self.state.summary
+        fraction, front, incipient, gross, first, path, state, points = self._slipped()
+        return Slip(
+            contacts=summary.contacts,
+            fraction=fraction,
+            front=front,
+            incipient=incipient,
+            gross=gross,
+            state=state,
+            first=first,
+            path=path,
+            points=points,
+            limited=summary.limited,
+            deeper=self.depth > self.reach * (1 + 1e-9),
+            iterations=summary.iterations,
+            residual=summary.residual,
+        )
+
+    @part("slip", "fraction", "front", "incipient", "gross", "first", "path", "state", "points", otherwise=NO_SLIP)
+    def _slipped(self) -> tuple[float, float, bool, bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Which parts of the contact slide, since when and how far."""
         s = self.state
         contacts, slips = s.summary.contacts, s.summary.slips
-        fraction = slips / contacts if contacts else 0.0
-        gross = 0 < contacts == slips
-        return Slip(
-            contacts=contacts,
-            fraction=fraction,
-            front=math.sqrt((contacts - slips) * self.bundle.cell / math.pi),
-            incipient=fraction >= self.warning and not gross,
-            gross=gross,
-            state=(s.normal > 0).astype("<i4") + s.slipping,
-            first=np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0)),
-            path=s.path,
-            points=self.bundle.points,
-            limited=s.summary.limited,
-            deeper=self.depth > self.reach * (1 + 1e-9),
-            iterations=s.summary.iterations,
-            residual=s.summary.residual,
-        )
+        fraction, gross = slips / contacts if contacts else 0.0, 0 < contacts == slips
+        front = math.sqrt((contacts - slips) * self.bundle.cell / math.pi)
+        first = np.where(s.first < 0, -1.0, np.maximum(s.first - max(self.onset, 0.0), 0.0))
+        state = (s.normal > 0).astype("<i4") + s.slipping
+        return fraction, front, fraction >= self.warning and not gross, gross, first, s.path, state, self.bundle.points
 
     def _surface(self) -> Surface:
         """The pad, and the fingertip's own law for its next step: depth against normal force."""
         s = self.state
         touching = np.flatnonzero(s.normal > 0)
-        moved = np.zeros((len(touching), 3))
-        moved[:, :2] = s.deflection[touching]
-        moved[:, 2] = np.minimum(self.depth - self.bundle.heights[touching], s.reach[touching])
+        nodes, moved = self._shape(touching)
         # The next step is a sum of straight laws that set in one after the other: its tangent at this depth is exact
         # for deeper ones until new beams touch, and never above it.
         stiffness, touch, force = s.summary.next_stiffness, s.summary.next_touch, s.summary.next_force
         free = max(self.depth - force / stiffness, touch) if force > 0 else touch
         return Surface(
-            nodes=touching, displacement=moved, stiffness=stiffness, exponent=1.0, damping=0.0,
+            nodes=nodes, displacement=moved, stiffness=stiffness, exponent=1.0, damping=0.0,
             rest_indentation=free, previous_indentation=max(self.depth, 0.0),
-            pressure=s.normal[touching] / self.bundle.cell,
-            slipped=s.slipping[touching], limited=s.summary.limited,
+            pressure=self._pressure(touching),
+            slipped=self._sliding(touching), limited=s.summary.limited,
         )  # fmt: skip
+
+    @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS), also=("pressure", "slipped"))
+    def _shape(self, touching: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes of the pad that touch, and their displacement."""
+        s, moved = self.state, np.zeros((len(touching), 3))
+        moved[:, :2] = s.deflection[touching]
+        moved[:, 2] = np.minimum(self.depth - self.bundle.heights[touching], s.reach[touching])
+        return touching, moved
+
+    @part("pressure", "pressure", otherwise=NO_FLOATS)
+    def _pressure(self, touching: np.ndarray) -> np.ndarray:
+        """Of the plate on each node that touches."""
+        return self.state.normal[touching] / self.bundle.cell
+
+    @part("slip", "slipped", otherwise=NO_NODES)
+    def _sliding(self, touching: np.ndarray) -> np.ndarray:
+        """Which of the nodes that touch slide."""
+        return self.state.slipping[touching]

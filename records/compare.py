@@ -51,6 +51,7 @@ class Variant:
     step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together;
                  nodes: of each node
     cpu          [s] processor time of this thread for a step of all nodes together; nodes_cpu: of each node
+    notes        lines of its nodes that the user should see
     curves       rows of time [s], force [N], indentation [m], for the picture
     """
 
@@ -66,6 +67,7 @@ class Variant:
     nodes: dict[str, Histogram] = field(default_factory=dict)
     cpu: Histogram = field(default_factory=Histogram)
     nodes_cpu: dict[str, Histogram] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
     curves: list[tuple[float, float, float]] = field(default_factory=list)
 
     def report(self) -> dict[str, Any]:
@@ -80,6 +82,7 @@ class Variant:
             "step_s": self.step.report(),
             "whole_s": self.whole.report(),
             "whole_cpu_s": self.cpu.report(),
+            "notes": self.notes,
         }
 
 
@@ -208,6 +211,7 @@ def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.nda
 
 
 def _collect(variant: Variant, player: Player) -> None:
+    variant.notes = player.notes()
     variant.nodes = {part.name: part.slot.health.step for part in player.parts}
     variant.nodes_cpu = {part.name: part.cpu for part in player.parts}
     chosen = [p for p in player.parts if p.name in variant.swapped]
@@ -244,4 +248,5 @@ class Comparison:
                 f"  {variant.name}: force error {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
                 f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
             )
+        lines += [f"  {variant.name}: {note}" for variant in self.variants for note in variant.notes]
         return "\n".join(lines)

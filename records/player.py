@@ -129,6 +129,10 @@ class Player:
         """The newest message of each output of a node, None before its first; nothing of a node that does not run."""
         return next(([output.last for output in part.slot.outputs] for part in self.parts if part.name == node), [])
 
+    def notes(self) -> list[str]:
+        """Lines of the nodes that the user should see, each given once."""
+        return list(dict.fromkeys(text for part in self.parts for text in part.slot.node.notes()))
+
     def stop(self) -> None:
         """Stop all nodes."""
         for part in self.parts:

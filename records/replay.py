@@ -34,7 +34,8 @@ class Replay:
            state that they had; it is neither paced nor shown
     out    file for a recording of the replay
 
-    After `run`, `reports` holds of each running node how its messages compare with the recorded ones.
+    After `run`, `reports` holds of each running node how its messages compare with the recorded ones, and `notes` the
+    lines of the nodes that the user should see.
 
     RecordingError: a stream that is needed is not there.
     """
@@ -70,6 +71,7 @@ class Replay:
         self.producers = {s: name for name in plan.order for s in plan.graph.nodes[name].streams}
         self.reports: dict[str, NodeReport] = {}
         self.player: Player | None = None
+        self.notes: list[str] = []
         self.seconds = self.wall = 0.0
 
     def run(self, shown: Shown = lambda tick, time, messages: True) -> None:
@@ -118,6 +120,7 @@ class Replay:
             self.seconds = (time - first) * 1e-9 if first is not None else 0.0
             self.wall = (now() - begun) * 1e-9
             player.stop()
+            self.notes = player.notes()
             for name, count in sent_by.items():
                 if count:
                     self._tell(name, count, since.get(name, 0))

@@ -4,12 +4,14 @@ MassSpring's law is that of a ball by default; under a patch of fixed width the 
 touch is recorded once, the reference computes it, and of its indentation s and force f at all instants of contact
 
     MassSpring   f = K s^n (1 + c s')    K, n, c by least squares of f: for each n a linear problem in K and K c >= 0
-    BeamBundle   all moduli times (f.s/s.s of the reference)/(f.s/s.s of the bundle as it is, computed beside it)
+    BeamBundle   all moduli times a and all relaxation times times b, by least squares of s under the reference's own
+                 loads. Below the strain limit s is linear in 1/a, so for each b the best a is known in closed form
 
 What the touch is off by with the constants is then measured, before and after: no constant makes the surface of springs
 that of a solid.
 """
 
+import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,9 +22,11 @@ import numpy as np
 from scipy import optimize
 
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.messages import Contact
+from palpate.messages import Contact, Load, Surface
 from palpate.nodes.deformation import BeamBundle, MassSpring
+from palpate.physics.bodies.patch import Pressed
 from palpate.physics.errors import ArgumentError
+from palpate.physics.materials.voigt import STRAIN_LIMIT
 from palpate.records.changed import changed
 from palpate.records.compare import compare
 from palpate.records.player import Player
@@ -32,17 +36,22 @@ from palpate.studies.search import Show, off_by, touched, write
 QUANTITIES = ("force", "indentation", "shape")
 LEAST = 20
 """Instants of contact below which nothing is fitted."""
+SLOWER = (1e-4, 1e2)
+"""Factors of the relaxation times that are tried."""
+THICK = 1e6
+"""Factor of the thickness of beams that are to stay below their strain limit; moduli times it keep their compliance."""
 
 
 @dataclass(frozen=True)
 class FittedBody:
     """The constants as `--set` takes them; what the touch is off by [1], rms over the peak of the reference, and the
-    force at worst, by quantity, before and after; and what is known of the reference's own error."""
+    force at worst, by quantity, before and after; what is known of the reference's own error, and a caution."""
 
     overrides: dict[str, Any]
     before: dict[str, float]
     after: dict[str, float]
     reference: str
+    caution: str = ""
 
 
 def fit_body(
@@ -67,25 +76,27 @@ def fit_body(
         recording = touched(launch, Path(folder) / "touch.mcap")
         show("the touch")
         senders = [sender for sender, spec in graph.nodes.items() if Contact in spec.streams.values()]
-        pairs: tuple[list[tuple[float, ...]], ...] = ([], [])
+        loaders = [edge.producer for edge in graph.nodes[name].edges]
+        pressed: list[tuple[float, ...]] = []
+        borne: list[tuple[list[Pressed], list[float]]] = []
 
         def on_tick(players: Sequence[Player]) -> None:
-            for pair, player in zip(pairs, players, strict=True):
-                for sent in (message for sender in senders for message in player.last(sender)):
-                    if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
-                        pair.append((sent.indentation, sent.indentation_rate, sent.force))
+            for sent in (message for sender in senders for message in players[0].last(sender)):
+                if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
+                    pressed.append((sent.indentation, sent.indentation_rate, sent.force))
+            if cls is BeamBundle:
+                borne.append(_borne(players[0], loaders, name))
 
         _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
         show("the reference and the model as it is")
-        if min(map(len, pairs)) < LEAST:
+        if len(pressed) < LEAST:
             raise ArgumentError(f"{graph.path}: the touch hardly presses the body; a longer one may: --duration '3 s'")
-        right, own = (np.array(pair) for pair in pairs)
+        caution = ""
         if cls is MassSpring:
-            law: dict[str, Any] = power_law(*right.T)
+            law: dict[str, Any] = power_law(*np.array(pressed).T)
         else:
-            factor = _slope(right) / _slope(own)
-            moduli = BeamBundle(**graph.nodes[name].settings).moduli
-            law = {"moduli": [float(f"{modulus * factor:.6g}") for modulus in moduli]}
+            spec = graph.nodes[name]
+            law, caution = layer_constants(BeamBundle(**spec.settings), borne, spec.every / graph.rate)
         fitted = {f"{name}.{key}": value for key, value in law.items()}
         _, last = compare(recording, [[f"{key}={value}" for key, value in fitted.items()]], reference=base)
         show("the fitted model")
@@ -97,10 +108,10 @@ def fit_body(
         f"Fitted by palpate fit-body to {' '.join(base)} on this graph's touch. Differences, RMS of its peak:",
         f"  before: {words(before)}",
         f"  after:  {words(after)}",
-        known,
+        *filter(None, (known, caution)),
     )
     write(launch, fitted, told, file)
-    return FittedBody(fitted, before, after, known)
+    return FittedBody(fitted, before, after, known, caution)
 
 
 def words(off: dict[str, float]) -> str:
@@ -125,5 +136,46 @@ def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[st
     return {name: float(f"{value:.6g}") for name, value in rounded.items()}
 
 
-def _slope(pairs: np.ndarray) -> float:
-    return float(pairs[:, 2] @ pairs[:, 0] / (pairs[:, 0] @ pairs[:, 0]))
+def _borne(player: Player, loaders: Sequence[str], body: str) -> tuple[list[Pressed], list[float]]:
+    """Loads of one tick on a body, and the indentation [m] under each after its step."""
+    loads = [m for sender in loaders for m in player.last(sender) if isinstance(m, Load)]
+    surface = next((m for m in player.last(body) if isinstance(m, Surface)), None)
+    if surface is None or surface.tick != loads[0].tick:
+        return [], []
+    depths = surface.laws[:, 4].tolist() if len(loads) > 1 else [surface.previous_indentation]
+    return [(load.nodes.copy(), load.forces.copy(), load.foot, load.normal) for load in loads], depths
+
+
+def layer_constants(
+    body: BeamBundle, borne: Sequence[tuple[list[Pressed], list[float]]], dt: float
+) -> tuple[dict[str, Any], str]:
+    """Moduli and relaxation times with which the beams have the indentations [m] of a reference under its loads, one
+    entry for each step of dt [s]; and a caution where the loads would take beams of this thickness to their limit."""
+    steps = [(loads, depths) for loads, depths in borne if loads]
+    right = np.concatenate([depths for _, depths in steps])
+
+    def solved(logarithm: float) -> tuple[float, float]:
+        """Squared error and the factor 1/a, for the logarithm of b."""
+        bed = body.foundation(THICK, math.exp(logarithm))
+        own = np.array([law[3] for loads, _ in steps for law in bed.step(loads, dt)])
+        softer = float(own @ right / (own @ own))
+        return float(np.sum((softer * own - right) ** 2)), softer
+
+    at = 0.0
+    if any(body.relaxations):
+        within = np.log(SLOWER)
+        at = float(optimize.minimize_scalar(lambda x: solved(x)[0], bounds=within, options={"xatol": 0.05}).x)
+    stiffer = 1.0 / solved(at)[1]
+    moduli = [float(f"{modulus * stiffer:.4g}") for modulus in body.moduli]
+    relaxations = [float(f"{time * math.exp(at):.4g}") for time in body.relaxations]
+    areas = body.mesh().areas
+    pressure = max((float((-f @ np.array(n) / areas[k]).max()) for loads, _ in steps for k, f, _, n in loads if len(k)))
+    thicker = pressure / min(moduli) / STRAIN_LIMIT
+    caution = ""
+    if thicker > 1.0:
+        layers = ", ".join(f"{1e3 * layer * math.ceil(2 * thicker):g} mm" for layer in body.layers)
+        caution = (
+            f"The deepest press takes these beams to their strain limit of {STRAIN_LIMIT:g}, where they are too stiff; "
+            f"thicker ones would not be. Give the scene `tissue: {{layers: [{layers}]}}` and fit again"
+        )
+    return {"moduli": moduli, "relaxations": relaxations}, caution

@@ -45,15 +45,18 @@ def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, Ef
 
 
 def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
-    """Switch nodes and settings as was said. An effect that no node can compute is a fault with the classes that can; a
-    class that names none of its parts is taken to fill all fields of its messages."""
+    """Switch nodes and settings as was said. An effect that no node can compute, or that none can leave out, is a fault
+    with the classes that can; a class that names none of its parts is taken to fill all fields of its messages."""
     for name, choice in said.items():
         parts = [(spec, effect) for spec in nodes.values() for effect in effects(spec.cls) if effect.name == name]
         if not parts:
-            if name not in known() or (choice.on and not _filled(name, nodes)):
+            if name not in known() or not (choice.on and _filled(name, nodes)):
                 _unknown(name, choice, faults)
             continue
         for spec, effect in parts:
+            for other in effects(spec.cls) if not choice.on else ():
+                if other.name in said and said[other.name].on and not set(effect.also).isdisjoint(other.fields):
+                    faults.add(f"effects: {other.name} is on, but needs {name}, which is off", "", choice.place)
             if effect.how == "node":
                 spec.off = None if choice.on else f"the effect {name} is off ({choice.place})"
             elif effect.how == "setting" and not choice.on:
@@ -76,7 +79,12 @@ def _unknown(name: str, choice: EffectChoice, faults: Faults) -> None:
     table = known()
     if name in table:
         able = dict.fromkeys(use for use, _ in table[name])
-        faults.add(f"effects: no node of this graph computes {name!r}", f"These do: {', '.join(able)}.", choice.place)
+        does = "computes" if choice.on else "can leave out"
+        faults.add(
+            f"effects: no node of this graph {does} {name!r}",
+            f"These do: {', '.join(able)}.",
+            choice.place,
+        )
     else:
         faults.add(f"effects: there is no effect {name!r}", choices("Effects", name, table), choice.place)
 
@@ -85,15 +93,16 @@ def trimmed(
     wanted: dict[str, frozenset[str]], said: dict[str, EffectChoice], specs: Iterable[NodeSpec]
 ) -> dict[str, frozenset[str]]:
     """Fields that are wanted of each stream, by name: with those of the effects that are on, without those of the
-    effects that are off."""
+    effects that are off and those that need them."""
     fields = dict(wanted)
     for spec in specs:
         for effect in effects(spec.cls):
             if effect.how != "part" or effect.name not in said:
                 continue
             for stream, kind in spec.streams.items():
-                shown = frozenset(effect.fields).intersection(kind.__struct_fields__)
-                fields[stream] = fields[stream] | shown if said[effect.name].on else fields[stream] - shown
+                on = said[effect.name].on
+                shown = frozenset(effect.fields if on else effect.fields + effect.also) & set(kind.__struct_fields__)
+                fields[stream] = fields[stream] | shown if on else fields[stream] - shown
     return fields
 
 

@@ -22,7 +22,7 @@ from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.pressing import Pressing
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
-from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve
+from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
 from palpate.launch.load.values.shared_units import check_units, uses
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
@@ -131,6 +131,9 @@ def load_source(
         check_offers(offers, world, faults)
         set_there = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
         notes = check_taken(offers, set_there, world, faults)
+        notes += tuple(
+            t for n, d in drafts.items() if nodes[n].off is None for t in uncalibrated(n, d.cls, d.own, offers)
+        )
         check_units(offers, written, faults)
     switch(said, nodes, faults)
     if not unclear:

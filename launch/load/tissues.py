@@ -102,8 +102,9 @@ def bodies(record: Mapping[str, Any]) -> dict[str, str]:
     return {"MassSpring": f"{rest}, by Hertz's law of an 8 mm finger", "ReducedFE": rest, "full finite elements": full}
 
 
-def settings(name: str, place: Location) -> dict[str, float]:
-    """What stands in place of the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE.
+def settings(name: str, place: Location) -> dict[str, float | None]:
+    """What stands in place of the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE. What
+    BeamBundle was fitted to is another tissue, so its constants are taken away.
 
     GraphError: no such tissue; the nearest names, or why it was left out.
     """
@@ -117,7 +118,8 @@ def settings(name: str, place: Location) -> dict[str, float]:
         return dict(found[name]["scene"])
     shear, bulk = rest_moduli(material(found[name]))
     plane = 2.0 * shear / (1.0 - poisson_of(shear, bulk))  # E/(1 - nu²)
-    return {key: float(f"{value:.6g}") for key, value in under_finger(plane).items()}
+    fitted = dict.fromkeys(("moduli", "relaxations"))
+    return {key: float(f"{value:.6g}") for key, value in under_finger(plane).items()} | fitted
 
 
 def fill_in(source: YamlSource, *keys: str) -> None:

@@ -48,6 +48,7 @@ def as_data(player: Replay) -> dict[str, Any]:
         "ending": player.recording.ending,
         "seconds": player.seconds,
         "wall": player.wall,
+        "notes": player.notes,
         "substituted": player.player.substituted if player.player else 0,
         "nodes": {
             name: {"messages": r.checked, "differing": r.differing, "largest": r.largest}
@@ -67,6 +68,8 @@ def summary(player: Replay) -> None:
     console().print(table(("node that ran", ">messages", ">other than recorded", ">largest difference"), rows))
     if player.player and player.player.substituted:
         say(f"{player.player.substituted} lost inputs were replaced by the previous ones", "yellow", wrap=True)
+    for note in player.notes:
+        say(note, "yellow", wrap=True)
     if not player.recording.complete:
         say(player.recording.ending, "yellow")
 

@@ -1,6 +1,6 @@
 """What every node is made of: settings, ports, state; and what several of them share."""
 
-from palpate.nodes.base.effect import Effect, Switch, effects, part
+from palpate.nodes.base.effect import Calibrated, Effect, Switch, effects, part
 from palpate.nodes.base.node import (
     InputError,
     Node,
@@ -17,6 +17,6 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "Effect", "InputError", "Node", "Observer", "Port", "Setting", "SettingError", "Stream", "Switch", "Wants",
-    "convert", "effects", "inputs", "outputs", "part", "settings",
+    "Calibrated", "Effect", "InputError", "Node", "Observer", "Port", "Setting", "SettingError", "Stream", "Switch",
+    "Wants", "convert", "effects", "inputs", "outputs", "part", "settings",
 ]  # fmt: skip

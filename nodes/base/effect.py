@@ -43,6 +43,18 @@ class Switch:
 
 
 @dataclass(frozen=True)
+class Calibrated:
+    """Mark of a setting that holds for one tissue: a graph that leaves it at its default is told what that stands for.
+
+    default  what the default is calibrated to
+    command  that fits it to another tissue
+    """
+
+    default: str
+    command: str
+
+
+@dataclass(frozen=True)
 class Effect:
     """How one node class computes an effect.
 
@@ -51,6 +63,7 @@ class Effect:
     fields   output fields that show it, () where the whole message does
     setting  that holds it, "" for others
     about    what it is, in a sentence
+    also     output fields of other effects that need it
     """
 
     name: str
@@ -58,6 +71,7 @@ class Effect:
     fields: tuple[str, ...] = ()
     setting: str = ""
     about: str = ""
+    also: tuple[str, ...] = ()
 
 
 def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) -> Callable[[Method], Method]:
@@ -72,7 +86,7 @@ def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) 
             wanted = self.wanted
             return otherwise if wanted is not None and wanted.isdisjoint(needed) else method(self, *given)
 
-        where_wanted.part = Effect(effect, "part", fields, about=summary(method))  # type: ignore[attr-defined]
+        where_wanted.part = Effect(effect, "part", fields, about=summary(method), also=also)  # type: ignore[attr-defined]
         return typing.cast(Method, where_wanted)
 
     return mark

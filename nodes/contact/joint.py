@@ -86,6 +86,9 @@ class Joint(Series):
             stored=tuple([c.stored[0] for c in answers if c.stored]),
         )
 
+    def notes(self) -> list[str]:
+        return super().notes() + [text for finger in self._fingers for text in finger.notes()]
+
     def rests(self, proximity: list[Proximity], body: Surface | None) -> bool:  # type: ignore[override]
         if body is None or len(proximity) != len(self._fingers):
             return False

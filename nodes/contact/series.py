@@ -7,7 +7,7 @@ import msgspec
 
 from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
 from palpate.messages.tissue import SeenSurface
-from palpate.nodes.base import InputError, Node, Wants, part
+from palpate.nodes.base import InputError, Node, Switch, Wants, part
 from palpate.nodes.base.absence import FALL
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact import series as laws
@@ -21,6 +21,7 @@ AGREE = 1e-6  # [m] by which the indentations of contact and body may differ whe
 GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
 REST = 1e3  # [s] a step after which any body is at rest
 RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
+NOWHERE = 0.0, 0.0, -1  # compression [m], force [N] and time [ns] of what never was
 Positive = msgspec.Meta(gt=0)
 Law = tuple[float, float, float, float, float]
 Heard = Surface | SeenSurface
@@ -46,7 +47,7 @@ class Series(Node):
     """
 
     finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
-    finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0)] = 8.0
+    finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0), Switch("relaxation")] = 8.0
     finger_stiffness: Annotated[float, "N/m", Positive] = 26.2641
     """of the exponential law"""
     finger_hardening: Annotated[float, "1/m", Positive] = 1681.06
@@ -56,8 +57,11 @@ class Series(Node):
     finger_hertz_slope: Annotated[float, "Pa/m", Positive] = 5.672e6
     finger_hertz_hardening: Annotated[float, "1/m", Positive] = 466.6
     finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
+    thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
+    """Of the soft tissue before the bone: a compression beyond it is reported, as no law is valid there; 0: unknown."""
 
     def start(self) -> None:
+        self._notes, self._beyond, self._reported = [], NOWHERE, False
         self.compression = 0.0
         self.indentation: float | None = None
         self._idle = False
@@ -155,6 +159,8 @@ class Series(Node):
             if force > 0.0 and len(body.shape_operator) == 9:
                 lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
         rate = (self.compression - before) / dt
+        if self.compression > self.thickness > 0.0:
+            self._beyond = max(self._beyond, (self.compression, force, proximity.time))
         self._idle = force == 0.0 and before == self.compression and abs(indentation) < STILL
         return Contact(
             foot=proximity.foot,
@@ -167,6 +173,21 @@ class Series(Node):
             lateral_force=lateral,
             stored=self._stored(),
         )
+
+    def condition(self) -> str:
+        return "beyond its law" if self.compression > self.thickness > 0.0 else ""
+
+    def notes(self) -> list[str]:
+        deepest, force, time = self._beyond
+        if deepest > 0.0 and not self._reported:
+            self._reported = True
+            when = f" at {time * 1e-9:.3f} s" if time >= 0 else ""
+            self._notes.append(
+                f"{type(self).__name__}: the fingertip is compressed by {1e3 * deepest:.3g} mm{when}, its soft tissue "
+                f"is {1e3 * self.thickness:.3g} mm thick. Its law is not valid there: the force, {force:.3g} N, is "
+                "meaningless"
+            )
+        return super().notes()
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:

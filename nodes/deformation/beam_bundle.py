@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface, Vector, Vector3
-from palpate.nodes.base import SettingError, Switch, part
+from palpate.nodes.base import Calibrated, SettingError, Switch, part
 from palpate.nodes.base.contacts import several
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.beam_bed import BeamFoundation
@@ -14,6 +14,8 @@ from palpate.physics.bodies.beam_bed_step import LARGEST_FORCE
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
+
+OF_TISSUE = Calibrated("a human fingertip", "palpate fit-body")
 
 
 class BeamBundle(WithNodule):
@@ -27,10 +29,10 @@ class BeamBundle(WithNodule):
     effect = "deformation"
     rank = 2
 
-    layers: Annotated[Vector, "m"] = (1e-3, 9e-3)
+    layers: Annotated[Vector, "m", OF_TISSUE] = (1e-3, 9e-3)
     """Thickness of each layer."""
-    moduli: Annotated[Vector, "Pa"] = (SKIN.modulus, TISSUE.modulus)
-    relaxations: Annotated[Vector, "s", Switch("relaxation")] = (SKIN.relaxation, TISSUE.relaxation)
+    moduli: Annotated[Vector, "Pa", OF_TISSUE] = (SKIN.modulus, TISSUE.modulus)
+    relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3
@@ -57,15 +59,21 @@ class BeamBundle(WithNodule):
                 f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
                 f"beams would end beyond the other side"
             )
-        materials = tuple(
-            ViscoelasticMaterial(modulus, relaxation, self.poisson)
-            for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
-        )
-        self.bed = BeamFoundation(mesh, self.hardness(), self.layers, materials, self.radius)
+        self.bed = self.foundation()
         self.facing = mesh.normals
         self.areas = mesh.areas
         self.push = np.zeros(len(mesh.areas))
         self._places: list[tuple[Vector3, Vector3]] = []
+
+    def foundation(self, thicker: float = 1.0, slower: float = 1.0) -> BeamFoundation:
+        """The beams at rest; with layers and moduli times a factor, which keeps their compliance, and with relaxation
+        times times another."""
+        layers = tuple(thicker * layer for layer in self.layers)
+        materials = tuple(
+            ViscoelasticMaterial(thicker * modulus, slower * relaxation, self.poisson)
+            for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
+        )
+        return BeamFoundation(self.mesh(), self.hardness(), layers, materials, self.radius)
 
     def rests(self, load: list[Load]) -> bool:
         still = not (self.bed.count or any(len(each.nodes) for each in load))

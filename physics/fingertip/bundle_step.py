@@ -165,6 +165,10 @@ def _next_law(beams, nodes, motion):
 @kernel
 def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
     """Stick or slide under the shift; nodes that slide, iterations and residual of the solver."""
+    if motion.friction == 0.0 and not np.any(nodes.deflection):  # nothing holds a node: the plate slides under all
+        nodes.slip[:, 0], nodes.slip[:, 1] = motion.x, motion.y
+        scratch.plate[:] = 0.0
+        return _slid(nodes, scratch, motion), 0, 0.0
     # With all nodes stuck the deflection would be u_s = u - shift. Elastic and viscous forces of the sheet in the step
     # are K u_new + (tau/dt) K (u_new - u); a common shift strains nothing, so r = -k u_s - K u.
     deflection, slip, lateral, matrix = nodes.deflection, nodes.slip, beams.lateral, scratch.matrix

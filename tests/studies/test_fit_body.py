@@ -115,3 +115,16 @@ def test_a_body_without_a_constant_and_a_touch_in_the_air_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match="hardly presses"):
         fit_body(find("kidney").but(duration=0.1, overrides=TAP[:1]), tmp_path / "x.yaml", ["tissue.stiffness=900"])
     assert not list(tmp_path.iterdir())
+
+
+def test_relaxation_times_are_found_again_and_a_press_beyond_the_strain_limit_is_said(tmp_path):
+    """Of a bundle with other moduli and other relaxation times, from a touch that presses, holds and lets go."""
+    launch = find("kidney").but(duration=0.27, overrides=(*TAP, "tissue.use=deformation.BeamBundle"))
+    fitted = fit_body(launch, tmp_path / "f.yaml", ["tissue.moduli=[180e3, 45e3]", "tissue.relaxations=[2e-3, 40e-3]"])
+    assert fitted.overrides["tissue.moduli"] == approx([180e3, 45e3], rel=0.02)
+    assert fitted.overrides["tissue.relaxations"] == approx([2e-3, 40e-3], rel=0.05)
+    assert fitted.after["force"] < 0.01 < fitted.before["force"] and not fitted.caution
+    thin = ("scene.tissue.layers=[0.4 mm, 3.6 mm]",)
+    fitted = fit_body(launch.but(overrides=thin), tmp_path / "g.yaml", ["tissue.use=deformation.ReducedFE"])
+    assert "strain limit" in fitted.caution and "tissue: {layers: [" in fitted.caution
+    assert fitted.caution in (tmp_path / "g.yaml").read_text(encoding="utf-8")

@@ -18,6 +18,7 @@ from palpate.messages import (
     Message,
     MessageError,
     Pins,
+    Pose,
     Proximity,
     Slip,
     unpack,
@@ -73,6 +74,7 @@ class TouchStreams:
     friction = _columns(Friction)
     proximity = _columns(Proximity)
     force = _columns(Force)
+    pose = _columns(Pose)
     ledger = _columns(Ledger)
     slip = _columns(Slip)
     pins = _columns(Pins)

@@ -42,7 +42,7 @@ def compare(
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
     wanted = [[] if given == [RECORDED] else given for given in wanted]
     if not wanted:
-        raise typer.BadParameter("expected --set or --variant, such as --set tissue.use=deformation.Rigid")
+        raise typer.BadParameter("expected --set or --variant, such as --set tissue.use=deformation.ReducedFE")
     base = None if reference is None else [] if reference == RECORDED else shlex.split(reference)
     if base is None and len(wanted) == 1:
         base = []
@@ -92,6 +92,9 @@ def _print(variants: list[Variant]) -> None:
             *(f"{s[k] * 1e6:.1f}" for s in (step, whole) for k in ("p50", "p99")),
         ))  # fmt: skip
     out.print(table(heads, rows))
+    for name, variant in zip(names, variants, strict=True):
+        for note in variant.notes:
+            say(f"{name}: {note}", "yellow", wrap=True)
     first = variants[0]
     say(
         f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "

@@ -44,7 +44,8 @@ def fit_body(
     with steps(f"fit-body: a touch of {length:g} s", 3, silent=as_json, seconds=expected, timed=False) as done:
         fitted = study.fit_body(launch, file, reference or [], done)
     if as_json:
-        tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after})
+        tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after,
+              "caution": fitted.caution})  # fmt: skip
         return
     for key, value in fitted.overrides.items():
         say(f"{key} = {value}", wrap=True)
@@ -52,4 +53,6 @@ def fit_body(
     for word, off in (("before", fitted.before), ("after", fitted.after)):
         say(f"{word:7} {study.words(off)}", wrap=True)
     say(fitted.reference, wrap=True)
+    if fitted.caution:
+        say(fitted.caution, "yellow", wrap=True)
     say(f"written {file}: palpate run {file}", wrap=True)

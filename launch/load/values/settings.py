@@ -18,7 +18,7 @@ from palpate.launch.load.scene import Scene
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert, is_quantity
 from palpate.launch.load.wiring import unknown
-from palpate.nodes.base import Node, Setting, SettingError, settings
+from palpate.nodes.base import Calibrated, Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
 FIXED = ("effects", "wanted")  # what a scene says of the graph as a whole
@@ -50,6 +50,8 @@ def resolve(
     given: dict[str, tuple[Any, Location]] = {}
     for mapping, path in _offered(name, line, scene, faults):
         for key, value in mapping.items():
+            if value is None:
+                continue  # taken away from what another scene says
             place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
             offers.append(Offer(path, key, value, name, cls, place, key in known and key not in own))
             if key in known:
@@ -174,11 +176,34 @@ def check_taken(
     for offer in offers:
         path = f"{offer.path}.{offer.key}"
         known = any(offer.key in settings(o.cls) for o in offers if (o.path, o.key) == (offer.path, offer.key))
-        if offer.path and not known and not reaches(path) and offer.key in _family(offer.cls)[0]:
+        other = _family(offer.cls)[0].get(offer.key)
+        if offer.path and not (known or reaches(path) or other is None or _calibrated(other)):
             close = _closest(offer.key, offer.cls)
             about = f"{offer.node} ({offer.cls.__name__}) does not take from scene.{offer.path}: "
             left.setdefault((offer.node, about), []).append(f"{offer.key}{f' (it has {close})' if close else ''}")
     return tuple(f"{about}{', '.join(keys)}" for (_, about), keys in left.items())
+
+
+def uncalibrated(name: str, cls: type[Node], own: list[str], offers: list[Offer]) -> Iterator[str]:
+    """A line that says which settings of a node hold for another tissue, as neither its line nor the scene gives them.
+
+    own  keys of its line
+    """
+    given = {*own, *(offer.key for offer in offers if offer.node == name)}
+    left: dict[Calibrated, list[str]] = {}
+    for setting in settings(cls).values():
+        if setting.name not in given and (mark := _calibrated(setting)):
+            left.setdefault(mark, []).append(setting.name)
+    for mark, names in left.items():
+        yield (
+            f"{name} ({cls.__name__}) has the {', '.join(names)} of {mark.default}, as the scene gives none: "
+            f"`{mark.command}` fits them to a reference"
+        )
+
+
+def _calibrated(setting: Setting) -> Calibrated | None:
+    """The mark of a setting that holds for one tissue."""
+    return next((mark for mark in setting.marks if isinstance(mark, Calibrated)), None)
 
 
 def _leaves(path: str, value: YamlSource) -> Iterator[tuple[str, YamlSource]]:

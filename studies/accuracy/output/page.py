@@ -6,7 +6,17 @@ from typing import Any
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.laboratory import OUTSIDE, missing
-from palpate.studies.accuracy.output.pareto import advice, best, duration, front, percent, point, summaries, unable
+from palpate.studies.accuracy.output.pareto import (
+    ParetoPoint,
+    advice,
+    best,
+    duration,
+    front,
+    percent,
+    point,
+    summaries,
+    unable,
+)
 from palpate.studies.accuracy.places import on_path, stored
 from palpate.studies.accuracy.refinement import AXES, mostly, still_falling, studies
 from palpate.studies.accuracy.touches import TOUCHES
@@ -34,28 +44,22 @@ NOT_COVERED = (
 )
 
 
-def default_costs(cells: Sequence[Cell]) -> str:
-    """One sentence: what the default costs and how wrong it is."""
-    own = [
-        c for c in cells if (c.method, c.fidelity) == DEFAULT and c.status == "ok" and TOUCHES[c.touch].body == "slab"
-    ]
-    if not own:
-        return "The default, MassSpring at 1 kHz, did not run on a touch of the slab."
-    errors = [c.errors["force"]["rms"] for c in own]
-    time = sorted(c.p99 for c in own)[len(own) // 2]
-    worst = max(own, key=lambda c: c.errors["force"]["rms"])
-    touches = "the touch on a slab" if len(own) == 1 else f"the {len(own)} touches on a slab"
+def default_costs(told: Sequence[ParetoPoint]) -> str:
+    """One sentence on the default: time and error as in its row of the table."""
+    own = next((s for s in told if (s.method, s.fidelity) == DEFAULT), None)
+    if own is None:
+        return "The default, MassSpring at 1 kHz, computed none of these touches."
+    touches = f"median of {own.computed} touches, {percent(own.worst)} at worst, {own.hardest}"
     return (
-        f"The default, {own[0].title} at 1 kHz on 10 000 vertices, takes {1e6 * time:.0f} µs a step (p99). Its force "
-        f"is off by {100 * sum(errors) / len(errors):.0f} % of the peak (rms, mean of {touches}), "
-        f"{100 * max(errors):.0f} % at worst ({worst.touch})."
+        f"The default, {own.title}, {own.fidelity}: force off by {percent(own.error)} (RMS over the peak, "
+        f"{touches if own.computed > 1 else own.hardest}), p50 {duration(own.p50)}, p99 {duration(own.p99)}."
     )
 
 
 def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
     """Write the page beside its pictures."""
     told = summaries(cells)
-    lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(cells), ""]
+    lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(told), ""]
     if "overview" in pictures:
         lines += [f"![All touches]({pictures['overview'].name})", ""]
     lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]

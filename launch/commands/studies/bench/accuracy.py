@@ -107,7 +107,7 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     say(LEGEND, wrap=True)
     if none := unable(cells):
         say(f"Cannot do any touch: {', '.join(none)}.", wrap=True)
-    say(default_costs(cells), wrap=True)
+    say(default_costs(told), wrap=True)
     if kept := sum(cell.kept for cell in cells):
         words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
         say(words)

@@ -1,0 +1,67 @@
+"""BeamBundle in the kidney graph feels like ReducedFE there, on motions that its constants were not fitted to."""
+
+import numpy as np
+import pytest
+
+from palpate.launch.load.graph import load
+from palpate.launch.load.launchfile import find
+from palpate.records.compare import compare
+from palpate.studies.search import touched
+
+BEAMS = "tissue.use=deformation.BeamBundle"
+PARTS = {  # each begins where the one before ends: the way there, then how long it is looked at
+    "fast press": ("{to: [0.012, -0.004, 0.097], time: 0.15}", 0.15),
+    "hold": ("{hold: 0.2}", 0.2),
+    "release": ("{to: [0.012, -0.004, 0.114], time: 0.15}", 0.15),
+    "on to another place": ("{to: [-0.02, 0.003, 0.112], time: 0.25}", 0.25),
+    "slow press": ("{to: [-0.02, 0.003, 0.0985], time: 0.7}", 0.7),
+    "slide at 20 mm/s": ("{to: [-0.014, 0.003, 0.097], time: 0.3, shape: linear}", 0.3),
+    "slide at 80 mm/s": ("{to: [0.006, 0.003, 0.0955], time: 0.25, shape: linear}", 0.25),
+    "slide at 160 mm/s": ("{to: [-0.018, 0.003, 0.0965], time: 0.15, shape: linear}", 0.15),
+    "lift": ("{to: [-0.018, 0.003, 0.112], time: 0.3}", 0.3),
+}
+FASTEST = "fast press"
+
+
+@pytest.fixture(scope="module")
+def forces(tmp_path_factory):
+    """Contact force [N] of ReducedFE and of the beams at each tick (t,2), for a hand that no fit has seen."""
+    path = f"[{', '.join(motion for motion, _ in PARTS.values())}]"
+    sets = ("scene.hand.begin=[0.012, -0.004, 0.114]", f"scene.hand.path={path}", "scene.surface.vertices=4000")
+    launch = find("kidney").but(duration=sum(time for _, time in PARTS.values()), overrides=sets)
+    recording = touched(launch, tmp_path_factory.mktemp("beams") / "touch.mcap")
+    told = []
+    compare(
+        recording, [[BEAMS]], reference=["tissue.use=deformation.ReducedFE"],
+        on_tick=lambda players: told.append([player.last("contact")[0].force for player in players]),
+    )  # fmt: skip
+    return np.array(told)
+
+
+def test_presses_holds_and_slides_have_the_force_of_the_reference(forces):
+    peak = forces[:, 0].max()
+    assert 1.5 < peak < 4.0
+    off = np.abs(forces[:, 1] - forces[:, 0]) / peak
+    assert np.sqrt(np.mean(off**2)) < 0.05
+    begin, by_part = 0, {}
+    for name, (_, time) in PARTS.items():
+        own = off[begin : begin + round(1e3 * time)]
+        begin += round(1e3 * time)
+        by_part[name] = float(np.sqrt(np.mean(own**2)))
+    assert max(error for name, error in by_part.items() if name != FASTEST) < 0.05, by_part
+    assert by_part[FASTEST] < 0.1, "one relaxation time for presses and slides is too short for the fastest press"
+
+
+@pytest.mark.parametrize("graph, node", [("kidney", "tissue"), ("organs", "liver")])
+def test_a_scene_without_constants_for_the_beams_is_told_whose_they_are(graph, node):
+    notes = load(graph, overrides=[f"{node}.use=deformation.BeamBundle"]).notes
+    told = [note for note in notes if "human fingertip" in note and "palpate fit-body" in note]
+    assert len(told) == (graph == "organs") and all("layers, moduli, relaxations" in note for note in told)
+
+
+def test_another_tissue_takes_the_constants_of_the_kidney_away():
+    graph = load("kidney", overrides=[BEAMS, "scene.tissue=liver-human"])
+    assert any("moduli, relaxations of a human fingertip" in note for note in graph.notes)
+    own = load("kidney", overrides=[BEAMS, "scene.tissue=liver-human", "tissue.moduli=[2e5, 5e4]"])
+    assert any("has the relaxations of" in note for note in own.notes)
+    assert load("kidney").notes == (), "MassSpring has constants of its own"
