@@ -1,10 +1,8 @@
 """Keeping time, and asking the operating system for the means to keep it."""
 
-import contextlib
 import ctypes
 import os
 import time
-from collections.abc import Iterator
 
 SPIN = 100_000  # [ns] wait actively for this long before a deadline: a plain sleep wakes up about 90 us late
 POLL_INTERVAL = 20  # [ms] after which those who wait look round: for orders, and what else has come
@@ -80,19 +78,3 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
     if priority is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
         refused.append("locked memory: not permitted (needs CAP_IPC_LOCK, or a memlock line in limits.conf)")
     return sorted(set(refused))
-
-
-BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
-@contextlib.contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Processes started inside use one thread for linear algebra: sums in a fixed order, no fight over cores."""
-    before = {name: os.environ[name] for name in BLAS_THREADS if name in os.environ}
-    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name in BLAS_THREADS:
-            os.environ.pop(name, None)
-        os.environ.update(before)

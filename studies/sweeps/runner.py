@@ -11,7 +11,8 @@ import time
 from multiprocessing import Pipe
 from pathlib import Path
 
-from palpate.engine.clock import one_blas_thread
+from palpate.physics import kernel_cache
+from palpate.physics.arithmetic import environment
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
@@ -28,13 +29,13 @@ class Runner:
     def __init__(self) -> None:
         self.link, theirs = Pipe()
         cache = local_cache()
-        with theirs, one_blas_thread():
+        with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-c", "from palpate.studies.sweeps.point import main; main()", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 env={
-                    **os.environ,
+                    **environment(),
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
                     **({"NUMBA_CACHE_DIR": cache} if cache else {}),
                 },
@@ -111,7 +112,7 @@ def work(task: Task, points: list[Point]) -> tuple[str, list[Computed]]:
 def local_cache(mounts: Path = Path("/proc/mounts")) -> str | None:
     """A folder of this machine and user for kernels, where theirs lies on a disk of the network, which many machines
     would write at once; None: theirs will do. `mounts` is the system's list of file systems."""
-    where = Path(os.environ.get("NUMBA_CACHE_DIR", "")).resolve()
+    where = Path(os.environ.get("NUMBA_CACHE_DIR") or kernel_cache.folder()).resolve()
     kinds = {}
     for line in mounts.read_text(encoding="utf-8").splitlines():
         _, point, kind, *_ = line.split()
