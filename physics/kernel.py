@@ -187,7 +187,7 @@ class Kernel(Kept):
         """How a kernel calls it: its code. A function of `numba.njit` that calls it looks in the target of its own."""
         entry = self.bare.get_overload(sig)  # type: ignore[attr-defined]
         if current_target() == cpu_target._target_name:
-            code = self.bare.overloads[tuple(sig)]
+            code = self.bare.overloads[tuple(sig)]  # type: ignore[attr-defined]
             cpu_target.target_context.insert_user_function(entry, code.fndesc, [code.library])
         return entry
 
