@@ -5,7 +5,6 @@ import ctypes
 import os
 import threading
 import time
-from collections.abc import Iterator
 
 SPIN = 100_000  # [ns] wait actively for this long before a deadline: a plain sleep wakes up about 90 us late
 POLL_INTERVAL = 20  # [ms] after which those who wait look round: for orders, and what else has come
@@ -86,7 +85,7 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
 
 
 def _free_memory_last() -> None:
-    """Start a thread that waits for ever at the lowest real-time priority.
+    """Start a thread that waits without end at the lowest real-time priority.
 
     When a process dies, its last thread frees the memory, with that thread's priority. At that of the force path this
     kept the other nodes of the core from running for 5 to 15 ms.
@@ -95,19 +94,3 @@ def _free_memory_last() -> None:
     thread.start()
     with contextlib.suppress(OSError):
         os.sched_setscheduler(thread.native_id or 0, os.SCHED_RR, os.sched_param(1))
-
-
-BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
-
-
-@contextlib.contextmanager
-def one_blas_thread() -> Iterator[None]:
-    """Processes started inside use one thread for linear algebra: sums in a fixed order, no fight over cores."""
-    before = {name: os.environ[name] for name in BLAS_THREADS if name in os.environ}
-    os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name in BLAS_THREADS:
-            os.environ.pop(name, None)
-        os.environ.update(before)

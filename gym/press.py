@@ -1,5 +1,6 @@
 """The task: press on tissue of unknown stiffness with a wanted force (docs/gym.md)."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -48,7 +49,7 @@ class Press(Touch):
 
     def draw(self) -> Changes:
         self.target = float(self.np_random.uniform(*FORCES))
-        factor = float(np.exp(self.np_random.uniform(*np.log(FACTORS))))
+        factor = math.exp(self.np_random.uniform(*map(math.log, FACTORS)))
         x, y = self.np_random.uniform(-5e-3, 5e-3, 2).tolist()
         begin = self._begins[0]
         return {

@@ -15,6 +15,7 @@ import typer  # noqa: E402
 
 from palpate.launch import commands  # noqa: E402
 from palpate.launch.terminal.group import Verbs, group  # noqa: E402
+from palpate.physics.arithmetic import pin  # noqa: E402
 
 app = group(commands, cls=Verbs, pretty_exceptions_enable=False)
 
@@ -43,6 +44,7 @@ if _here:
 
 def main() -> None:
     """Run the command line. Ctrl-C outside a verb ends it without a traceback."""
+    pin()  # before a verb imports numpy
     try:
         app(prog_name="palpate")
     except KeyboardInterrupt:

@@ -1,6 +1,5 @@
 """One file or folder per job: settings, ports and state of the nodes; the formulas are in `physics`."""
 
-import palpate.physics  # noqa: F401  pins the arithmetic, before numpy
 from palpate.nodes.base import Node, Wants
 
 __all__ = ["Node", "Wants"]

@@ -1,6 +1,5 @@
 """What the skin feels beyond force (docs/equations/tactile-flow.md, docs/equations/subsurface.md)."""
 
-import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -13,6 +12,7 @@ from palpate.physics.archive import ArchiveError, read_arrays
 from palpate.physics.contact.subsurface import PAIRS, SHALLOWEST, strain_energy_density, under_patch, von_mises
 from palpate.physics.contact.tactile import stick_radius
 from palpate.physics.entry_point import NO_FLOATS
+from palpate.physics.exact import length, product
 
 TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
 
@@ -127,11 +127,11 @@ class Stress(Node):
     def step(self, load: Annotated[Load, Wants("forces", "normal")]) -> Subsurface:
         z = -np.array(load.normal)
         x = np.array((1.0, 0.0, 0.0) if abs(z[0]) < 0.8 else (0.0, 1.0, 0.0))
-        x -= z * (x @ z)
-        x /= math.sqrt(x @ x)
+        x -= z * np.sum(x * z)
+        x /= length(x)
         y = (z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0])
         axes = np.array((x, y, z))
-        stress = (self._matrix @ (axes @ load.forces.sum(axis=0))).reshape(-1, len(PAIRS))
+        stress = product(self._matrix, product(axes, load.forces.sum(axis=0))).reshape(-1, len(PAIRS))
         return Subsurface(
             points=self._points,
             stress=stress,

@@ -1,10 +1,12 @@
-"""The same bits on every machine: which instructions the numbers of this process are computed with.
+"""The same bits on every machine: which instructions numbers are computed with.
 
-numpy, OpenBLAS and numba choose their inner loops by the processor, and so the order of their sums. `pin` takes the
-choice from them: whoever has the instructions of x86-64-v3 (AVX2 and FMA; every server since 2015) computes with
-these, and with no newer ones. numpy and OpenBLAS read their settings once, when they are loaded, so `pin` comes before
-them: importing any of `palpate.physics`, `palpate.models.fe`, `palpate.nodes` or `palpate.launch` calls it. Where numpy
-was imported earlier, it stays as it is, and `in_force` says so.
+Kernels are compiled for x86-64-v3 (AVX2 and FMA; every server since 2015) in any process (`kernel`), and the shipped
+nodes compute the force with kernels, so a force is the same whatever else a process has loaded.
+
+numpy and OpenBLAS choose their inner loops by the processor, and so the order of their sums. They read their settings
+once, when they are loaded. Processes of palpate - the command line, workers, the processes of a study - are pinned to
+the same instructions with `pin` or `environment`. In a process that imports palpate nothing is pinned: there, a custom
+node that uses them may differ in its last bits, and so may a basis that is built. `in_force` says what a process uses.
 
 `PALPATE_NATIVE=1` in the environment leaves the choice to the processor: as fast as it can be, other last bits.
 """
@@ -27,26 +29,28 @@ _FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
 """Of x86-64-v3, as the Linux kernel names them."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _KERNELS = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
+"""For functions of `numba.njit` in nodes of users."""
+
+
+def environment() -> dict[str, str]:
+    """The environment of a process that palpate starts: pinned, and one thread for linear algebra.
+
+    The fronts of a sparse factor and the bodies of a touch are small, and more threads wait for one another (10 x
+    slower was seen on a busy machine).
+    """
+    return {**os.environ, **dict.fromkeys(_THREADS, "1"), **_pinned()}
 
 
 def pin() -> None:
-    """Have all libraries that are loaded from now on, here and in processes started from here, compute alike.
+    """Pin this process, a program of palpate, before numpy is imported. It uses one thread for linear algebra unless
+    the environment says how many."""
+    os.environ.update({**dict.fromkeys(_THREADS, "1"), **os.environ, **_pinned()})
 
-    Linear algebra uses one thread unless the environment says how many: the fronts of a sparse factor and the bodies
-    of a touch are small, and more threads wait for one another (10 x slower was seen on a busy machine).
-    """
-    for name in _THREADS:
-        os.environ.setdefault(name, "1")
+
+def _pinned() -> dict[str, str]:
     if not pinnable():
-        return
-    os.environ["OPENBLAS_CORETYPE"] = CORE
-    os.environ["NPY_DISABLE_CPU_FEATURES"] = _newer()
-    if "numba" in sys.modules:
-        # Not by the environment: numba would read all of it again, over what a program has set in `numba.config`.
-        config = sys.modules["numba"].config
-        config.CPU_NAME, config.CPU_FEATURES, config.DISABLE_INTEL_SVML = LEVEL, "", 1
-    else:
-        os.environ.update(_KERNELS)
+        return {}
+    return {"OPENBLAS_CORETYPE": CORE, "NPY_DISABLE_CPU_FEATURES": _newer(), **_KERNELS}
 
 
 @functools.cache
@@ -65,8 +69,8 @@ def pinnable() -> bool:
 def in_force(*, here: bool = True) -> dict[str, str]:
     """What decides on the last bits of a result: instructions, versions of what computes, C library (its `exp`, `pow`).
 
-    Where two processes agree in all of it, they give the same bytes. `here=False`: of a process that palpate starts,
-    which is pinned where it can be, whatever was imported first here.
+    Where two processes agree in all of it, they give the same bytes; the force of shipped nodes is the same where they
+    differ in numpy and OpenBLAS only. `here=False`: of a process that palpate starts, which is pinned where it can be.
     """
     import numpy
     import scipy
@@ -128,13 +132,13 @@ def _openblas() -> list[tuple[str, int]]:
 
 
 def _kernels() -> str:
-    """What numba compiles for. Without numba in this process yet: what it would."""
-    if "numba" not in sys.modules and _KERNELS.items() <= os.environ.items():
-        return LEVEL
-    from numba.core.registry import cpu_target
+    """What kernels are compiled for."""
+    if pinnable():
+        return f"{LEVEL} with SVML" if "numba" in sys.modules and sys.modules["numba"].config.USING_SVML else LEVEL
+    from palpate.physics.kernel import PINNED
 
-    _, name, features = cpu_target.target_context.codegen().magic_tuple()
-    return name if name == LEVEL and not features else f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"
+    _, name, features = PINNED.target_context.codegen().magic_tuple()
+    return f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"
 
 
 def _version(package: str) -> str:

@@ -1,8 +1,14 @@
-"""Kernels: functions that numba compiles when they are first called, and keeps on disk (`kernel_cache`)."""
+"""Kernels: functions that numba compiles when they are first called, and keeps on disk (`kernel_cache`).
+
+They are compiled for x86-64-v3 in any process (`arithmetic.pinnable`), whatever processor numba compiles the user's
+functions for. numba takes the processor from its target, so kernels have a target of their own, by numba's interface
+(https://numba.readthedocs.io/en/stable/extending/target_extension.html): neither the environment nor `numba.config` is
+touched. A kernel may be called by functions of `numba.njit`, but calls none of them.
+"""
 
 import contextlib
-import fcntl
 import gc
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -13,12 +19,76 @@ from typing import Any
 
 import numba
 from numba import types
-from numba.core.caching import FunctionCache
-from numba.core.registry import CPUDispatcher
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
+from numba.core.codegen import JITCPUCodegen
+from numba.core.cpu import CPUContext
+from numba.core.externals import c_math_functions
+from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
+from numba.core.target_extension import (
+    CPU,
+    current_target,
+    dispatcher_registry,
+    jit_registry,
+    target_override,
+    target_registry,
+)
+from numba.core.utils import threadsafe_cached_property
+
+try:
+    import fcntl
+except ImportError:  # not POSIX: processes that need the same kernel at once both compile it
+    fcntl = None  # type: ignore[assignment]
+
+from palpate.physics import kernel_cache
+from palpate.physics.arithmetic import LEVEL, pinnable
+
+TARGET = "palpate"
+"""What numba calls the target of kernels."""
 
 
-class Kept(CPUDispatcher):
-    """numba's compiled function, on disk. What another process compiles right now is waited for, and loaded.
+class _Processor(CPU):
+    """A CPU: numba's implementations for a CPU serve."""
+
+
+class _Codegen(JITCPUCodegen):
+    """numba's code generator for this process, for another processor."""
+
+    def _get_host_cpu_name(self) -> str:
+        return LEVEL if pinnable() else super()._get_host_cpu_name()
+
+    def _get_host_cpu_features(self) -> str:
+        return "" if pinnable() else super()._get_host_cpu_features()
+
+
+class _Context(CPUContext):
+    def init(self) -> None:
+        self.is32bit = False
+        self._internal_codegen = _Codegen("palpate.exec")
+        c_math_functions.install(self)
+
+
+class _Target(CPUTarget):
+    @threadsafe_cached_property
+    def _toplevel_target_context(self) -> CPUContext:
+        return _Context(self.typing_context, TARGET)
+
+
+target_registry[TARGET] = _Processor
+PINNED = _Target(TARGET)
+
+
+class Pinned(CPUDispatcher):
+    """numba's compiled function, for the pinned target."""
+
+    targetdescr = PINNED
+
+
+dispatcher_registry[_Processor] = Pinned
+jit_registry[_Processor] = partial(numba.jit, _target=TARGET)  # for functions of numpy that numba implements in Python
+
+
+class Kept(Pinned):
+    """A pinned function on disk. What another process compiles right now is waited for, and loaded.
 
     Meanwhile no garbage is collected: the compiler makes millions of objects and keeps them, and looking through them
     takes 6 % of its time.
@@ -31,6 +101,7 @@ class Kept(CPUDispatcher):
     def compile(self, sig: Any) -> Any:
         """Its code for these types, compiled or loaded."""
         with contextlib.ExitStack() as stack:
+            stack.enter_context(target_override(TARGET))
             if gc.isenabled():  # a kernel compiles those that it calls
                 stack.callback(gc.enable)
                 gc.disable()
@@ -38,13 +109,33 @@ class Kept(CPUDispatcher):
                 folder = Path(self.stats.cache_path or "")
                 folder.mkdir(parents=True, exist_ok=True)
                 file = stack.enter_context((folder / f"{self.py_func.__qualname__}.lock").open("w"))
-                fcntl.lockf(file, fcntl.LOCK_EX)
+                if fcntl is not None:
+                    fcntl.lockf(file, fcntl.LOCK_EX)
             return super().compile(sig)
+
+
+class _Locator(UserProvidedCacheLocator):
+    """The folder of a kernel."""
+
+    def __init__(self, py_func: Any, py_file: str) -> None:
+        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
+        folder = kernel_cache.folder(numba.config.CACHE_DIR)  # type: ignore[attr-defined]
+        self._cache_path = os.path.join(folder, self.get_suitable_cache_subpath(py_file))
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Any:
+        return super(UserProvidedCacheLocator, cls).from_function(py_func, py_file)
+
+
+class _Files(CompileResultCacheImpl):
+    _locator_classes = [_Locator, *CompileResultCacheImpl._locator_classes]
 
 
 class _Cache(FunctionCache):
     """Code on disk. LLVM asks Python for it in a callback, in which the exception of Ctrl-C would be dropped, and then
     runs code that is not there: signals wait until a function is loaded, some milliseconds."""
+
+    _impl_class = _Files
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         with _signals_later():
@@ -56,7 +147,8 @@ def _signals_later() -> Iterator[None]:
     """Call Python's handlers of signals by which users end a program when the block is over."""
     came: list[int] = []
     here = threading.current_thread() is threading.main_thread()
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if here}
+    ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if here and hasattr(signal, name)]
+    handlers = {number: signal.getsignal(number) for number in ending}
     handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     try:
         for number in handlers:
@@ -92,17 +184,23 @@ class Kernel(Kept):
         return self.bare.get_call_template(args, kws)  # type: ignore[attr-defined]
 
     def get_overload(self, sig: Any) -> Any:
-        """How a kernel calls it: its code."""
-        return self.bare.get_overload(sig)  # type: ignore[attr-defined]
+        """How a kernel calls it: its code. A function of `numba.njit` that calls it looks in the target of its own."""
+        entry = self.bare.get_overload(sig)  # type: ignore[attr-defined]
+        if current_target() == cpu_target._target_name:
+            code = self.bare.overloads[tuple(sig)]  # type: ignore[attr-defined]
+            cpu_target.target_context.insert_user_function(entry, code.fndesc, [code.library])
+        return entry
 
 
-def kernel(function: Callable[..., Any] | None = None, *, error_model: str = "python") -> Any:
-    """Decorator of a function to compile. `error_model`: a division by 0 raises ("python"), or gives inf or nan
-    ("numpy")."""
+def kernel(function: Callable[..., Any] | None = None, *, error_model: str = "python", pointer: bool = False) -> Any:
+    """Decorator of a function to compile.
+
+    error_model  a division by 0 raises ("python"), or gives inf or nan ("numpy")
+    pointer      kernels take it as an argument, too (`materials.compiled`)
+    """
     if function is None:
-        return partial(kernel, error_model=error_model)
+        return partial(kernel, error_model=error_model, pointer=pointer)
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
-    return Kernel(
-        function, {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": True, "error_model": error_model}
-    )
+    options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
+    return Kernel(function, options)

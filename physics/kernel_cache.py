@@ -6,10 +6,10 @@ sources that kernels can come from. An edit begins a new folder; the oldest ones
 """
 
 import contextlib
+import functools
 import hashlib
 import os
 import shutil
-import sys
 import tempfile
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -24,20 +24,22 @@ ROOM = 100_000_000
 """[bytes] free where new kernels are kept; all of ours take about a third. numba ends a program on a full disk."""
 
 
-def use() -> None:
-    """Have numba keep the kernels of this process, and of processes started from here, in the folder of the sources as
-    they are now. Before the first kernel is declared."""
+def folder(given: str = "") -> Path:
+    """Where kernels of the sources as they are now are kept. `given`: where the user wants them; else as
+    `NUMBA_CACHE_DIR` says, else a place of palpate's."""
+    return _folder(given or os.environ.get("NUMBA_CACHE_DIR", ""))
+
+
+@functools.cache
+def _folder(given: str) -> Path:
     name = f"{PREFIX}{key()}"
-    folder = _root(name) / name
-    new = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
-    os.utime(folder)
-    if "numba" in sys.modules:
-        sys.modules["numba"].config.CACHE_DIR = str(folder)
-    else:
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    path = _root(name, given) / name
+    new = not path.exists()
+    path.mkdir(parents=True, exist_ok=True)
+    os.utime(path)
     if new:
-        _clear(folder.parent)
+        _clear(path.parent)
+    return path
 
 
 def key(packages: Sequence[str] = COMPILED) -> str:
@@ -52,13 +54,11 @@ def key(packages: Sequence[str] = COMPILED) -> str:
     return hasher.hexdigest()[:16]
 
 
-def _root(name: str) -> Path:
+def _root(name: str, given: str) -> Path:
     """The user's folder for kernels; else beside the sources; where nobody may write there or the disk is full, the
     user's cache. `name` is that of the folder: where it is there already it needs no room."""
-    given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
-        path = Path(given)
-        return path.parent if path.name.startswith(PREFIX) else path  # set by the process that started this one
+        return Path(given)
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     places = (Path(__file__).parent / "__pycache__", Path(caches) / "palpate")
     for place in places:

@@ -1,7 +1,6 @@
 """Files of studies and experiments: YAML that describes one, and results that are whole at any time."""
 
 import contextlib
-import fcntl
 import os
 from pathlib import Path
 from typing import IO, Annotated, Any
@@ -44,6 +43,8 @@ def graph_of(path: Path, name: str) -> str:
 
 def locked(file: IO[Any]) -> bool:
     """Lock a file for this process alone, until it is closed; False where another process has it."""
+    import fcntl  # POSIX
+
     with contextlib.suppress(BlockingIOError):
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         return True

@@ -1,5 +1,10 @@
 """What several tests of the launcher share: graphs written for one test, of the small nodes in graph_nodes.py."""
 
+# ruff: noqa: E402
+from palpate.physics.arithmetic import pin
+
+pin()  # before anything below imports numpy
+
 import functools
 import gc
 import os
@@ -11,8 +16,6 @@ import pytest
 import typer.testing
 import warm_fork_server
 from whole_touch import WHOLE
-
-import palpate.launch  # noqa: F401  pins the arithmetic, before any test imports numpy
 
 gc.disable()  # until all tests are collected
 

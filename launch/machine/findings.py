@@ -6,7 +6,6 @@ import importlib.util
 import os
 import platform
 import re
-import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -46,9 +45,12 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]
     seconds   [s] for which wake-ups are watched, once without and once with real-time priority; 0: not at all
     """
     yield Finding("python", "ok", platform.python_version())
+    yield _system()
     yield from _packages()
     if pictures:
         yield _pictures()
+    if sys.platform != "linux":
+        return
     yield _cores()
     yield _fifo()
     yield _memory()
@@ -56,6 +58,13 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]
         yield from _wake_ups(seconds)
     yield from _libusb()
     yield from _usb()
+
+
+def _system() -> Finding:
+    if sys.platform == "linux":
+        return Finding("system", "ok", "Linux, on which palpate is tested")
+    found = f"{platform.system()}: runs of one process on simulated time should work, and are untested"
+    return Finding("system", "note", found, "Separate processes, the real clock and devices need Linux.")
 
 
 def _packages() -> Iterator[Finding]:
@@ -114,6 +123,8 @@ def _fifo() -> Finding:
 
 def _memory() -> Finding:
     """Whether this process may lock its memory; it is given back at once."""
+    import resource
+
     libc = ctypes.CDLL(None, use_errno=True)
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     words = "no limit" if limit == resource.RLIM_INFINITY else f"limit {limit // 1024} kB"

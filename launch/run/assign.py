@@ -93,7 +93,6 @@ def _external(plan: Plan, place: dict[str, str], group: ProcessGroup) -> dict[st
 
 def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:
     """Processes that wait for one another are fastest on one core: a wake-up across cores costs more than a switch."""
-    cores = sorted(os.sched_getaffinity(0))
-    if len(cores) < 2 or groups < 2:
+    if groups < 2 or len(cores := sorted(os.sched_getaffinity(0))) < 2:
         return None
     return (cores[-1],) if on_path else tuple(cores[:-1])

@@ -13,9 +13,9 @@ _ALL = 0x40000000  # __WALL: children that tell their parent of their end by ano
 PATIENCE = 5.0  # [s] for killed processes to go
 
 
-def die_with_parent(number: int = signal.SIGKILL) -> None:
-    """Have the kernel end this process when its parent ends."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(number))
+def die_with_parent(number: int | None = None) -> None:
+    """Have the kernel send this process a signal, SIGKILL where none is given, when its parent ends."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number))
 
 
 def adopt_orphans() -> None:

@@ -1,14 +1,16 @@
 """One run from its launch file to its result: plan, place, start, watch, record."""
 
+from __future__ import annotations
+
 import contextlib
 import os
-import resource
 import signal
 import socket
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 from rich.console import Console
@@ -23,17 +25,18 @@ from palpate.launch.load.placement import APART, AUTO, Placement, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs, spared
-from palpate.launch.run.forkserver import ForkServer
-from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result, Verdict, verdict
 from palpate.launch.run.screen import Screen
 from palpate.launch.run.sources import record_sources
-from palpate.launch.run.wire import keys
-from palpate.launch.run.wire.keys import Key
 from palpate.launch.run.work.fused import run_fused
 from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
 from palpate.records.format.mcap_file import lacking
+
+if TYPE_CHECKING:  # what follows needs POSIX, and is imported where a run has several processes
+    from palpate.launch.run.forkserver import ForkServer
+    from palpate.launch.run.launcher import Launcher
+    from palpate.launch.run.wire.keys import Key
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 FILES, FILES_EACH = 64, 6
@@ -79,7 +82,7 @@ class Network:
 
     address: str | None = None
     unencrypted: bool = False
-    key_name: str = keys.NAME
+    key_name: str = "rig"
 
 
 def execute(
@@ -181,6 +184,8 @@ def _in_processes(
     address: str | None,
     key: Key | None,
 ) -> Result:
+    from palpate.launch.run.launcher import Launcher
+
     _open_files(len(work))
 
     def show(launcher: Launcher) -> None:
@@ -228,14 +233,18 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
 def _key(place: Placement, joined: frozenset[str], network: Network) -> Key | None:
     """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
     one that is made for this run. RunError."""
+    from palpate.launch.run.wire import keys
+
     if network.unencrypted or any(group.unencrypted for group in place.groups):
         return None
-    return keys.load(network.key_name) if joined else Key.make()
+    return keys.load(network.key_name) if joined else keys.Key.make()
 
 
 def _open_files(groups: int) -> None:
     """Permit this process, and those that it starts, as many open files as the system lets it. RunError: ZeroMQ
     ends a process without a word when it may open no more."""
+    import resource
+
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = FILES + FILES_EACH * groups
     most = needed if hard == resource.RLIM_INFINITY else min(needed, hard)

@@ -21,9 +21,9 @@ from typing import NamedTuple, NoReturn
 
 import msgspec
 
-from palpate.engine.clock import one_blas_thread
 from palpate.launch.run.descendants import adopt_orphans, awake, die_with_parent, end_descendants
 from palpate.launch.run.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
+from palpate.physics.arithmetic import environment
 
 MOST_PRINTED = 1 << 20  # [bytes] of what workers print that are taken in one go, so that the launcher comes to the rest
 
@@ -34,14 +34,14 @@ class ForkServer:
     def __init__(self) -> None:
         self.socket, theirs = socket.socketpair()
         path = os.pathsep.join(p for p in sys.path if p)
-        with theirs, one_blas_thread():
+        with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "palpate.launch.run.forkserver", str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
+                env={**environment(), "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
                 start_new_session=True,  # Ctrl-C reaches the launcher alone, which stops the rest in order
             )
         assert self.process.stdout is not None
@@ -212,13 +212,12 @@ def _reap(end: socket.socket, keepers: dict[int, _Kept]) -> None:
 
 def load() -> None:
     """Import what workers need, once for all of them, while the launcher reads the graph."""
-    import numba.core.registry
-
     import palpate.launch.run.work.process
     import palpate.nodes
+    from palpate.physics.kernel import PINNED
     from palpate.registry import modules
 
-    numba.core.registry.cpu_target.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
+    PINNED.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
     modules(palpate.nodes)
 
 

@@ -6,7 +6,7 @@ import signal
 import stat
 from collections.abc import Callable, Iterator, Sequence
 
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 
@@ -27,7 +27,7 @@ def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) 
 
 
 def _call(handler: Callable[[int], None], number: int) -> None:
-    if number == signal.SIGHUP:
+    if number == getattr(signal, "SIGHUP", None):
         _leave_terminal()
     handler(number)
 

@@ -5,7 +5,6 @@ Each material law of `palpate.physics.materials` is here by its name: `neo_hooke
 
 from collections.abc import Callable
 
-import palpate.physics  # noqa: F401  pins the arithmetic, before numpy
 from palpate.models.fe.contact.meshed import meshed
 from palpate.models.fe.contact.pair import Pair
 from palpate.models.fe.contact.rigid import Rigid, capsule, plane, sphere

@@ -23,6 +23,7 @@ import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
+from palpate.physics.exact import product
 from palpate.physics.geometry.graded import filled, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane
@@ -97,9 +98,9 @@ def _placed(surface: str, vertices: int, position: Vector3, rotation: Vector3, f
         if file_unit not in UNITS:
             raise SettingError(f"setting 'file_unit': found {file_unit!r}, expected one of {', '.join(UNITS)}")
         mesh = read_mesh(surface, UNITS[file_unit])
-    turn = _matrix(rotation)
+    turn = rotation_matrix(rotation)
     _finite("position", position)
-    return Mesh(np.ascontiguousarray(mesh.vertices @ turn.T + np.asarray(position)), mesh.triangles)
+    return Mesh(np.ascontiguousarray(product(mesh.vertices, turn.T) + np.asarray(position)), mesh.triangles)
 
 
 surface_mesh.cache_clear = _placed.cache_clear  # type: ignore[attr-defined]
@@ -137,7 +138,7 @@ def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = L
             "Use collision.Mesh for a mesh file."
         )
     _finite("position", position)
-    return _patch(surface).moved(_matrix(rotation), np.asarray(position))
+    return _patch(surface).moved(rotation_matrix(rotation), np.asarray(position))
 
 
 def _patch(surface: str) -> Nurbs:
@@ -162,7 +163,8 @@ def _finite(name: str, vector: Vector3) -> None:
         raise SettingError(f"setting {name!r}: found {vector}, expected three finite numbers")
 
 
-def _matrix(rotation: Vector3) -> np.ndarray:
+def rotation_matrix(rotation: Vector3) -> np.ndarray:
+    """(3,3), of a rotation vector [rad]. SettingError: one that is not finite."""
     _finite("rotation", rotation)
     if tuple(rotation) == LEVEL:
         return np.eye(3)

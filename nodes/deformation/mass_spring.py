@@ -14,6 +14,7 @@ from palpate.physics.bodies.mass_spring import NodalBody, deeper, mean_hardness,
 from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.terminal import Terminal, indentation
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
+from palpate.physics.exact import product
 
 NotNegative = msgspec.Meta(ge=0)
 
@@ -71,7 +72,7 @@ class MassSpring(WithNodule):
         acting, coupled = forces, {}
         if len(load) > 1:
             overlap = shared([each.foot for each in load], [each.normal for each in load], self.radius)
-            acting = (overlap @ forces).tolist()
+            acting = product(overlap, forces).tolist()
         for i, (each, law) in enumerate(zip(load, self._laws, strict=True)):
             stiffness = law.stiffness
             if self._hardness is not None and len(each.nodes):
@@ -122,6 +123,6 @@ class MassSpring(WithNodule):
             forces = each.forces
             if 0.0 < share < 1.0:
                 normal = np.array(each.normal)
-                forces = forces + np.outer((1.0 / share - 1.0) * (forces @ normal), normal)
+                forces = forces + np.outer((1.0 / share - 1.0) * product(forces, normal), normal)
             dents.append(body.step(each.nodes, forces, each.normal, dt))
         return dents[0] if len(dents) == 1 else deeper(dents)

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.contacts import several
-from palpate.nodes.base.surface import SURFACES, OnSurface, surface_mesh
+from palpate.nodes.base.surface import LEVEL, SURFACES, OnSurface, rotation_matrix, surface_mesh
 from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
@@ -19,6 +19,7 @@ from palpate.physics.bodies.patch import ReducedBody, add_pressure
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
+from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
 
 BUILT_FROM = (
@@ -115,20 +116,16 @@ class ReducedFE(OnSurface):
     def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
         """The basis at its place, and what else a body of it takes."""
         basis = self.basis()
-        own = surface_mesh(self.surface, self.vertices, file_unit=self.file_unit)
-        placed = self.mesh()
-        turn = _rotation(own, placed)
-        origin = placed.vertices[0] - turn @ own.vertices[0]
-        vertices, count = basis.vertices @ turn.T + origin, len(basis.vertices)
-        same = np.allclose(turn, np.eye(3), atol=1e-12)
+        turn = rotation_matrix(self.rotation)
+        vertices, count = product(basis.vertices, turn.T) + self.position, len(basis.vertices)
 
         def turned(matrix: np.ndarray) -> np.ndarray:
             blocks = matrix.reshape(count, 3, count, 3)
-            if not same:
-                blocks = np.einsum("ij,ajbk,lk->aibl", turn, blocks, turn, optimize=True)
+            if self.rotation != LEVEL:
+                blocks = np.einsum("aibk,lk->aibl", np.einsum("ij,ajbk->aibk", turn, blocks), turn)
             return np.ascontiguousarray(blocks.reshape(3 * count, -1), np.float32)
 
-        given = (placed, self.young, self.retardation, self.radius, max(self.reach, 1.25 * self.radius))
+        given = (self.mesh(), self.young, self.retardation, self.radius, max(self.reach, 1.25 * self.radius))
         if isinstance(basis, SampledBasis):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
             residual = turned(basis.residual_compliance)
@@ -295,11 +292,3 @@ def _text(value: object) -> str:
 def _name(surface: str) -> str:
     """Of a built-in surface, or of a file without its folder and ending; what the file holds is in the mesh's hash."""
     return surface if surface in SURFACES else Path(surface).stem
-
-
-def _rotation(own: Mesh, placed: Mesh) -> np.ndarray:
-    """The rotation that took the vertices of one mesh to those of the other (Kabsch)."""
-    a = own.vertices - own.vertices.mean(axis=0)
-    b = placed.vertices - placed.vertices.mean(axis=0)
-    left, _, right = np.linalg.svd(b.T @ a)
-    return left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right

@@ -12,6 +12,7 @@ from palpate.nodes.base.surface import OnSurface
 from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
+from palpate.physics.exact import length, product
 
 NEIGHBOURS = 9  # surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh
 
@@ -122,10 +123,10 @@ class PinArray(OnSurface):
     def _from_surface(self, contact: Contact, surface: Surface, approach: float) -> None:
         self._check(surface)
         foot, frame = np.array(contact.foot), tangent_frame(contact.normal)
-        _, near = self.tree.query(foot + self.grid @ frame[:2], k=min(NEIGHBOURS, len(self.points)))
+        _, near = self.tree.query(foot + product(self.grid, frame[:2]), k=min(NEIGHBOURS, len(self.points)))
         near = near.reshape(len(self.grid), -1)
         self.moved[surface.nodes] = surface.displacement
-        tissue = (self.points[near] + self.moved[near] - foot) @ frame.T
+        tissue = np.einsum("nqi,ji->nqj", self.points[near] + self.moved[near] - foot, frame)
         self.moved[surface.nodes] = 0.0
         self.shape[:] = heights_from_surface(self.grid, tissue, approach, self.finger.radius, self.spacing)
 
@@ -134,7 +135,7 @@ class PinArray(OnSurface):
             return False
         self._check(surface)
         area = self.areas[surface.nodes]
-        places = (self.points[surface.nodes] - np.array(contact.foot)) @ tangent_frame(contact.normal)[:2].T
+        places = product(self.points[surface.nodes] - np.array(contact.foot), tangent_frame(contact.normal)[:2].T)
         radii = 1.2 * np.sqrt(area)
         heights_from_pressure(
             self.grid, places, surface.pressure * area, radii, self.finger.b, self.finger.m, self.shape
@@ -153,6 +154,6 @@ def tangent_frame(normal: Vector3) -> np.ndarray:
     """Rows (3,3): the direction of a row of pins, that of a column, and the unit normal; right-handed."""
     n = np.asarray(normal, float)
     row = np.array([0.0, 1.0, 0.0] if abs(n[0]) > 0.9 else [1.0, 0.0, 0.0])
-    row -= (row @ n) * n
-    row /= np.linalg.norm(row)
+    row -= np.sum(row * n) * n
+    row /= length(row)
     return np.stack([row, np.cross(n, row), n])

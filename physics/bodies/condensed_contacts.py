@@ -31,6 +31,7 @@ from palpate.physics.bodies.condensed_field import add_dent, add_field
 from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
 from palpate.physics.bodies.patch import Law, Pressed, ReducedBody, carried
 from palpate.physics.bodies.true_patch import dent_depth
+from palpate.physics.exact import product
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
@@ -48,7 +49,7 @@ def joint_profile() -> np.ndarray:
     weight = 0.5 * weight * 6.0 * r * (1.0 - r * r) ** 2
     turn = (np.arange(64) + 0.5) * np.pi / 64
     away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * np.cos(turn))
-    return dent_depth(away).mean(axis=2) @ weight
+    return product(dent_depth(away).mean(axis=2), weight)
 
 
 class CondensedContacts(ReducedBody):
@@ -82,13 +83,13 @@ class CondensedContacts(ReducedBody):
             self._feet, self._room, self._cross, self._aside, self._slope,
         )  # fmt: skip
         own, force = np.maximum(self._numbers[:, OWN], 1e-300), self._numbers[:, TOTAL]
-        others = self._cross @ force / own
+        others = product(self._cross, force) / own
         take = dt / (dt + contacts[0].retardation)
         laws = [c.answer(dt, a, o) for c, a, o in zip(contacts, self._aside.tolist(), others.tolist(), strict=True)]
         compliance, free, now = np.array(laws).T
         scale = np.sqrt(np.maximum(compliance, 1e-300) / (take * own))
         joined = take * self._cross * np.outer(scale, scale)
-        free += compliance * others - joined @ force
+        free += compliance * others - product(joined, force)
         self._coupling = joined / np.maximum(compliance, 1e-300)[:, None]
         np.fill_diagonal(self._coupling, 1.0)
         self._slope *= force[:, None]
@@ -126,7 +127,7 @@ class CondensedContacts(ReducedBody):
         """Energy [J] that is held under the patches: of that at each one's indentation the share that its own force has
         in what presses there. For a linear body that is f.C f/2."""
         own = np.maximum(self._numbers[:, OWN], 1e-300)
-        acting = self._held + self._cross @ self._held / own
+        acting = self._held + product(self._cross, self._held) / own
         share = np.divide(self._held, acting, out=np.zeros_like(acting), where=acting > 0.0)
         return float(sum(part * c.stored() for part, c in zip(share.tolist(), self.contacts, strict=True)))
 

@@ -20,6 +20,7 @@ not a bound that could be proven. At rest (nu = 0) all levels are the same.
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +30,7 @@ import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.sampled_body import SampledBasis
+from palpate.physics.exact import log, product
 
 FIELDS = ("modes", "bends", "knots", "kappa")
 
@@ -43,7 +45,7 @@ def cut(basis: SampledBasis, count: int, bend: tuple[float, float, float]) -> Sa
         modes=np.ascontiguousarray(points.modes[:, :count]),
         springs=np.ascontiguousarray(points.springs[:count, :count]),
     )
-    missed = (basis.residual_compliance + dropped @ dropped.T).astype(np.float32)
+    missed = (basis.residual_compliance + product(dropped, dropped.T)).astype(np.float32)
     modes = np.ascontiguousarray(basis.modes[:, :count])
     return SampledBasis(basis.vertices, basis.triangles, missed, modes, fewer, bend)
 
@@ -67,7 +69,7 @@ class FidelityBases:
     @cached_property
     def _logs(self) -> np.ndarray:
         """ln kappa, which is asked for in every step."""
-        return np.log(self.kappa)
+        return log(self.kappa)
 
     def cut(self, basis: SampledBasis) -> list[SampledBasis]:
         """The basis of each level, and the whole one."""
@@ -85,10 +87,10 @@ class FidelityBases:
         if not energy[0] > 0.0:
             return estimates
         nu = abs(linear / now - 1.0)
-        at = np.log(max(nu, 1e-300))
+        at = math.log(max(nu, 1e-300))
         for k, r in enumerate(self.modes):
-            kappa = np.exp(np.interp(at, self.knots, self._logs[k]))
-            estimates[k] = kappa * min(nu / np.exp(self.knots[0]), 1.0) * np.sqrt(energy[r] / energy[0])
+            kappa = math.exp(np.interp(at, self.knots, self._logs[k]))
+            estimates[k] = kappa * min(nu / math.exp(self.knots[0]), 1.0) * np.sqrt(energy[r] / energy[0])
         return estimates
 
     def save(self, path: Path, about: dict[str, Any]) -> None:

@@ -28,6 +28,7 @@ from palpate.physics.bodies.sampled.contacts import coupling_of, laws_of
 from palpate.physics.bodies.sampled.solve import TOLERANCE
 from palpate.physics.bodies.sampled_body import SampledBody
 from palpate.physics.contact.terminal import LEAST_DEPTH, LEAST_FORCE, fit_terminal
+from palpate.physics.exact import product
 
 ALERT = 0.9
 """[1] Share of the error that the estimate may reach before a finer level is taken: it grows while a switch lasts."""
@@ -171,7 +172,7 @@ class FidelityLevels(ReducedBody):
         self.estimated_error += (1.0 - w) * self._estimate(self._before, before, measures, pressed)
         if len(loads) == 1:
             nodes, forces, _, normal = loads[0]
-            force = max(-float(np.dot(forces.sum(axis=0), normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
+            force = max(-float(np.sum(forces.sum(axis=0) * normal)), LEAST_FORCE) if len(nodes) else LEAST_FORCE
             return [blended(before[0], laws[0], w, force)]
         a, b = self.bodies[self._before].contacts, self.body.contacts
         assert a is not None and b is not None  # both were stepped under several contacts
@@ -198,7 +199,9 @@ class FidelityLevels(ReducedBody):
         measures = body.measures
         rows = np.flatnonzero(body.held.any(axis=1) | measures.any(axis=(0, 2)))
         modes = self._modes[rows].reshape(-1, self._modes.shape[2])
-        return body.held[rows].ravel() @ modes / body.young, [m[rows].ravel() @ modes for m in measures]
+        return product(modes.T, body.held[rows].ravel()) / body.young, [
+            product(modes.T, m[rows].ravel()) for m in measures
+        ]
 
     def _estimate(self, level: int, laws: list[Law], measures: list[np.ndarray], pressed: list[int]) -> float:
         """Of a level that was stepped, with what its step left over: the residual that it may end at, and twice the

@@ -13,6 +13,7 @@ for R_w up to 2 R. tests/physics/bodies/test_half_space_range.py has both.
 
 import numpy as np
 
+from palpate.physics.exact import solve
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
@@ -73,7 +74,7 @@ def curvature(mesh: Mesh) -> np.ndarray:
     np.add.at(normal, own, np.einsum("eki,ekj->eij", rows, rows))
     np.add.at(right, own, np.einsum("eki,ek->ei", rows, np.stack([t1, t2], 1)))
     normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
-    p, q, r = np.linalg.solve(normal, right[..., None])[..., 0].T
+    p, q, r = solve(normal, right[..., None])[..., 0].T
     return np.abs(0.5 * (p + r)) + np.sqrt(0.25 * (p - r) ** 2 + q * q)
 
 

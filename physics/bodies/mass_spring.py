@@ -49,7 +49,7 @@ def shared(feet, normals, radius):
     x, n = np.array(feet), np.array(normals)
     away, facing = x[:, None] - x, (n[:, None] * n).sum(axis=2)
     q = np.minimum(np.sqrt((away * away).sum(axis=2)) / (2.0 * radius), 1.0)
-    return (1.0 - q) ** 4 * (4.0 * q + 1.0) * np.maximum(facing, 0.0)
+    return np.square(np.square(1.0 - q)) * (4.0 * q + 1.0) * np.maximum(facing, 0.0)
 
 
 def deeper(dents):

@@ -27,6 +27,7 @@ from palpate.physics.bodies.indentation_table import SPACING, rise, risen, stiff
 from palpate.physics.bodies.patch import load_radius, normal_force
 from palpate.physics.bodies.true_patch import draw_together, gathered, patch_compliance
 from palpate.physics.contact.spread import Spreader
+from palpate.physics.exact import length, log, product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
@@ -58,11 +59,11 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     compliances = np.full(len(mesh.vertices), np.nan)
     measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(3), np.zeros((3, 3))
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
-        normal = n / np.linalg.norm(n)
+        normal = n / length(n)
         count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
         nodes, forces = spreader.nodes[:count], spreader.forces[:count]
         if count:
-            np.add.at(measure[:, 0], corners[nodes], weights[nodes] * (forces @ -normal)[:, None])
+            np.add.at(measure[:, 0], corners[nodes], weights[nodes] * product(forces, -normal)[:, None])
             total = normal_force(forces, normal)
             radius, _ = load_radius(model.fine, nodes, forces, normal, total, true.least)
             order = np.unique(corners[nodes])
@@ -76,7 +77,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
             measure[order] = 0.0
     good = compliances > 0.0
     compliances[~good] = compliances[good].mean() if good.any() else 1.0
-    return np.log(compliances)
+    return log(compliances)
 
 
 def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:

@@ -29,6 +29,7 @@ from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of
 from palpate.physics.bodies.sampled.energy import Points, forces, scratch
 from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
+from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
@@ -200,7 +201,7 @@ class SampledBody(CoarseBody):
     def extrapolation(self) -> float:
         """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies:
         0 within, 1 where the barrier begins."""
-        return max(2.0 * float(np.sqrt(self.q @ self.q / self.basis.points.limit)) - 1.0, 0.0)
+        return max(2.0 * float(np.sqrt(np.sum(self.q * self.q) / self.basis.points.limit)) - 1.0, 0.0)
 
     @property
     def linear(self) -> float:
@@ -210,7 +211,7 @@ class SampledBody(CoarseBody):
     def left_over(self, measure: np.ndarray) -> float:
         """[m] How much farther the indentation would go with the next iteration; measure [m] (r,) in modes."""
         p, _, g = self._vectors[:3]
-        return float(measure @ (self._matrices[0] @ (p - g)))
+        return float(np.sum(measure * product(self._matrices[0], p - g)))
 
     def take_over(self, other: SampledBody, held: np.ndarray, p: np.ndarray) -> None:
         """Go on where another body of the same modes, more or fewer of them, is: with loads that are `held`, h [N]

@@ -134,7 +134,7 @@ def dent_depth(rho: np.ndarray) -> np.ndarray:
     Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
     out = np.maximum(rho, 1.0)
     inside = 3.2 * scipy.special.hyp2f1(0.5, -2.5, 1.0, np.minimum(rho, 1.0) ** 2)
-    return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, out**-2) / out)
+    return np.where(rho < 1.0, inside, scipy.special.hyp2f1(0.5, 0.5, 4.0, 1.0 / (out * out)) / out)
 
 
 @kernel
@@ -150,7 +150,7 @@ def _held_sideways(block, normal, more, force):
     out = normal[k]
     for i in range(3):
         along[0, i] -= out * normal[i]
-    size = np.sqrt(np.dot(along[0], along[0]))
+    size = np.sqrt(along[0, 0] ** 2 + along[0, 1] ** 2 + along[0, 2] ** 2)
     for i in range(3):
         along[0, i] /= size
     along[1, 0] = normal[1] * along[0, 2] - normal[2] * along[0, 1]

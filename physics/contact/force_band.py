@@ -70,7 +70,7 @@ def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
     if freedom > 0:
         z = -scipy.special.stdtrit(freedom, (1.0 - level) * scipy.special.stdtr(freedom, mean / sigma))
     else:
-        z = -scipy.special.ndtri_exp(np.log1p(-level) + scipy.special.log_ndtr(mean / sigma))
+        z = -scipy.special.ndtri_exp(scipy.special.log1p(-level) + scipy.special.log_ndtr(mean / sigma))
     return np.where(sure, np.maximum(mean, 0.0), np.maximum(mean + z * sigma, 0.0))
 
 

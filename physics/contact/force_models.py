@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from palpate.physics.exact import exp, expm1, power
+
 
 @dataclass(frozen=True)
 class ForceModel:
@@ -50,7 +52,7 @@ class ForceModel:
     def predict(self, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """y (n) at x (n,k)."""
         p, q = np.split(parameters, [len(self.linear)])
-        return np.stack(self.basis(x, *q), axis=-1) @ p
+        return np.sum(np.stack(self.basis(x, *q), axis=-1) * p, axis=-1)
 
     def jacobian(self, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
         """dy/d(parameters) (n, number of parameters)."""
@@ -65,7 +67,7 @@ def _span(x: np.ndarray) -> float:
 
 
 def _power(x: np.ndarray, n) -> np.ndarray:
-    return x[:, 0] ** n
+    return power(x[:, 0], n)
 
 
 def _power_slope(x: np.ndarray, n) -> np.ndarray:
@@ -74,11 +76,11 @@ def _power_slope(x: np.ndarray, n) -> np.ndarray:
 
 
 def _gauss(x: np.ndarray, q, w) -> np.ndarray:
-    return np.exp(-(((x[:, 0] - q) / w) ** 2))
+    return exp(-(((x[:, 0] - q) / w) ** 2))
 
 
 def _pad(x: np.ndarray, m) -> np.ndarray:
-    return np.expm1(m * x[:, 0]) / m
+    return expm1(m * x[:, 0]) / m
 
 
 def _by_name(*models: ForceModel) -> dict[str, ForceModel]:
@@ -108,7 +110,7 @@ MODELS = _by_name(
         lambda x: [x[:, 0].min() + _span(x) * np.linspace(-10.0, 10.0, 81), _span(x) * np.geomspace(0.1, 10.0, 25)],
     ),
     ForceModel(
-        "exponential", "a exp(b d)", {"a": "N"}, lambda x, b: [np.exp(b * x[:, 0])], {"b": "1/m"},
+        "exponential", "a exp(b d)", {"a": "N"}, lambda x, b: [exp(b * x[:, 0])], {"b": "1/m"},
         lambda x, b: [[x[:, 0] * np.exp(b * x[:, 0])]],
         lambda x: [np.linspace(-20.0, 20.0, 321) / _span(x)],
     ),

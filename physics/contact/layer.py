@@ -20,6 +20,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from palpate.physics.exact import expm1, product, solve
+
 MOST = 2.0
 """[1] Largest contact radius over the thickness."""
 POINTS, WAVES, END = 60, 300, 50.0
@@ -30,16 +32,16 @@ def solved(wide: float, poisson: float) -> tuple[float, float]:
     """chi and f [1] at a contact radius over the thickness [1]."""
     x, w = _gauss(POINTS, wide)
     y, dy = _gauss(WAVES, END)
-    less = 1.0 - ((3 - 4 * poisson) * np.sinh(y) * np.cosh(y) - y) / (
-        y**2 + 4 * (1 - poisson) ** 2 + (3 - 4 * poisson) * np.sinh(y) ** 2
-    )
+    grown = expm1(y)
+    sinh, cosh = 0.5 * (grown + grown / (1.0 + grown)), 0.5 * (1.0 + grown + 1.0 / (1.0 + grown))
+    less = 1.0 - ((3 - 4 * poisson) * sinh * cosh - y) / (y**2 + 4 * (1 - poisson) ** 2 + (3 - 4 * poisson) * sinh**2)
     waves = np.cos(np.multiply.outer(np.append(x, wide), y))
-    K = 2.0 / np.pi * (waves * (less * dy)) @ waves[:-1].T * w
+    K = 2.0 / np.pi * product(waves * (less * dy), waves[:-1].T) * w
     flat, bent = np.full(POINTS + 1, 2.0 / np.pi), 2.0 / np.pi * np.append(x, wide) ** 2
-    phi = np.linalg.solve(np.eye(POINTS) - K[:-1], np.stack([flat, bent], 1)[:-1])
-    ends = np.array([flat[-1], bent[-1]]) + K[-1] @ phi
+    phi = solve(np.eye(POINTS) - K[:-1], np.stack([flat, bent], 1)[:-1])
+    ends = np.array([flat[-1], bent[-1]]) + np.sum(K[-1][:, None] * phi, axis=0)
     square = ends[1] / ends[0]  # s R/h²
-    force = 2.0 * np.pi * w @ (square * phi[:, 0] - phi[:, 1])
+    force = 2.0 * np.pi * np.sum(w * (square * phi[:, 0] - phi[:, 1]))
     return float(np.sqrt(square)), float(force / (8.0 / 3.0 * square**1.5))
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from palpate.physics import exact
 from palpate.physics.contact.terminal import Terminal, free_recovery, indentation, power_of, terminal_force
 from palpate.physics.kernel import kernel
 
@@ -93,12 +94,12 @@ def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
     """Stored energy V(s) [J], the integral of g from 0 to s [m] (...); zero where s <= 0."""
     depth = np.maximum(np.asarray(s, float), 0.0)
     if law.kind == POWER:
-        return law.first * depth ** (law.second + 1.0) / (law.second + 1.0)
+        return law.first * exact.power(depth, law.second + 1.0) / (law.second + 1.0)
     if law.kind == EXPONENTIAL:
         x = law.second * depth
         # expm1(x) - x cancels below about 1e-2; six terms of its series reach rounding there.
         series = x * x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7)))))
-        return law.first / law.second**2 * np.where(x < 1e-2, series, np.expm1(x) - x)
+        return law.first / law.second**2 * np.where(x < 1e-2, series, exact.expm1(x) - x)
     # s = t^2 takes the square root out of the integrand; 64 points resolve e^{ms} up to ms of some hundreds.
     points, weights = np.polynomial.legendre.leggauss(64)
     t = np.sqrt(depth)[..., None] * (points + 1) / 2

@@ -20,6 +20,7 @@ import math
 import numpy as np
 
 from palpate.physics.contact.spread import kernel_values
+from palpate.physics.exact import arctan2
 
 SHALLOWEST = 0.01
 """[1] Least depth over the patch's radius: above, the stress is the load's own."""
@@ -31,14 +32,14 @@ def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
     """Stress [1/m²] (...,3,3,3) at points [m] (...,3), z > 0, for each newton at the origin along x, y and z (last)."""
     x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
     rho = np.sqrt(x * x + y * y + z * z)
-    s = rho + z
+    s, rho3 = rho + z, rho * rho * rho
     r = np.stack([x, y, z], axis=-1)
-    out = -3.0 * np.einsum("...i,...j,...k->...ijk", r, r, r) / (rho**5)[..., None, None, None]
-    bend, pull = 1.0 / (rho**3 * s**2) + 2.0 / (rho**2 * s**3), (2.0 * rho + z) / (rho**3 * s**2)
-    near, far = 1.0 / (rho * s**2), 1.0 / rho**3
+    out = -3.0 * np.einsum("...i,...j,...k->...ijk", r, r, r) / (rho * rho * rho3)[..., None, None, None]
+    bend, pull = 1.0 / (rho3 * s**2) + 2.0 / (rho**2 * s * s * s), (2.0 * rho + z) / (rho3 * s**2)
+    near, far = 1.0 / (rho * s**2), 1.0 / rho3
     more = 1.0 - 2.0 * poisson
     for a, b, u, v in ((0, 1, x, y), (1, 0, y, x)):
-        out[..., a, a, a] += more * (u * far - 3.0 * u * near + u**3 * bend)
+        out[..., a, a, a] += more * (u * far - 3.0 * u * near + u * u * u * bend)
         out[..., b, b, a] += more * (u * far - u * near + u * v * v * bend)
         out[..., a, a, 2] += more * (z * far - 1.0 / (rho * s) + u * u * pull)
         for i, j in ((a, b), (b, a)):
@@ -74,14 +75,16 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     there = np.empty((len(places), 3, 3, 3))
     for k, (r, z) in enumerate(places):
         apart = np.column_stack([r - source[:, 0], -source[:, 1], np.full(len(source), z)])
-        there[k] = np.tensordot(share, point_stress(apart, poisson), axes=1)
-    angle = np.arctan2(points[:, 1], points[:, 0])
+        there[k] = np.einsum("s,sijk->ijk", share, point_stress(apart, poisson))
+    angle = arctan2(points[:, 1], points[:, 0])
     turned = np.zeros((len(points), 3, 3))
     turned[:, 0, 0] = turned[:, 1, 1] = np.cos(angle)
     turned[:, 1, 0], turned[:, 0, 1] = np.sin(angle), -np.sin(angle)
     turned[:, 2, 2] = 1.0
     found = there[which.ravel()]
-    return np.einsum("pia,pjb,pkc,pabc->pijk", turned, turned, turned, found, optimize=True)
+    for place in ("pia,pabc->pibc", "pjb,pabc->pajc", "pkc,pabc->pabk"):
+        found = np.einsum(place, turned, found)
+    return found
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 
 from palpate.physics.display.hertz_surface import bulge
 from palpate.physics.display.shape_display import deflection_under, press
+from palpate.physics.exact import exp
 from palpate.physics.kernel import kernel
 
 
@@ -49,14 +50,21 @@ def local_plane(points, places, values, width):
     see the nearest ones. A slope that the places do not determine (all on one line) is taken as 0.
     """
     square = np.sum(((places - points[:, None, :]) / width) ** 2, axis=-1)
-    weight = np.exp(-(square - square.min(axis=1, keepdims=True)))
+    weight = exp(-(square - square.min(axis=1, keepdims=True)))
     weight /= weight.sum(axis=1, keepdims=True)
     centre = np.einsum("nq,nqi->ni", weight, places)
     level = np.einsum("nq,nq->n", weight, values)
     away = (places - centre[:, None, :]) / width
     spread = np.einsum("nq,nqi,nqj->nij", weight, away, away)
     along = np.einsum("nq,nqi,nq->ni", weight, away, values - level[:, None])
-    slope = np.einsum("nij,nj->ni", np.linalg.pinv(spread, rcond=1e-10, hermitian=True), along)
+    # pseudo-inverse of the symmetric matrices (a, b; b, c), whose eigenvalues are middle +- half
+    a, b, c = spread[:, 0, 0], spread[:, 0, 1], spread[:, 1, 1]
+    middle, half = 0.5 * (a + c), np.hypot(0.5 * (a - c), b)
+    flat = middle - half <= 1e-10 * (middle + half)
+    turned = np.stack([c * along[:, 0] - b * along[:, 1], a * along[:, 1] - b * along[:, 0]], axis=1)
+    line = np.einsum("nij,nj->ni", spread, along)
+    most, area = np.square(middle + half), a * c - b * b
+    slope = np.where(flat[:, None], line, turned) / np.where(flat, np.where(most > 0.0, most, 1.0), area)[:, None]
     return level + np.einsum("ni,ni->n", slope, (points - centre) / width)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.physics.exact import exp
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
 
@@ -50,13 +51,13 @@ class Anatomy:
         """Half width, palmar and dorsal half depth, start and cap length of a surface at y [m] (...)."""
         y = np.asarray(y, float)
         if name == "bone":
-            tuft = np.exp(-(((y - self.bone_start - 2e-3) / 2.5e-3) ** 2))
+            tuft = exp(-(((y - self.bone_start - 2e-3) / 2.5e-3) ** 2))
             base = np.clip((y - 0.014) / 0.009, 0, 1)
             base = base * base * (3 - 2 * base)
             depth = self.bone_depth * (1 + 0.15 * tuft + 0.5 * base)
             return self.shaft + self.tuft * tuft + 1.1 * self.shaft * base, depth, depth, self.bone_start, self.bone_cap
         less = self.skin if name == "tissue" else 0.0
-        palmar = self.palmar + self.bulge * np.exp(-(((y - self.cap) / 9e-3) ** 2))
+        palmar = self.palmar + self.bulge * exp(-(((y - self.cap) / 9e-3) ** 2))
         ones = np.ones_like(y)
         return ones * (self.width / 2 - less), palmar - less, ones * (self.dorsal - less), less, self.cap - less
 

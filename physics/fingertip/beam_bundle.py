@@ -114,7 +114,7 @@ def bundle(
     else:
         length = bends.sum(axis=1)
         mean = length / (bends / moduli[: bends.shape[1]]).sum(axis=1)
-        stiffness = 3 * mean * (math.pi * pitch**4 / 64) / length**3
+        stiffness = 3 * mean * (math.pi * pitch**4 / 64) / (length * length * length)
     points = index * pitch
     triangles = grid_triangles(index) if skin > 0 else np.zeros((0, 3), dtype=np.int64)
     return Bundle(

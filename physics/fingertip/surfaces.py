@@ -16,6 +16,7 @@ import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
+from palpate.physics.exact import product
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
@@ -115,7 +116,7 @@ def cast(tip: FingertipSurfaces, x, y, angle: float = 0.0) -> Rays:
     is zero. The lowest crossing counts as the lower border, the highest as the upper.
     """
     axes = plate_axes(angle)
-    heights = tip.corners @ axes[2]
+    heights = product(tip.corners, axes[2])
     z = np.arange(heights.min(), heights.max(), tip.spacing.min() / 2)
     x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
     plane = x[..., None] * axes[0] + y[..., None] * axes[1]
@@ -198,7 +199,7 @@ def fill(
 def lowest(tip: FingertipSurfaces, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
     """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane
     that holds all that lies less than `depth` above it; metres."""
-    plane = tip.corners @ plate_axes(angle)[:2].T
+    plane = product(tip.corners, plate_axes(angle)[:2].T)
     low, high = plane.min(axis=0), plane.max(axis=0)
     step = float(tip.spacing.max())
     box = np.zeros((0, 2))

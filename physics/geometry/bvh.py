@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.physics.exact import product
 from palpate.physics.kernel import kernel
 
 LEAF = 4
@@ -82,7 +83,7 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
 
 def weld(vertices: np.ndarray) -> np.ndarray:
     """For each vertex the index of one that stands for all at exactly its position (V,) int32."""
-    key = vertices @ np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)])
+    key = product(vertices, np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)]))
     order = np.argsort(key, kind="stable")
     inside = vertices[order]
     new = np.concatenate([[True], (inside[1:] != inside[:-1]).any(axis=1)])

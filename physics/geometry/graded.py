@@ -11,6 +11,7 @@ region where all are. The receiver interpolates (`filled`).
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
 
+from palpate.physics.exact import solve
 from palpate.physics.kept import kept
 
 GRADE = 0.35
@@ -91,6 +92,6 @@ def filled(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.ndarr
     normal[:, [1, 2, 3], [1, 2, 3]] += STIFF * total[:, None]
     first = np.zeros((len(between), 4, 1))
     first[:, 0] = 1.0
-    shares = weight * np.einsum("nki,ni->nk", terms, np.linalg.solve(normal, first)[..., 0])
+    shares = weight * np.einsum("nki,ni->nk", terms, solve(normal, first)[..., 0])
     field[between] = np.einsum("nk,nkc->nc", shares, moved[near])
     return field

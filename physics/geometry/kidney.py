@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from palpate.physics.exact import exp, product
 from palpate.physics.geometry.mesh import write_ply
 from palpate.physics.geometry.nurbs import Nurbs
 from palpate.physics.geometry.nurbs_fit import interpolate
@@ -42,8 +43,9 @@ def shape(direction: np.ndarray) -> np.ndarray:
     wide = 0.47 * (1.0 + TAPER * x) * fuller
     high = 0.37 * (1.0 + TAPER * x) * fuller
     along = x * (1.0 + 0.06 * (1.0 - x**2))
-    medial = ((1.0 - y) / 2.0) ** 3
-    hollow = HOLLOW * medial * np.exp(-((along / HOLLOW_LENGTH) ** 2) - (high * z / HOLLOW_HEIGHT) ** 2)
+    medial = (1.0 - y) / 2.0
+    hollow = HOLLOW * medial * medial * medial
+    hollow = hollow * exp(-((along / HOLLOW_LENGTH) ** 2) - (high * z / HOLLOW_HEIGHT) ** 2)
     return np.stack([along, wide * y - BEND * along**2 + hollow, high * z], axis=-1)
 
 
@@ -86,7 +88,7 @@ def _slope(pole: np.ndarray, around: np.ndarray) -> np.ndarray:
 
     basis = np.array([(0.0, 1.0, 0.0), (0.0, 0.0, 1.0)])
     columns = np.array([(4 * ahead(t, h) - ahead(t, 2 * h)) / 3 for t in basis])
-    return around[:, 1:] @ columns
+    return product(around[:, 1:], columns)
 
 
 def _box(surface: Nurbs) -> tuple[np.ndarray, np.ndarray]:

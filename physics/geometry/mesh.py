@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.physics.exact import arctan2
+
 
 @dataclass(frozen=True)
 class Mesh:
@@ -48,7 +50,8 @@ class Mesh:
         for i in range(3):
             p = corners[:, (i + 1) % 3] - corners[:, i]
             q = corners[:, (i + 2) % 3] - corners[:, i]
-            angle = np.arctan2(np.linalg.norm(np.cross(p, q), axis=1), np.einsum("ij,ij->i", p, q))
+            across = np.linalg.norm(np.cross(p, q), axis=1)
+            angle = arctan2(across, np.einsum("ij,ij->i", p, q))
             for c in range(3):
                 total[:, c] += np.bincount(self.triangles[:, i], angle * unit[:, c], minlength=len(total))
         length = np.linalg.norm(total, axis=1)

@@ -114,7 +114,7 @@ class Nurbs:
 
     def moved(self, rotation: np.ndarray, position: np.ndarray) -> Nurbs:
         """The patch rotated by the matrix (3,3), then shifted by `position` [m] (3)."""
-        points = self.points @ np.asarray(rotation).T + np.asarray(position)
+        points = np.einsum("nmk,ik->nmi", self.points, rotation) + np.asarray(position)
         rest = (self.weights, self.knots_u, self.knots_v, self.degree_u, self.degree_v, self.closed_u, self.closed_v)
         return Nurbs(points, *rest)
 

@@ -5,6 +5,7 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, rev
 
 import numpy as np
 
+from palpate.physics.exact import solve
 from palpate.physics.geometry.nurbs import Nurbs, basis_matrices
 
 
@@ -76,7 +77,7 @@ def _curve(
         matrix = np.zeros((count, count))
         for row, value in enumerate(collocation(knots, p, t)):
             np.add.at(matrix[row], np.arange(len(value)) % count, value)
-        control = np.linalg.solve(matrix, points.reshape(count, -1))
+        control = solve(matrix, points.reshape(count, -1))
         return np.concatenate([control, control[:p]]).reshape(count + p, *points.shape[1:]), knots
     right = points.reshape(count, -1)
     first = 1 if ends is None else 0
@@ -87,7 +88,7 @@ def _curve(
         slopes = collocation(knots, p, np.array([0.0, 1.0]), derivative=1)
         matrix = np.concatenate([matrix, slopes])
         right = np.concatenate([right, ends[0].reshape(1, -1), ends[1].reshape(1, -1)])
-    control = np.linalg.solve(matrix, right)
+    control = solve(matrix, right)
     return control.reshape(len(control), *points.shape[1:]), knots
 
 
@@ -98,7 +99,9 @@ def collocation(knots: np.ndarray, degree: int, t: np.ndarray, derivative: int =
     width = np.diff(ends)[span]
     x = (t - ends[span]) / width
     m = np.arange(degree + 1)
-    powers = x[:, None] ** m if derivative == 0 else m * x[:, None] ** np.maximum(m - 1, 0) / width[:, None]
+    powers = np.cumprod(np.stack([np.ones_like(x), *degree * [x]], axis=1), axis=1)
+    if derivative:
+        powers = m * powers[:, np.maximum(m - 1, 0)] / width[:, None]
     design = np.zeros((len(t), len(knots) - degree - 1))
     columns = first[span][:, None] + m
     np.put_along_axis(design, columns, np.einsum("tkm,tm->tk", matrix[span], powers), axis=1)

@@ -9,16 +9,16 @@ H. Demiray, J. Biomech. 5 (1972) 309-311; Y. C. Fung, Am. J. Physiol. 213 (1967)
 
 import math
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, moduli, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
 EXAMPLE = (1e4, 0.4, 2.0)
 
 
-@numba.njit(cache=True)
+@kernel(pointer=True)
 def energy(F, J, p, P, A):
     mu, kappa, b = p[0], p[1], p[2]
     _, i1, _ = shape_invariants(F)

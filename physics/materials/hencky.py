@@ -6,44 +6,14 @@ It stays stiff in compression, where the law of St. Venant and Kirchhoff softens
 215-220.
 """
 
-import numba
 import numpy as np
 
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 from palpate.physics.materials.invariants import cofactor, strain_squares
-from palpate.physics.materials.principal import principal_stress
+from palpate.physics.materials.principal import principal_axes, principal_squares, principal_stress
 
 EXAMPLE = (1e4, 0.3)
-
-
-@kernel
-def _principal(C, N):
-    """Turn C (3,3) into its diagonal form, eigenvectors as the columns of N, by Jacobi's rotations."""
-    for i in range(3):
-        for j in range(3):
-            N[i, j] = 1.0 if i == j else 0.0
-    for _ in range(12):
-        off = abs(C[0, 1]) + abs(C[0, 2]) + abs(C[1, 2])
-        if not off > 1e-10 * (C[0, 0] + C[1, 1] + C[2, 2]):
-            return
-        for p in range(2):
-            for q in range(p + 1, 3):
-                if C[p, q] == 0.0:
-                    continue
-                ratio = (C[q, q] - C[p, p]) / (2.0 * C[p, q])
-                t = np.copysign(1.0, ratio) / (abs(ratio) + np.sqrt(ratio * ratio + 1.0))
-                c = 1.0 / np.sqrt(t * t + 1.0)
-                s = t * c
-                for k in range(3):
-                    x, y = C[k, p], C[k, q]
-                    C[k, p], C[k, q] = c * x - s * y, s * x + c * y
-                for k in range(3):
-                    x, y = C[p, k], C[q, k]
-                    C[p, k], C[q, k] = c * x - s * y, s * x + c * y
-                    x, y = N[k, p], N[k, q]
-                    N[k, p], N[k, q] = c * x - s * y, s * x + c * y
-                C[p, q] = C[q, p] = 0.0
 
 
 @kernel
@@ -96,7 +66,7 @@ def log_stretch(F, C, N, E):
     C[0, 1] = C[1, 0] = c01
     C[0, 2] = C[2, 0] = c02
     C[1, 2] = C[2, 1] = c12
-    _principal(C, N)
+    principal_axes(C, N)
     e0, e1, e2 = 0.5 * np.log(C[0, 0]), 0.5 * np.log(C[1, 1]), 0.5 * np.log(C[2, 2])
     for i in range(3):
         for j in range(3):
@@ -124,7 +94,7 @@ def _stress_alone(F, J, p, P, A):
     return shear * size, 0.5 * bulk * log * log, bulk * log / J, bulk * (1.0 - log) / (J * J)
 
 
-@numba.njit(cache=True)
+@kernel(pointer=True)
 def energy(F, J, p, P, A):
     if np.isnan(A[0, 0]):
         return _stress_alone(F, J, p, P, A)
@@ -134,7 +104,7 @@ def energy(F, J, p, P, A):
 @kernel
 def _stress_and_tangent(F, J, p, P, A):
     shear, bulk = p[0], p[1]
-    c, N = np.linalg.eigh(F.T @ F)
+    c, N = principal_squares(F)
     e = 0.5 * np.log(c)
     e -= np.sum(e) / 3.0
     principal_stress(F, c, N, 2.0 * shear * e, 2.0 * shear * (np.eye(3) - 1.0 / 3.0), P, A)

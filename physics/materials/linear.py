@@ -3,14 +3,13 @@
 W = mu |dev e|²,    U = (kappa/2) (tr e)²
 """
 
-import numba
-
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, wants_mixed
 
 EXAMPLE = (1e4, 0.3)
 
 
-@numba.njit(cache=True)
+@kernel(pointer=True)
 def energy(F, J, p, P, A):
     shear, bulk = p[0], p[1]
     third = (F[0, 0] + F[1, 1] + F[2, 2] - 3.0) / 3.0

@@ -5,16 +5,16 @@
 with I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3.
 """
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
 EXAMPLE = (2430.0, 5420.0, 239000.0, 262000.0, 74700.0, 13.3e-6)
 
 
-@numba.njit(cache=True)
+@kernel(pointer=True)
 def energy(F, J, p, P, A):
     c10, c01, c20, c11, c02, d1 = p[0], p[1], p[2], p[3], p[4], p[5]
     _, x, y = shape_invariants(F)

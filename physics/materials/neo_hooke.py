@@ -3,15 +3,14 @@
 W = (mu/2) I,    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
 """
 
-import numba
-
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, moduli, rubberlike, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
 EXAMPLE = (1e4, 0.3)
 
 
-@numba.njit(cache=True)
+@kernel(pointer=True)
 def energy(F, J, p, P, A):
     _, i1, _ = shape_invariants(F)
     shape_stress(F, 0.5 * p[0], 0.0, 0.0, 0.0, 0.0, P, A)

@@ -31,7 +31,7 @@ def nodule_centre(vertices, normals, position, depth) -> np.ndarray:
     """
     nearest = int(np.argmin(np.sum((np.asarray(vertices) - position) ** 2, axis=1)))
     normal = np.asarray(normals)[nearest]
-    above = (np.asarray(position, float) - np.asarray(vertices)[nearest]) @ normal
+    above = np.sum((np.asarray(position, float) - np.asarray(vertices)[nearest]) * normal)
     return np.asarray(position, float) - (above + depth) * normal
 
 

@@ -6,6 +6,48 @@ from palpate.physics.kernel import kernel
 
 
 @kernel
+def principal_axes(C, N):
+    """Turn C (3,3) into its diagonal form, eigenvectors as the columns of N, by Jacobi's rotations."""
+    for i in range(3):
+        for j in range(3):
+            N[i, j] = 1.0 if i == j else 0.0
+    for _ in range(12):
+        off = abs(C[0, 1]) + abs(C[0, 2]) + abs(C[1, 2])
+        if not off > 1e-10 * (C[0, 0] + C[1, 1] + C[2, 2]):
+            return
+        for p in range(2):
+            for q in range(p + 1, 3):
+                if C[p, q] == 0.0:
+                    continue
+                ratio = (C[q, q] - C[p, p]) / (2.0 * C[p, q])
+                t = np.copysign(1.0, ratio) / (abs(ratio) + np.sqrt(ratio * ratio + 1.0))
+                c = 1.0 / np.sqrt(t * t + 1.0)
+                s = t * c
+                for k in range(3):
+                    x, y = C[k, p], C[k, q]
+                    C[k, p], C[k, q] = c * x - s * y, s * x + c * y
+                for k in range(3):
+                    x, y = C[p, k], C[q, k]
+                    C[p, k], C[q, k] = c * x - s * y, s * x + c * y
+                    x, y = N[k, p], N[k, q]
+                    N[k, p], N[k, q] = c * x - s * y, s * x + c * y
+                C[p, q] = C[q, p] = 0.0
+
+
+@kernel
+def principal_squares(F):
+    """Squares of the principal stretches of F (3,3), and the principal directions as columns (3,3)."""
+    C, N, c = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = F[0, i] * F[0, j] + F[1, i] * F[1, j] + F[2, i] * F[2, j]
+    principal_axes(C, N)
+    for i in range(3):
+        c[i] = C[i, i]
+    return c, N
+
+
+@kernel
 def principal_stress(F, c, N, tau, curve, P, A):
     """P = dW/dF and, where it is wanted, A = d2W/dF2 of an energy in the logarithms of the principal stretches.
 
@@ -17,12 +59,15 @@ def principal_stress(F, c, N, tau, curve, P, A):
     R. W. Ogden, Non-Linear Elastic Deformations (1984), 6.1.4.
     """
     S = tau / c  # second Piola-Kirchhoff, in its own frame
-    M = F @ N  # rows i, columns in the principal frame
-    full = N @ np.diag(S) @ N.T
-    turned = F @ full
+    M, full = np.zeros((3, 3)), np.zeros((3, 3))  # F N, rows i, columns in the principal frame; N S N'
     for i in range(3):
         for j in range(3):
-            P[i, j] = turned[i, j]
+            for k in range(3):
+                M[i, j] += F[i, k] * N[k, j]
+                full[i, j] += N[i, k] * S[k] * N[j, k]
+    for i in range(3):
+        for j in range(3):
+            P[i, j] = F[i, 0] * full[0, j] + F[i, 1] * full[1, j] + F[i, 2] * full[2, j]
     if np.isnan(A[0, 0]):
         return
     spread = np.zeros((3, 3))  # (S_b - S_a)/(c_b - c_a), its limit where two stretches are equal

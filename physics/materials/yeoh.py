@@ -7,16 +7,16 @@ The shear modulus at rest is 2 c1.
 O. H. Yeoh, Rubber Chem. Technol. 66 (1993) 754-771.
 """
 
-import numba
 import numpy as np
 
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import Material, MaterialError, of_rest, wants_mixed
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
 EXAMPLE = (0.4, 5e3, 1.2e3, 150.0)
 
 
-@numba.njit(cache=True)
+@kernel(pointer=True)
 def energy(F, J, p, P, A):
     kappa, c1, c2, c3 = p[0], p[1], p[2], p[3]
     _, x, _ = shape_invariants(F)

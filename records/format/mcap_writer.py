@@ -215,5 +215,5 @@ def _bytes(record: records.McapRecord) -> bytes:
 
 def _calm() -> None:
     """The thread gives way to a loop that has real-time priority."""
-    with suppress(OSError):
+    with suppress(OSError, AttributeError):  # not permitted, or not Linux
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

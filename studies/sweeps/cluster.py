@@ -12,7 +12,6 @@ from concurrent.futures import CancelledError, Future
 from pathlib import Path
 from typing import Any
 
-from palpate.engine.clock import BLAS_THREADS
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.physics.extras import missing
 
@@ -98,8 +97,8 @@ def slurm(options: Mapping[str, Any], folder: Path) -> Iterator[Any]:
         given["scheduler_options"] = {"dashboard": False, "dashboard_address": "127.0.0.1:0"} | dict(
             given.get("scheduler_options", {})
         )
-        exports = [f"export {name}=1" for name in BLAS_THREADS] + ["export DASK_DISTRIBUTED__WORKER__HTTP__ROUTES='[]'"]
-        given["job_script_prologue"] = [*exports, *given.get("job_script_prologue", ())]
+        routes = "export DASK_DISTRIBUTED__WORKER__HTTP__ROUTES='[]'"
+        given["job_script_prologue"] = [routes, *given.get("job_script_prologue", ())]
         served = ["--no-dashboard", "--dashboard-address", "127.0.0.1:0"]
         given["worker_extra_args"] = [*served, *given.get("worker_extra_args", ())]
         try:

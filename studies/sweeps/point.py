@@ -172,8 +172,8 @@ def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:
     """Compile what this graph's nodes need, once on this machine: the processes of a machine wait for the first."""
     classes = hashlib.sha256(" ".join(sorted(full_name(spec.cls) for spec in graph.nodes.values())).encode())
     name = f"warm-{classes.hexdigest()[:16]}"
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR", tempfile.gettempdir()))
-    if name in _warmed or kernel_cache.PREFIX not in folder.name:
+    folder = kernel_cache.folder()
+    if name in _warmed:
         return
     _warmed.add(name)
     own = os.getpid()  # a second process compiles, too

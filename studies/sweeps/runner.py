@@ -15,7 +15,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import IO
 
-from palpate.engine.clock import BLAS_THREADS
+from palpate.physics import kernel_cache
+from palpate.physics.arithmetic import environment
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
@@ -49,8 +50,7 @@ class Runner:
                 stdout=printed,
                 stderr=printed and subprocess.STDOUT,
                 env={
-                    **os.environ,
-                    **dict.fromkeys(BLAS_THREADS, "1"),  # sums in a fixed order
+                    **environment(),
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
                     **({"NUMBA_CACHE_DIR": cache} if cache else {}),
                     **(env or {}),
@@ -143,7 +143,7 @@ def work(task: Task, points: list[Point]) -> tuple[str, list[Computed]]:
 def local_cache(mounts: Path = Path("/proc/mounts")) -> str | None:
     """A folder of this machine and user for kernels, where theirs lies on a disk of the network, which many machines
     would write at once; None: theirs will do. `mounts` is the system's list of file systems."""
-    where = Path(os.environ.get("NUMBA_CACHE_DIR", "")).resolve()
+    where = Path(os.environ.get("NUMBA_CACHE_DIR") or kernel_cache.folder()).resolve()
     kinds = {}
     for line in mounts.read_text(encoding="utf-8").splitlines():
         _, point, kind, *_ = line.split()

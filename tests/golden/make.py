@@ -14,8 +14,12 @@ import os
 import sys
 from pathlib import Path
 
-from palpate.launch.load.launchfile import LaunchFile
-from palpate.launch.run.execute import execute
+from palpate.physics.arithmetic import pin
+
+pin()  # as the command line is, before numpy is imported
+
+from palpate.launch.load.launchfile import LaunchFile  # noqa: E402
+from palpate.launch.run.execute import execute  # noqa: E402
 
 HERE = Path(__file__).parent
 DURATION = 0.12  # [s]

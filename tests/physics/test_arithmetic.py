@@ -1,4 +1,4 @@
-"""The instructions that numbers are computed with are pinned, whatever the environment says; what is not is told."""
+"""The instructions of palpate's programs are pinned, whatever the environment says, and in_force reports others."""
 
 import json
 import os
@@ -24,10 +24,10 @@ def tell(event, arguments):
         os._exit(0)
 
 sys.addaudithook(tell)
-import palpate.{}
+{}
 import numpy
 """
-"""Ends at the first import of what computes, here or by the package, and prints what that is told."""
+"""Ends at the first import of what computes, and prints what that finds."""
 ASK = "from palpate.physics.arithmetic import in_force; import json, numpy, scipy.linalg; print(json.dumps({}))"
 
 pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
@@ -42,34 +42,56 @@ def told(code, **environment):
 
 
 def test_the_pin_wins_over_the_environment():
-    code = "import palpate.physics; import numba; " + ASK.format("in_force()")
+    code = "from palpate.physics.arithmetic import pin; pin(); import numba; " + ASK.format("in_force()")
     assert told(code, **FOREIGN)["instructions"] == LEVEL
+
+
+def test_the_command_line_pins_before_anything_that_computes_is_loaded():
+    """As it has in this process, where what follows from it is `test_the_tests_are_pinned`."""
+    command = "from palpate.launch.__main__ import main; sys.argv[1:] = ['check', 'kidney']; main()"
+    assert told(FIRST.format(PINNED, command), **FOREIGN) == [os.environ[name] for name in PINNED]
 
 
 @pytest.mark.parametrize(
     "first", ["physics", "models.fe", "nodes", "engine", "records", "views", "launch.run.forkserver"]
 )
-def test_whatever_comes_first_pins_before_anything_that_computes_is_loaded(first):
-    """As it has in this process, where what follows from it is `test_the_tests_are_pinned`."""
-    assert told(FIRST.format(PINNED, first), **FOREIGN) == [os.environ[name] for name in PINNED]
+def test_an_import_pins_nothing(first):
+    assert told(FIRST.format(PINNED, f"import palpate.{first}"), **FOREIGN) == [FOREIGN.get(name) for name in PINNED]
 
 
 def test_the_tests_are_pinned():
     assert in_force()["instructions"] == LEVEL
 
 
-def test_what_was_imported_earlier_is_told_and_does_not_bind_the_workers():
+def test_a_process_that_only_imports_palpate_says_what_it_uses_and_does_not_bind_the_workers():
     code = "import numpy; " + ASK.format("[in_force(), in_force(here=False)]")
     here, workers = told(code, OPENBLAS_CORETYPE="Sandybridge")
-    assert "OpenBLAS Haswell Sandybridge" in here["instructions"]
+    assert "OpenBLAS Sandybridge" in here["instructions"]
     assert workers["instructions"] == LEVEL
     assert rounding({"arithmetic": here}) == [f"instructions {here['instructions']}, here {LEVEL}"]
 
 
-def test_kernels_that_were_compiled_earlier_are_told():
-    code = "import numba; f = numba.njit(lambda x: x + 1.0); f(1.0); " + ASK.format("in_force()")
-    instructions = told(code, **FOREIGN)["instructions"]
-    assert "kernels" in instructions and f"kernels {LEVEL}," not in instructions
+def test_kernels_are_pinned_whatever_the_user_has_numba_compile_for(tmp_path):
+    """Before and after, in the same process; a function of the user's may call a kernel."""
+    (tmp_path / "both.py").write_text("""
+import json, numba
+mine = numba.njit(lambda x: x + 1.0)
+mine(1.0)
+from palpate.physics.arithmetic import in_force
+from palpate.physics.kernel import kernel
+theirs = kernel(lambda x: x * 3.0 + 1.0)
+theirs(1.0)
+after = numba.njit(lambda x: theirs(x) - 1.0)
+value = after(2.0)
+
+def processor(function):
+    return next(iter(function.overloads.values())).library.codegen.magic_tuple()[1]
+
+print(json.dumps([value, in_force()["instructions"], *map(processor, (mine, theirs, after))]))
+""")
+    value, instructions, *processors = told(f"import runpy; runpy.run_path({str(tmp_path / 'both.py')!r})", **FOREIGN)
+    assert value == 6.0 and f"kernels {LEVEL}," in f"{instructions},"
+    assert processors == ["nehalem", LEVEL, "nehalem"]
 
 
 def test_the_user_may_leave_the_choice_to_the_processor():

@@ -178,7 +178,7 @@ def test_kernels_that_are_compiled_first_do_not_count(ball, tmp_path, monkeypatc
     """Neither while this process compiles them nor while it waits for another one that does."""
     folder = tmp_path / "kernels-of-this-test"
     folder.mkdir()
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    monkeypatch.setattr(point_process.kernel_cache, "folder", lambda: folder)
     monkeypatch.setattr(point_process, "_warmed", set())
     monkeypatch.setattr(point_process, "execute", lambda *_: numba.njit(lambda x: x + 1.0)(1.0))
     graph = LaunchFile(graph=ball)

@@ -1,5 +1,6 @@
 """`palpate join`: run one group of a placement on this machine for a launcher elsewhere."""
 
+import os
 from typing import Annotated
 
 import typer
@@ -13,21 +14,21 @@ def join(
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
 ) -> None:
     """Run a group of a placement here, for a launcher on another machine (`palpate run --address ...`)."""
-    from palpate.engine.clock import one_blas_thread
+    from palpate.physics.arithmetic import environment
 
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or not port.isdecimal():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
-    with one_blas_thread():
-        from palpate.launch.run.descendants import adopt_orphans, end_descendants
-        from palpate.launch.run.wire import keys
-        from palpate.launch.run.work.process import join as serve
+    os.environ.update(environment())  # as the launcher gives it to its workers, before numpy is imported
+    from palpate.launch.run.descendants import adopt_orphans, end_descendants
+    from palpate.launch.run.wire import keys
+    from palpate.launch.run.work.process import join as serve
 
-        secured = None if unencrypted else keys.load(key)
-        typer.echo(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
-        adopt_orphans()
-        try:
-            code = serve(address, group, timeout, secured)
-        finally:
-            end_descendants()  # what its nodes have started
-        raise typer.Exit(code)
+    secured = None if unencrypted else keys.load(key)
+    typer.echo(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
+    adopt_orphans()
+    try:
+        code = serve(address, group, timeout, secured)
+    finally:
+        end_descendants()  # what its nodes have started
+    raise typer.Exit(code)

@@ -9,7 +9,6 @@ the folder of its run while it lives, so that what was left by one that was kill
 """
 
 import contextlib
-import fcntl
 import hashlib
 import os
 import shutil
@@ -56,6 +55,8 @@ class RunFolder:
 
     def __init__(self, run: str) -> None:
         here = folder()
+        import fcntl  # POSIX; this module is imported where there is none, too
+
         for old in here.iterdir():
             if not _in_use(old):
                 shutil.rmtree(old, ignore_errors=True)
@@ -81,6 +82,8 @@ def runs() -> Iterator[tuple[str, list[str]]]:
 
 def _in_use(path: Path) -> bool:
     """Whether the launcher of this run lives. A stray file is no run."""
+    import fcntl
+
     try:
         number = os.open(path / _LOCK, os.O_RDWR | os.O_CLOEXEC)
     except (FileNotFoundError, NotADirectoryError):

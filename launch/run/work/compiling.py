@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NoReturn
 
-from palpate.launch.run.descendants import die_with_parent
-
 
 @contextmanager
 def compiling(report: Callable[[int], None], others: Sequence[Callable[[], object]] = ()) -> Iterator[None]:
@@ -32,7 +30,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
         helped = mmap.mmap(-1, 1)  # how many the second process has compiled
 
         def on_start(self, event: Any) -> None:
-            if self.helper is None and others and len(os.sched_getaffinity(0)) > 1:
+            if self.helper is None and others and hasattr(os, "fork") and len(os.sched_getaffinity(0)) > 1:
                 self.helper = _fork()
                 if not self.helper:
                     _call(others)
@@ -62,6 +60,8 @@ def _fork() -> int:
 
 
 def _call(calls: Sequence[Callable[[], object]]) -> NoReturn:
+    from palpate.launch.run.descendants import die_with_parent
+
     try:
         die_with_parent()
         signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -70,16 +70,15 @@ def run_fused(
             if not again:
                 printed(STOPPING)
             # Code that compiles may catch the exception: it is raised again until the start has ended.
-            signal.signal(signal.SIGALRM, lambda *_: interrupted(number))
-            signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN)
+            if hasattr(signal, "setitimer"):
+                signal.signal(signal.SIGALRM, lambda *_: interrupted(number))
+                signal.setitimer(signal.ITIMER_REAL, RAISED_AGAIN)
         if again or not result.start:
             raise KeyboardInterrupt
         assert worker is not None
         worker.stopping = True
 
-    if sys.__stderr__ is not None and not faulthandler.is_enabled():
-        faulthandler.enable(file=sys.__stderr__, all_threads=False)  # a crash in compiled code tells where
-    with interrupts(interrupted), exits_told():
+    with crashes_told(), interrupts(interrupted), exits_told():
         try:
             worker = Worker(job, None, report)
             with watched(None if patience is None else START_PATIENCE):
@@ -95,7 +94,8 @@ def run_fused(
                 with watched(patience, START_PATIENCE):  # a long recording goes to a slow disk
                     worker.stop()
         except (NodeError, KeyboardInterrupt) as error:
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            if result.interrupted and hasattr(signal, "setitimer"):
+                signal.setitimer(signal.ITIMER_REAL, 0.0)
             _note(result, error)
             if worker is not None:
                 try:
@@ -142,6 +142,19 @@ def _trace(cause: BaseException) -> str:
     if own is None or (told and own.tb_frame.f_code.co_filename.startswith(NODES)):
         return ""
     return "".join(traceback.format_exception(type(cause), cause, own))
+
+
+@contextlib.contextmanager
+def crashes_told() -> Iterator[None]:
+    """While the block runs, a crash in compiled code prints where it was."""
+    if sys.__stderr__ is None or faulthandler.is_enabled():
+        yield
+        return
+    faulthandler.enable(file=sys.__stderr__, all_threads=False)
+    try:
+        yield
+    finally:
+        faulthandler.disable()
 
 
 @contextlib.contextmanager

@@ -28,7 +28,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     waited for a processor does not count: a busy machine is no hang. Compiled code that never returns, or a call of the
     system that waits for a disk, lets no handler run: then the process ends after `last` [s], where it is left out
     `LAST` or twice the patience if that is longer, after telling on standard error where it was. Outside the main
-    thread nothing is watched.
+    thread nothing is watched, nor where the system has no such timer.
     """
     before: object = None
     spent, looked, queued = 0.0, time.monotonic(), _queued()
@@ -46,10 +46,10 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
         elif patience is not None and spent >= patience:
             raise HangError(f"no sign of life for {patience:.3g} s")
 
-    try:
-        known = None if patience is None else signal.signal(signal.SIGALRM, check)
-    except ValueError:
-        known = None
+    known = None
+    if patience is not None and hasattr(signal, "setitimer"):  # else not POSIX: nothing is watched
+        with contextlib.suppress(ValueError):
+            known = signal.signal(signal.SIGALRM, check)
     if known is None or patience is None:
         yield
         return

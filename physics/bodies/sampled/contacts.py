@@ -31,6 +31,7 @@ from palpate.physics.bodies.sampled.step import (
     gather,
     project,
 )
+from palpate.physics.dot import inner, times
 from palpate.physics.kernel import kernel
 
 Patch = tuple[np.ndarray, np.ndarray, float]
@@ -130,19 +131,19 @@ def step_all(model, patch, pull, dt, fields, active, vectors, matrices, room, nu
     for i in range(count):
         m_R_h = dot(measures[i], bent, active, acting) / young
         project(model.modes, measures[i], active, acting, modal[i])
-        np.dot(matrices[0], modal[i], K_inv_c[i])
+        times(matrices[0], modal[i], K_inv_c[i])
         contacts.residual[i, 0] = m_R_h
-        contacts.linear[i] = np.dot(modal[i], p) + m_R_h
-        s = np.dot(modal[i], q) + gam * m_R_h
-        m_D_h = np.dot(K_inv_c[i], p) + gam * m_R_h + dgam * m_R_h * strain
+        contacts.linear[i] = inner(modal[i], p) + m_R_h
+        s = inner(modal[i], q) + gam * m_R_h
+        m_D_h = inner(K_inv_c[i], p) + gam * m_R_h + dgam * m_R_h * strain
         contacts.depths[0, i], contacts.depths[1, i] = s - take * m_D_h, s
     for i in range(count):
         m_R_h = contacts.residual[i, 0]
         apply_residual_compliance(model.residual_compliance, measures[i], active, acting, bent)
-        m_D_f = np.dot(K_inv_c[i], loaded) / young + gam * dot(load, bent, active, acting) / young
+        m_D_f = inner(K_inv_c[i], loaded) / young + gam * dot(load, bent, active, acting) / young
         contacts.depths[0, i] += take * (m_D_f + dgam * m_R_h * f_R_h / young)
         for j in range(i + 1):
-            both = np.dot(K_inv_c[i], modal[j]) + gam * dot(measures[j], bent, active, acting)
+            both = inner(K_inv_c[i], modal[j]) + gam * dot(measures[j], bent, active, acting)
             both += dgam * m_R_h * contacts.residual[j, 0]
             compliance[i, j] = compliance[j, i] = take * both / young
         compliance[i, i] = max(compliance[i, i], LEAST_COMPLIANCE)

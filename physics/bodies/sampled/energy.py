@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.physics.dot import add_products, inner, left_times, times
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import law_at
 from palpate.physics.materials.invariants import cofactor, volume_tangent
@@ -97,7 +98,7 @@ def barrier(square, limit):
 def forces(points, q, work, g):
     """W(q) [J], and its gradient [J] (r,) into `g`; infinite where a point is inverted or q is out of bounds."""
     D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
-    total, pull, _ = barrier(np.dot(q, q), points.limit)
+    total, pull, _ = barrier(inner(q, q), points.limit)
     if not total < np.inf:
         return np.inf
     for i in range(len(q)):
@@ -106,7 +107,7 @@ def forces(points, q, work, g):
     for start in range(0, len(points.kinds), NEAR):  # the modes of so many points stay in the cache for both products
         end = min(start + NEAR, len(points.kinds))
         own = points.modes[9 * start : 9 * end]
-        np.dot(own, work.x, D[9 * start : 9 * end])
+        times(own, work.x, D[9 * start : 9 * end])
         for p in range(start, end):
             at = 9 * p
             J = _deform(D, at, F, C)
@@ -120,7 +121,7 @@ def forces(points, q, work, g):
             for i in range(3):
                 for j in range(3):
                     f[at + 3 * i + j] = w * (P[i, j] + dU * C[i, j])
-        np.dot(f[9 * start : 9 * end], own, work.g)
+        left_times(f[9 * start : 9 * end], own, work.g)
         g += work.g
     for i in range(len(q)):
         along = 0.0
@@ -135,12 +136,12 @@ def forces(points, q, work, g):
 def tangent(points, q, work, hessian):
     """d²W/dq² [J] (r,r) into `hessian`; whether no point is inverted."""
     D, F, C, P, A, M, T = work.D, work.F, work.C, work.P, work.A, work.M, work.T
-    _, pull, curve = barrier(np.dot(q, q), points.limit)
+    _, pull, curve = barrier(inner(q, q), points.limit)
     if not pull < np.inf:
         return False
     for i in range(len(q)):
         work.x[i] = q[i]
-    np.dot(points.modes, work.x, D)
+    times(points.modes, work.x, D)
     for i in range(len(q)):
         for j in range(len(q)):
             hessian[i, j] = points.springs[i, j] + 4.0 * curve * q[i] * q[j]
@@ -162,7 +163,7 @@ def tangent(points, q, work, hessian):
             volume_tangent(F, C, dU, ddU, A)
             A *= points.weights[p]
             at = 9 * (p - start)
-            np.dot(A, M[at : at + 9], T[at : at + 9])
-        np.dot(M[:rows].T, T[:rows], work.K)
-        hessian += work.K
+            T[at : at + 9] = 0.0
+            add_products(A, M[at : at + 9], T[at : at + 9])  # A is symmetric
+        add_products(M[:rows], T[:rows], hessian)
     return True

@@ -8,6 +8,7 @@ down in energy; the number of evaluations is bounded, and what is left over is l
 import numpy as np
 
 from palpate.physics.bodies.sampled.energy import forces, tangent
+from palpate.physics.dot import inner, times
 from palpate.physics.kernel import kernel
 
 TOLERANCE = 3e-3
@@ -96,7 +97,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
         for i in range(r):
             reached += p[i] * q[i]
             trial[i] = p[i] - g[i]
-        np.dot(H, trial, d)
+        times(H, trial, d)
         for i in range(r):
             along -= d[i] * trial[i]
         if not (along <= 0.0 or forgot):  # rounding has taken its definiteness
@@ -156,8 +157,8 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
 def _improve(H, s, y, Hy, curve):
     """The update of Broyden, Fletcher, Goldfarb and Shanno of the inverse; Hy is memory."""
     r = len(s)
-    np.dot(H, y, Hy)
-    own = (1.0 + np.dot(Hy, y) / curve) / curve
+    times(H, y, Hy)
+    own = (1.0 + inner(Hy, y) / curve) / curve
     for i in range(r):
         a, b = own * s[i], s[i] / curve
         c, row = Hy[i] / curve, H[i]

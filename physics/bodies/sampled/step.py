@@ -10,6 +10,7 @@ from palpate.physics.bodies.patch import normal_force, share_of
 from palpate.physics.bodies.sampled.energy import Points
 from palpate.physics.bodies.sampled.solve import EACH, at_rest, settle
 from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
+from palpate.physics.dot import times
 from palpate.physics.kernel import kernel
 
 LEAST_COMPLIANCE = 1e-12
@@ -183,7 +184,7 @@ def step(model, patch, pull, share, normal, dt, fields, active, vectors, matrice
     # indentation s, its compliance on the patch, and s of the linear body
     modal = compliance = modal_linear = 0.0
     K_inv_c = vectors[8]  # K^-1 c, K the tangent
-    np.dot(inverse, c, K_inv_c)
+    times(inverse, c, K_inv_c)
     for k in range(r):
         compliance += c[k] * K_inv_c[k]
         modal += c[k] * q[k]
@@ -238,7 +239,7 @@ def field(model, feet, far, fields, active, q, more):
         if held[v, 0] != 0.0 or held[v, 1] != 0.0 or held[v, 2] != 0.0:
             active[count] = v
             count += 1
-    np.dot(model.modes, q, u.reshape(-1))
+    times(model.modes, q, u.reshape(-1))
     for v in range(len(points)):
         near = False
         for foot in feet:

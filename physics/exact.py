@@ -1,0 +1,115 @@
+"""Linear algebra with the same bits on every machine: what a start computes on the way to a force takes these.
+
+BLAS and LAPACK, so `@`, `np.dot` and `np.linalg` but `norm` over an axis, choose the order of their sums by the
+processor and the number of threads; numpy's `exp`, `log`, `tan`, `arctan2`, `sinh`, `power` ... choose their
+approximation by the processor. Sums, `einsum` without `optimize`, `sqrt`, `sin`, `cos` and `hypot` of numpy do not.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from palpate.physics.kernel import kernel
+
+
+def product(a: Any, b: Any) -> np.ndarray:
+    """a (n,k) times b (k,m) or (k,)."""
+    return np.einsum("ik,k...->i...", a, b)
+
+
+def length(x: np.ndarray) -> float:
+    """Euclidean norm of all numbers of an array."""
+    return float(np.sqrt(np.sum(np.square(x))))
+
+
+def exp(x: Any) -> np.ndarray:
+    """e^x of each number (...), as the C library has it; so are the others."""
+    return _each(0, x)
+
+
+def expm1(x: Any) -> np.ndarray:
+    """e^x - 1."""
+    return _each(1, x)
+
+
+def log(x: Any) -> np.ndarray:
+    """Natural logarithm."""
+    return _each(2, x)
+
+
+def power(x: Any, exponent: float) -> np.ndarray:
+    """x^exponent, x >= 0."""
+    return _each(3, x, exponent)
+
+
+def arctan2(y: Any, x: Any) -> np.ndarray:
+    """Angle [rad] of (x, y)."""
+    return _each(4, y, x)
+
+
+def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
+    first, second = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    out = np.empty(first.shape)
+    _fill(which, first.ravel().copy(), second.ravel().copy(), out.reshape(-1))
+    return out
+
+
+@kernel(error_model="numpy")
+def _fill(which, x, y, out):
+    for i in range(len(out)):
+        if which == 0:
+            out[i] = math.exp(x[i])
+        elif which == 1:
+            out[i] = math.expm1(x[i])
+        elif which == 2:
+            out[i] = math.log(x[i])
+        elif which == 3:
+            out[i] = x[i] ** y[i]
+        else:
+            out[i] = math.atan2(x[i], y[i])
+
+
+def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """x (...,n,m) with a x = b, of a (...,n,n) and b (...,n,m).
+
+    ValueError: a is singular.
+    """
+    x = np.array(b, dtype=float, order="C")
+    rows, columns = x.shape[-2:]
+    if not _solve(np.array(a, dtype=float, order="C").reshape(-1, rows, rows), x.reshape(-1, rows, columns)):
+        raise ValueError("a singular matrix")
+    return x
+
+
+@kernel(error_model="numpy")
+def _solve(a, x):
+    """Gaussian elimination with row pivots, in place; whether all pivots are there. a (k,n,n), x (k,n,m)."""
+    count, n, columns = x.shape
+    for k in range(count):
+        for i in range(n):
+            best = i
+            for j in range(i + 1, n):
+                if abs(a[k, j, i]) > abs(a[k, best, i]):
+                    best = j
+            if not abs(a[k, best, i]) > 0.0:
+                return False
+            if best != i:
+                for j in range(n):
+                    a[k, i, j], a[k, best, j] = a[k, best, j], a[k, i, j]
+                for j in range(columns):
+                    x[k, i, j], x[k, best, j] = x[k, best, j], x[k, i, j]
+            for r in range(i + 1, n):
+                factor = a[k, r, i] / a[k, i, i]
+                if factor != 0.0:
+                    for j in range(i + 1, n):
+                        a[k, r, j] -= factor * a[k, i, j]
+                    for j in range(columns):
+                        x[k, r, j] -= factor * x[k, i, j]
+        for i in range(n - 1, -1, -1):
+            for j in range(columns):
+                total = x[k, i, j]
+                for r in range(i + 1, n):
+                    total -= a[k, i, r] * x[k, r, j]
+                x[k, i, j] = total / a[k, i, i]
+    return True

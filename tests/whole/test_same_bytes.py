@@ -1,0 +1,89 @@
+"""One graph gives the same bytes however it is run, and whatever else the process has loaded or the user has set."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import warm_fork_server
+from same_bytes import digests
+
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.physics.arithmetic import LEVEL, pinnable
+from palpate.studies.sweeps.point import Point, Task
+from palpate.studies.sweeps.runner import Runner
+
+GRAPH = Path(__file__).parents[1] / "golden" / "kidney.yaml"
+BODIES = [f"deformation.{name}" for name in ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")]
+TURNED = {"rotation": [0.02, 0.0, 0.3]}
+VARIANTS = [
+    *({"tissue": body} for body in BODIES),
+    {"tissue": {"coupling": 100.0}},
+    {"collision": {"use": "collision.Mesh"}},
+    {"tissue": {"use": "deformation.ReducedFE", **TURNED}, "collision": TURNED, "spread": TURNED},
+]
+SETTINGS = [
+    {"OMP_NUM_THREADS": "2"},
+    {"OPENBLAS_CORETYPE": "Haswell", "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR"},
+    {"OPENBLAS_CORETYPE": "Zen", "NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""},
+    {"OPENBLAS_CORETYPE": "Prescott", "NPY_DISABLE_CPU_FEATURES": "X86_V3 X86_V4 AVX512_ICL AVX512_SPR"},
+    {"OPENBLAS_CORETYPE": "SkylakeX", "OPENBLAS_NUM_THREADS": "2"},
+]
+PINS = ("OPENBLAS", "OMP_", "MKL_", "NUMBA_", "NPY_")
+
+pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
+
+
+def in_one_process(settings, variants, folder):
+    """As `same_bytes` prints it, in a new process that is not pinned."""
+    clean = {name: value for name, value in os.environ.items() if not name.startswith(PINS)}
+    folder.mkdir(parents=True, exist_ok=True)
+    script = Path(__file__).parents[1] / "support" / "same_bytes.py"
+    done = subprocess.run(
+        [sys.executable, script, GRAPH, json.dumps(variants), folder],
+        env=clean | settings, capture_output=True, text=True, cwd=folder,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def test_run_command_line_apart_and_a_study_give_the_same_bytes(tmp_path):
+    ((library, _, _, peak),) = in_one_process({}, [{}], tmp_path / "library")
+    assert peak > 0.05 and len(library) > 7
+    for way in ("--fused", "--place=apart"):
+        file = tmp_path / f"{way}.mcap"
+        given = ["run", str(GRAPH), way, "--duration", "0.12", "--record", str(file), "--no-pictures", "-q"]
+        with open(tmp_path / "said", "w+") as said:
+            process = warm_fork_server.palpate(given, cwd=tmp_path, env=dict(os.environ), stdout=said, stderr=said)
+            assert process.wait() == 0, (tmp_path / "said").read_text()
+        assert digests(file) == library, way
+    runner = Runner()
+    try:
+        task = Task(LaunchFile(graph=GRAPH, duration=0.12), (), runner.about, None)
+        done = runner.run(task, Point(0, "", {}, {}, tmp_path / "point.mcap"))
+    finally:
+        runner.close()
+    assert not done.error and not done.lost
+    assert digests(tmp_path / "point.mcap") == library
+
+
+@pytest.mark.parametrize("settings", [SETTINGS[0], SETTINGS[3]], ids=["threads", "old"])
+def test_foreign_settings_of_numpy_openblas_and_numba_change_no_byte(settings, tmp_path):
+    here = in_one_process({}, VARIANTS[:1], tmp_path / "here")
+    assert in_one_process(settings, VARIANTS[:1], tmp_path / "there") == here
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    """Each variant in a process without settings."""
+    return in_one_process({}, VARIANTS, tmp_path_factory.mktemp("here"))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("settings", SETTINGS, ids=lambda one: " ".join(one.values()))
+def test_foreign_settings_change_no_byte_of_any_body(settings, here, tmp_path):
+    assert all(peak > 0.05 for *_, peak in here)
+    assert in_one_process(settings, VARIANTS, tmp_path / "there") == here

@@ -1,0 +1,28 @@
+"""The library half needs no module or function that only POSIX has."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from palpate.launch.machine import findings
+
+TESTS = Path(__file__).parents[1]
+
+
+def test_one_process_on_simulated_time_runs_without_posix(tmp_path):
+    command = [sys.executable, TESTS / "support" / "without_posix.py", TESTS / "golden" / "kidney.yaml"]
+    done = subprocess.run(command, env=dict(os.environ), capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) > 0.05
+
+
+def test_doctor_says_what_is_tested(monkeypatch):
+    def found():
+        return {one.what: one for one in findings.examine(pictures=False, seconds=0.0)}
+
+    assert found()["system"].state == "ok"
+    monkeypatch.setattr(findings.sys, "platform", "darwin")
+    elsewhere = found()
+    assert elsewhere["system"].state == "note" and "untested" in elsewhere["system"].found
+    assert "SCHED_RR" not in elsewhere
