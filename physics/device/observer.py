@@ -13,10 +13,12 @@ derivative of x. What u is depends on whether the finger moves or rests:
             outside: as long as the reading agrees, there is no error, and no count is felt
     rests   the line of least squares through all readings since the first that lies within `BAND` counts of it
 
-A finger rests once its readings have stayed on one line for `REST`; or have swung about it, faster than a hand can,
-which is a vibration of the loop. From then on the line yields only to readings whose cell it has left, and slowly,
-because a spring K against a hand k turns an error of x into K/k times its motion: that loop is stable only if the line
-is slower than the hand. w grows with |d|/q above 1, so that x is never far from the reading.
+A finger rests once its readings have stayed on one line for `REST` that rises by less than a count; or have swung
+about any line, more often than a hand can: then the loop vibrates, and they may go on to lie `WIDE` counts away. From then on the line yields only to readings that
+leave it, and slowly, because a spring K against a hand k turns an error of x into K/k times its motion: that loop is
+stable only if the line is slower than the hand. p never points against the last change of the reading: within a count
+the finger may have turned, but only a count shows it. w grows with |d|/q above 1, and farther than `WIDE` counts
+from the reading x begins anew at it.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
 Control Systems Technology 8 (2000) 1003-1009, for the line with the encoder's resolution as its bound.
@@ -28,13 +30,14 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 
-BANDWIDTH = 400.0  # [1/s] w
+BANDWIDTH = 400.0  # [1/s] least w
+FASTEST = 4.0  # [1] largest w over the least
 REST = 0.1  # [s]
 BLEND = 0.01  # [s] in which u goes from the reading to the line
-BAND, WIDE = 1.25, 6.0  # [counts] from the line, at rest and while it vibrates
+BAND, WIDE = 1.25, 12.0  # [counts] from the line, at rest and while the loop vibrates
 REVERSALS = 4.0  # within `REST` that make a vibration: 20 Hz
-CALM = 0.1  # [s] in which a vibration has to end once the line does not follow it
-PULL, TURN, STOP = 4.5, 60.0, 5.0  # [1/s], [1/s^2], [1/s] gains of the line's place and slope at rest, decay of the slope
+PULL, TURN = 4.5, 30.0  # [1/s], [1/s^2] gains of the line's place and slope at rest
+STOP = 5.0  # [1/s] decay of the slope at rest, where nothing vibrates
 PLACE, SPEED, TREND, LINE, SLOPE, HELD, SHARE, LAST, WAY, TURNS, WIDTH = range(11)
 
 
@@ -53,12 +56,11 @@ def rest_line(axis, reading, count, dt):
         axis[TURNS] += way * axis[WAY] < 0.0
         axis[WAY], axis[LAST] = way, reading
     axis[HELD] += dt
-    rests = axis[HELD] >= REST
     line = axis[LINE] + axis[SLOPE] * dt
     error = reading - line
-    if rests:
-        axis[WIDTH] = width = BAND + max(axis[WIDTH] - BAND, 0.0) * math.exp(-dt / CALM)
-    else:
+    rests = axis[SHARE] > 0.0
+    width = axis[WIDTH]
+    if not rests:
         width = WIDE if axis[TURNS] >= REVERSALS * axis[HELD] / REST - 1.0 else BAND
     if not abs(error) <= width * count:
         axis[LINE], axis[SLOPE] = reading, axis[TREND]
@@ -66,13 +68,22 @@ def rest_line(axis, reading, count, dt):
     elif rests:
         error -= min(max(error, -0.5 * count), 0.5 * count)
         axis[LINE] = line + min(PULL * dt, 1.0) * error
-        axis[SLOPE] += min(TURN * dt, 1.0 / dt) * error - min(STOP * dt, 1.0) * axis[SLOPE]
+        axis[SLOPE] += min(TURN * dt, 1.0 / dt) * error
+        if width == BAND:
+            axis[SLOPE] *= math.exp(-STOP * dt)
         axis[SHARE] = min(axis[SHARE] + dt / BLEND, 1.0)
     else:  # least squares over n readings
         n = axis[HELD] / dt + 1.0
         axis[LINE] = line + min((4.0 * n - 2.0) / (n * (n + 1.0)), 1.0) * error
         axis[SLOPE] += min(6.0 / (n * (n + 1.0)), 1.0) * error / dt
         axis[WIDTH] = max(axis[WIDTH], abs(error) / count)
+        if axis[HELD] >= REST:
+            if axis[WIDTH] <= BAND and abs(axis[SLOPE]) * REST < count:  # no motion that the encoder shows
+                axis[SHARE], axis[WIDTH], axis[SLOPE] = min(dt / BLEND, 1.0), BAND, 0.0
+            elif axis[TURNS] >= REVERSALS - 1.0:
+                axis[SHARE], axis[WIDTH] = min(dt / BLEND, 1.0), WIDE
+            else:
+                axis[HELD] = axis[TURNS] = axis[WIDTH] = 0.0
     return axis[LINE], axis[SHARE]
 
 
@@ -92,13 +103,17 @@ def follow(axis, reading, count, dt):
     wanted = min(max(expected, reading - 0.5 * count), reading + 0.5 * count)
     wanted += share * (line - wanted)
     # Implicit Euler: stable whatever the step, and x changes by v dt exactly.
-    w = BANDWIDTH * max(1.0, abs(wanted - expected) / count)
+    w = BANDWIDTH * min(max(1.0, abs(wanted - expected) / count), FASTEST)
     a, b = 3.0 * w * dt, w + w * w * dt / 3.0
     v = (v + a * (axis[TREND] + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
     x += v * dt
     axis[PLACE], axis[SPEED] = x, v
     axis[TREND] += w * w / 3.0 * dt * (wanted - x)
-    return x
+    if axis[TREND] * axis[WAY] < 0.0:
+        axis[TREND] = 0.0
+    if not abs(x - reading) <= WIDE * count:
+        begin(axis, reading)
+    return axis[PLACE]
 
 
 def buffers() -> np.ndarray:
