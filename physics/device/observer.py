@@ -17,7 +17,7 @@ A finger rests once its readings have stayed on one line for `REST` that rises b
 about any line, more often than a hand can: then the loop vibrates, and they may go on to lie `WIDE` counts away. From then on the line yields only to readings that
 leave it, and slowly, because a spring K against a hand k turns an error of x into K/k times its motion: that loop is
 stable only if the line is slower than the hand. p never points against the last change of the reading: within a count
-the finger may have turned, but only a count shows it. w grows with |d|/q above 1, and farther than `WIDE` counts
+the finger may have turned, but only a count shows it. w grows with |d|/q above 1, and farther than `LOST` counts
 from the reading x begins anew at it.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
@@ -34,7 +34,8 @@ BANDWIDTH = 400.0  # [1/s] least w
 FASTEST = 4.0  # [1] largest w over the least
 REST = 0.1  # [s]
 BLEND = 0.01  # [s] in which u goes from the reading to the line
-BAND, WIDE = 1.25, 12.0  # [counts] from the line, at rest and while the loop vibrates
+BAND, WIDE = 1.25, 6.0  # [counts] from the line, at rest and while the loop vibrates
+LOST = 50.0  # [counts] from the reading, where the observer begins anew
 REVERSALS = 4.0  # within `REST` that make a vibration: 20 Hz
 PULL, TURN = 4.5, 30.0  # [1/s], [1/s^2] gains of the line's place and slope at rest
 STOP = 5.0  # [1/s] decay of the slope at rest, where nothing vibrates
@@ -78,10 +79,9 @@ def rest_line(axis, reading, count, dt):
         axis[SLOPE] += min(6.0 / (n * (n + 1.0)), 1.0) * error / dt
         axis[WIDTH] = max(axis[WIDTH], abs(error) / count)
         if axis[HELD] >= REST:
-            if axis[WIDTH] <= BAND and abs(axis[SLOPE]) * REST < count:  # no motion that the encoder shows
-                axis[SHARE], axis[WIDTH], axis[SLOPE] = min(dt / BLEND, 1.0), BAND, 0.0
-            elif axis[TURNS] >= REVERSALS - 1.0:
-                axis[SHARE], axis[WIDTH] = min(dt / BLEND, 1.0), WIDE
+            still = axis[WIDTH] <= BAND and abs(axis[SLOPE]) * REST < count  # no motion that the encoder shows
+            if still or axis[TURNS] >= REVERSALS - 1.0:
+                axis[SHARE], axis[WIDTH], axis[SLOPE] = min(dt / BLEND, 1.0), BAND if still else WIDE, 0.0
             else:
                 axis[HELD] = axis[TURNS] = axis[WIDTH] = 0.0
     return axis[LINE], axis[SHARE]
@@ -111,7 +111,7 @@ def follow(axis, reading, count, dt):
     axis[TREND] += w * w / 3.0 * dt * (wanted - x)
     if axis[TREND] * axis[WAY] < 0.0:
         axis[TREND] = 0.0
-    if not abs(x - reading) <= WIDE * count:
+    if not abs(x - reading) <= LOST * count:
         begin(axis, reading)
     return axis[PLACE]
 

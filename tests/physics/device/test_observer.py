@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.physics.device.observer import REST, WIDE, begin, buffers, follow
+from palpate.physics.device.observer import REST, LOST, begin, buffers, follow
 
 COUNT = 60e-6
 
@@ -92,4 +92,4 @@ def test_it_is_mirrored_with_the_motion_and_finite_whatever_it_reads():
     for reading, dt in zip(read, rng.choice([1e-6, 1e-4, 1e-3, 0.1, 10.0], len(read)), strict=True):
         place = follow(one, reading, COUNT, dt)
         assert place == -follow(other, -reading, COUNT, dt)
-        assert np.isfinite(one).all() and abs(place - reading) <= WIDE * COUNT
+        assert np.isfinite(one).all() and abs(place - reading) <= LOST * COUNT
