@@ -2,9 +2,9 @@
 
     python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring BeamBundle] [--rates 500 1000 5000]
 
-Each run is the graph's own touch, fused, on simulated time. Of each device it prints the peak of the force [N], and over
-the last 0.2 s of that hold of its path with the largest force: the mean force [N]; the noise [mN], RMS without any
-filter, about the mean and about a fitted parabola, which takes the slow creep of relaxing bodies out; friction [N].
+Each run is the touch of the graph, fused, on simulated time. For each device it prints the peak of the force [N], and
+over the last 0.2 s of the hold with the largest force: the mean force [N]; the noise [mN], RMS without any filter,
+about the mean and about a fitted parabola, which removes the slow creep of relaxing bodies; friction [N].
 """
 
 import argparse
@@ -19,15 +19,13 @@ from palpate.launch.run.execute import execute
 from palpate.physics.errors import PalpateError
 from palpate.records.reader import Recording
 
+ONE = {"device": ("controller", "friction")}
 GRAPHS = {  # device: controller, friction
-    "kidney": {"device": ("controller", "friction")},
-    "fingertip": {"device": ("controller", "friction")},
-    "nodule": {"device": ("controller", "friction")},
+    **dict.fromkeys(("kidney", "fingertip", "nodule", "remote"), ONE),
     "organs": {"device": ("controller", "friction-kidney")},
-    "remote": {"device": ("controller", "friction")},
-    "pinch": {"device-thumb": ("controller-thumb", "friction-thumb"), "device-index": ("controller-index", "friction-index")},
-    "palpate-two": {"device-1": ("controller-1", "friction-1"), "device-2": ("controller-2", "friction-2")},
-}  # fmt: skip
+    "pinch": {f"device-{f}": (f"controller-{f}", f"friction-{f}") for f in ("thumb", "index")},
+    "palpate-two": {f"device-{f}": (f"controller-{f}", f"friction-{f}") for f in (1, 2)},
+}
 TISSUE = {"organs": ("kidney", "liver")}
 SECONDS = 0.2
 
@@ -55,7 +53,11 @@ def measure(record: Recording, controller: str, friction: str, ends: list[float]
     t = np.vander(np.linspace(-1, 1, len(part)), 3)
     left = part - t @ np.linalg.lstsq(t, part, rcond=None)[0]
     noise = [1e3 * float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (part - part.mean(axis=0), left)]
-    rub = record.columns(friction)["force"][: round(end * rate)][-count:] if friction in record.streams else np.zeros((1, 3))
+    rub = (
+        record.columns(friction)["force"][: round(end * rate)][-count:]
+        if friction in record.streams
+        else np.zeros((1, 3))
+    )
     peak, mean = np.linalg.norm(force, axis=1).max(), np.linalg.norm(part.mean(axis=0))
     slip = float(np.linalg.norm(rub, axis=1).mean())
     return f"{peak:7.2f} {mean:7.2f} {noise[0]:9.1f} {noise[1]:9.2f} {slip:7.3f}"

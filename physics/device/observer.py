@@ -14,11 +14,11 @@ derivative of x. What u is depends on whether the finger moves or rests:
     rests   the line of least squares through all readings since the first that lies within `BAND` counts of it
 
 A finger rests once its readings have stayed on one line for `REST` that rises by less than a count; or have swung
-about any line, more often than a hand can: then the loop vibrates, and they may go on to lie `WIDE` counts away. From then on the line yields only to readings that
-leave it, and slowly, because a spring K against a hand k turns an error of x into K/k times its motion: that loop is
-stable only if the line is slower than the hand. p never points against the last change of the reading: within a count
-the finger may have turned, but only a count shows it. w grows with |d|/q above 1, and farther than `LOST` counts
-from the reading x begins anew at it.
+about any line, more often than a hand can: then the loop vibrates, and they may go on to lie `WIDE` counts away. From
+then on the line yields only to readings that leave it, and slowly, because a spring K against a hand k turns an error
+of x into K/k times its motion: that loop is stable only if the line is slower than the hand. p never points against
+the last change of the reading: within a count the finger may have turned, but only a count shows it. w grows with
+|d|/q above 1, and farther than `LOST` counts from the reading x begins anew at it.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
 Control Systems Technology 8 (2000) 1003-1009, for the line with the encoder's resolution as its bound.

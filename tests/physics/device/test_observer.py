@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.physics.device.observer import REST, LOST, begin, buffers, follow
+from palpate.physics.device.observer import LOST, REST, begin, buffers, follow
 
 COUNT = 60e-6
 
