@@ -6,11 +6,10 @@ import msgspec
 
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
 from palpate.nodes.base import Node, Wants
-from palpate.physics.device import between, window
+from palpate.physics.device import observer
 from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import buffers, pose, pose_falcon
-from palpate.physics.device.velocity import FILLED
+from palpate.physics.device.tracking import FILLED, buffers, pose, pose_falcon
 from palpate.physics.entry_point import entry_point
 
 ZERO = (0.0, 0.0, 0.0)
@@ -20,14 +19,11 @@ class _Tracker(Node):
     """What both kinds of device share: settings, the filter's state, and the clock of the samples."""
 
     origin: Annotated[Vector3, "m"] = ZERO
-    velocity_window: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 8
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
 
     def _reset(self, home: Vector3) -> None:
-        self.cursor, self.times, self.points = buffers(self.velocity_window, *home)
-        self.window, ring, self.line = window.buffers()
-        self.filter = self.cursor, self.times, self.points, between.buffers(), self.window, ring, self.line
+        self.filter = *buffers(*home), observer.buffers()
         self.clock = 0
         self.last = home
 
@@ -43,19 +39,17 @@ class _Tracker(Node):
 
     def _lost(self) -> Pose:
         """The last position at rest, while the device does not know where it is; then the history begins anew."""
-        self.cursor[FILLED] = 0
-        window.forget(self.window, self.line)
+        self.filter[0][FILLED] = 0
         return self._pose(*self.last, 0.0, 0.0, 0.0, 0.0)
 
 
 class FalconKinematics(_Tracker):
     """Pose of a Novint Falcon's grip from its three driven angles.
 
-    The velocity is the mean of `velocity_window` backward differences over the stamps of the samples. A sample that
-    would need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample leaves the
-    pose as it was, with dt = 0. `origin` is where the device's frame lies in the world. `resolution`: one encoder
-    count at the grip, about; angles that rest between two counts are told as their mean, and where the last samples
-    lie within it of a straight line, the pose is that of the line. 0: as measured.
+    A sample that would need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample
+    leaves the pose as it was, with dt = 0. `origin` is where the device's frame lies in the world. With a `resolution`
+    (one encoder count at the grip, about) an observer finds the angles between their counts; 0: as measured. The
+    velocity is the last difference of the positions.
     """
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
@@ -80,7 +74,8 @@ class FalconKinematics(_Tracker):
 
 
 class Cartesian(_Tracker):
-    """Pose of a device that reports a position: the same filter and the same refusal of impossible speeds."""
+    """Pose of a device that reports a position: the same observer, at `resolution`, and the same refusal of impossible
+    speeds."""
 
     def start(self) -> None:
         self._reset(ZERO)

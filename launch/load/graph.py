@@ -19,7 +19,7 @@ from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.plan import missing_senders
-from palpate.launch.load.pressing import Pressing
+from palpate.launch.load.pressing import Pressing, check_divisors
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
@@ -140,6 +140,7 @@ def load_source(
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
         contacts = Pressing({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
         contacts.check({n: s.place for n, s in may.items()}, faults)
+        check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:

@@ -10,11 +10,36 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from palpate.engine.faults import Faults, Location
+from palpate.engine.graph import NodeSpec
 from palpate.engine.parts import parts
 from palpate.launch.load.wiring import Wire
-from palpate.messages import Contact, Contacts, Force, Ledger, Load, Message, Proximity, Surface
+from palpate.messages import Contact, Contacts, DeviceState, Force, Ledger, Load, Message, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs
 from palpate.nodes.base.carrier import Carrier
+
+
+def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
+    """A fault for each node between a device and a contact that runs at a divisor which its reader does not share.
+
+    A contact differentiates the approach over its own step. If the motion of several ticks arrives in one step, the
+    rate is that many times too high, and zero in the steps between: the force is a sawtooth.
+    """
+    motion = [w for w in wires if issubclass(w.port.type, DeviceState | Pose | Proximity)]
+    path = [name for name, spec in nodes.items() if set(spec.streams.values()) & {Contact, Contacts}]
+    for reader in path:  # grows up to the devices
+        for wire in motion:
+            sender = nodes.get(wire.producer)
+            if wire.consumer != reader or sender is None:
+                continue
+            if nodes[reader].every % sender.every:
+                faults.add(
+                    f"has `every: {sender.every}`, but {reader!r}, which reads it on the path to the contact, has "
+                    f"`every: {nodes[reader].every}`: the contact would feel the motion of several ticks in one",
+                    f"`{sender.name}: {{every: 1}}`, or the same divisor for both. `every` is for nodes behind the "
+                    "contact: friction, tissue, display (docs/effects.md).", sender.place, node=sender.name,
+                )  # fmt: skip
+            if wire.producer not in path:
+                path.append(wire.producer)
 
 
 class Pressing:

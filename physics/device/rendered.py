@@ -19,7 +19,7 @@ from palpate.physics.kernel import kernel
 
 SHARE = 0.01
 MOST = 1e12  # [N/m]
-LEAP = 0.25  # [N] largest change of force over one step of the position
+LEAP = 0.1  # [N] largest change of force over one step of the position
 SPAN = 8.0  # [1] steps of the device's position over which a slope is measured
 FORGET = 0.01  # [s] below the line after which it is forgotten
 LINE, LAW, CUT, BELOW = range(4)  # of the wall

@@ -2,21 +2,24 @@
 
 A sample that would need a speed above the limit is refused and the last good position kept. Where a few samples in a
 row agree with one another at their new place, the device has really moved (its encoders were set anew): they are
-accepted and the velocity begins again at zero.
+accepted and the velocity begins again at zero. So does a clock that was set back, after as many stale stamps.
+
+Between its counts the position is the observer's (observer.py). The velocity is the last difference of positions: who
+integrates it is where the position is.
 """
 
 import math
 
 import numpy as np
 
-from palpate.physics.device.between import begin, settle
 from palpate.physics.device.falcon import forward_kernel
-from palpate.physics.device.velocity import FILLED, HEAD, mean_velocity, push, restart
-from palpate.physics.device.window import smooth
+from palpate.physics.device.observer import begin, follow
 from palpate.physics.kernel import kernel
 
-REFUSED = 3  # place in the cursor: samples refused in a row
+STAMP, FILLED, STALE, REFUSED, REFUSED_STAMP = range(5)  # of the clock
+GOOD, POSE, VELOCITY, ODD = range(4)  # rows of the places: last good reading, pose, its velocity, last refused reading
 PATIENCE = 4  # samples that must agree before a jump is believed
+MOST_STALE = 9  # stamps in a row that do not increase before the clock counts as set back
 BAD, TAKEN, ANEW = range(3)
 SLACK = 2e-4  # [m] a few encoder counts, which must pass whatever the time between two samples
 
@@ -29,120 +32,105 @@ def too_far(limit, elapsed, place, x, y, z):
 
 
 @kernel
-def judge(cursor, times, points, limit, t, x, y, z):
+def judge(clock, places, limit, t, x, y, z):
     """What a sample is: BAD, TAKEN, or one with which the history begins ANEW.
 
-    cursor  [1]   (4)      as in `velocity.push`, and the samples refused in a row
-    times   [ns]  (N+2)    the filter's ring, and the stamp of the last refused sample
-    points  [m]   (N+2,3)  the same
-    limit   [m/s] ()       largest believable speed
+    clock   [1]  (5)    int64: stamp of the last good sample [ns], whether there is one, stale stamps in a row, samples
+                        refused in a row, stamp of the last refused one [ns]; changed in place
+    places  [m]  (4,3)  last good reading, last pose, its velocity [m/s], last refused reading; changed in place
+    limit   [m/s]       largest believable speed
+    t       [ns]        stamp of the sample at x, y, z [m]
     """
-    head = cursor[HEAD]
-    elapsed = t - times[head]
     if not abs(x + y + z) < math.inf:
         return BAD
-    if cursor[FILLED] == 0:
+    if clock[FILLED] == 0:
         return ANEW
-    if elapsed > 0:
-        last = points[-1]
-        if too_far(limit, elapsed, points[head], x, y, z):
-            agrees = cursor[REFUSED] > 0 and not too_far(limit, t - times[-1], last, x, y, z)
-            cursor[REFUSED] = cursor[REFUSED] + 1 if agrees else 1
-            times[-1], last[0], last[1], last[2] = t, x, y, z
-            if cursor[REFUSED] < PATIENCE:
-                return BAD
-            cursor[REFUSED] = 0
-            return ANEW
-        cursor[REFUSED] = 0
+    elapsed = t - clock[STAMP]
+    if elapsed <= 0:
+        clock[STALE] += 1
+        return ANEW if clock[STALE] >= MOST_STALE else BAD
+    clock[STALE] = 0
+    if too_far(limit, elapsed, places[GOOD], x, y, z):
+        agrees = clock[REFUSED] > 0 and not too_far(limit, t - clock[REFUSED_STAMP], places[ODD], x, y, z)
+        clock[REFUSED] = clock[REFUSED] + 1 if agrees else 1
+        clock[REFUSED_STAMP] = t
+        places[ODD, 0], places[ODD, 1], places[ODD, 2] = x, y, z
+        return ANEW if clock[REFUSED] >= PATIENCE else BAD
+    clock[REFUSED] = 0
     return TAKEN
 
 
 @kernel
-def take(cursor, times, points, kind, t, x, y, z):
-    """(x, y, z, vx, vy, vz, dt) after a good sample; dt is 0 where no time has passed."""
-    ring, places = times[:-1], points[:-1]
-    if kind == ANEW and cursor[FILLED] > 0:
-        dt = (t - times[cursor[HEAD]]) * 1e-9
-        restart(cursor, ring, places, t, x, y, z)
-        return x, y, z, 0.0, 0.0, 0.0, dt
-    dt = push(cursor, ring, places, t, x, y, z)
-    head = cursor[HEAD]
-    vx, vy, vz = mean_velocity(cursor, ring, places)
-    return points[head, 0], points[head, 1], points[head, 2], vx, vy, vz, dt
+def hold(places):
+    """The last pose again, with no time gone by."""
+    p, v = places[POSE], places[VELOCITY]
+    return p[0], p[1], p[2], v[0], v[1], v[2], 0.0
 
 
 @kernel
-def between(cell, step, kind, elapsed, x, y, z):
-    """A good reading, or where between the steps of the device it rests; time [ns] since the last."""
+def take(clock, places, kind, t, reading, pose):
+    """(x, y, z, vx, vy, vz, dt) after a good sample: its reading [m] (3), and the pose [m] (3) that it gives."""
+    dt = max((t - clock[STAMP]) * 1e-9, 0.0) if clock[FILLED] else 0.0
+    for i in range(3):
+        moves = kind == TAKEN and dt > 0.0
+        places[VELOCITY, i] = (pose[i] - places[POSE, i]) / dt if moves else 0.0
+        places[GOOD, i], places[POSE, i] = reading[i], pose[i]
+    clock[STAMP], clock[FILLED], clock[STALE], clock[REFUSED] = t, 1, 0, 0
+    p, v = places[POSE], places[VELOCITY]
+    return p[0], p[1], p[2], v[0], v[1], v[2], dt
+
+
+@kernel
+def between(axes, kind, readings, count, dt):
+    """Where between the counts of three encoders their readings are: the readings themselves for a count of 0."""
+    r0, r1, r2 = readings
+    if not count > 0.0:
+        return r0, r1, r2
     if kind == ANEW:
-        begin(cell, x, y, z)
-    if kind == ANEW or not (step > 0.0 and elapsed > 0):
-        return x, y, z
-    return settle(cell, x, y, z, step, elapsed * 1e-9)
+        begin(axes[0], r0)
+        begin(axes[1], r1)
+        begin(axes[2], r2)
+        return r0, r1, r2
+    return follow(axes[0], r0, count, dt), follow(axes[1], r1, count, dt), follow(axes[2], r2, count, dt)
 
 
 @kernel
-def track(cursor, times, points, cell, step, limit, t, x, y, z):
+def pose(clock, places, axes, resolution, limit, t, place):
     """Take one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 where the sample was not taken.
 
-    cursor, times, points, limit  as in `judge`
-    cell    [m]  (6,3)  as in `between.settle`
-    step    [m]  ()     of the device's position; 0: exact
+    clock, places, limit, t  as in `judge`
+    axes        (3,11) as in `observer.follow`
+    resolution  [m]    step of the device's position; 0: exact
+    place       [m]    (3)
     """
-    kind = judge(cursor, times, points, limit, t, x, y, z)
+    kind = judge(clock, places, limit, t, place[0], place[1], place[2])
     if kind == BAD:
-        return hold(cursor, times[:-1], points[:-1])
-    x, y, z = between(cell, step, kind, t - times[cursor[HEAD]], x, y, z)
-    return take(cursor, times, points, kind, t, x, y, z)
+        return hold(places)
+    seen = between(axes, kind, place, resolution, (t - clock[STAMP]) * 1e-9)
+    return take(clock, places, kind, t, place, seen)
 
 
 @kernel
-def hold(cursor, ring, places):
-    """The last good sample again, with no time gone by."""
-    head = cursor[HEAD]
-    vx, vy, vz = mean_velocity(cursor, ring, places)
-    return places[head, 0], places[head, 1], places[head, 2], vx, vy, vz, 0.0
-
-
-@kernel
-def track_falcon(cursor, times, points, cell, step, geometry, limit, t, t0, t1, t2):
-    """`track` for a Falcon's joint angles [rad], `cell` and `step` in rad; angles that no position has leave the last
-    good one standing."""
-    head = cursor[HEAD]
-    ok, x, y, z = forward_kernel(geometry, t0, t1, t2, points[head, 0], points[head, 1], points[head, 2])
-    if not ok:
-        return hold(cursor, times[:-1], points[:-1])
-    kind = judge(cursor, times, points, limit, t, x, y, z)
+def pose_falcon(clock, places, axes, resolution, limit, t, angles, falcon):
+    """`pose` of a Falcon's joint angles [rad] (3), observed one by one; `falcon`: their count [rad] and the geometry.
+    Angles that no position has leave the last good one standing."""
+    count, geometry = falcon
+    last = places[GOOD]
+    ok, x, y, z = forward_kernel(geometry, angles[0], angles[1], angles[2], last[0], last[1], last[2])
+    kind = judge(clock, places, limit, t, x, y, z) if ok else BAD
     if kind == BAD:
-        return hold(cursor, times[:-1], points[:-1])
-    a0, a1, a2 = between(cell, step, kind, t - times[head], t0, t1, t2)
-    if not (a0 == t0 and a1 == t1 and a2 == t2):
+        return hold(places)
+    a0, a1, a2 = between(axes, kind, angles, count if resolution > 0.0 else 0.0, (t - clock[STAMP]) * 1e-9)
+    seen = x, y, z
+    if not (a0 == angles[0] and a1 == angles[1] and a2 == angles[2]):
         ok, sx, sy, sz = forward_kernel(geometry, a0, a1, a2, x, y, z)
-        if ok:  # within half a count of the reading: at the edge of the reach there may be no place
-            x, y, z = sx, sy, sz
-    return take(cursor, times, points, kind, t, x, y, z)
+        if ok:  # within a count of the reading: at the edge of the reach there may be no place
+            seen = sx, sy, sz
+    return take(clock, places, kind, t, (x, y, z), seen)
 
 
-@kernel
-def pose(cursor, times, points, cell, window, ring, line, resolution, limit, t, place):
-    """`track` of a place [m] (3) at the device's resolution [m], then `window.smooth`; `window`, `ring`, `line` as
-    there."""
-    sample = track(cursor, times, points, cell, resolution, limit, t, place[0], place[1], place[2])
-    return smooth(window, ring, line, t, sample, resolution)
-
-
-@kernel
-def pose_falcon(cursor, times, points, cell, window, ring, line, resolution, limit, t, angles, falcon):
-    """`track_falcon` of angles [rad] (3), then `window.smooth` at the resolution [m]; `falcon`: the step of the angles
-    [rad] and the geometry."""
-    count = falcon[0] if resolution > 0.0 else 0.0
-    sample = track_falcon(cursor, times, points, cell, count, falcon[1], limit, t, angles[0], angles[1], angles[2])
-    return smooth(window, ring, line, t, sample, resolution)
-
-
-def buffers(order: int, x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Empty state (cursor, times, points) of `track` for a filter of `order` differences; it holds one position [m]
-    until the first good sample comes."""
-    points = np.zeros((order + 2, 3))
-    points[0] = x, y, z
-    return np.zeros(4, dtype=np.int64), np.zeros(order + 2, dtype=np.int64), points
+def buffers(x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray]:
+    """Empty state (clock, places) of `pose`; it holds one position [m] until the first good sample comes."""
+    places = np.zeros((4, 3))
+    places[GOOD] = places[POSE] = x, y, z
+    return np.zeros(5, dtype=np.int64), places

@@ -436,7 +436,7 @@ def test_the_slurm_script_has_one_thread_a_worker(write, tmp_path):
         assert stat.S_IMODE(key.parent.stat().st_mode) == 0o700
     assert not key.parent.exists(), "the key ends with the study"
     for line in ("#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --mem=15G", "#SBATCH -t 02:00:00",
-                 "export OMP_NUM_THREADS=1", "--nthreads 1", "--nworkers 8"):  # fmt: skip
+                 "--nthreads 1", "--nworkers 8"):  # fmt: skip
         assert line in script
     with pytest.raises(PalpateError, match=r"slurm: .*wall_time"), cluster.slurm({"wall_time": "1"}, tmp_path):
         pass

@@ -8,7 +8,6 @@ from palpate.physics.contact.series import kernel_form, series, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.stability import held
-from palpate.physics.device.velocity import buffers, mean_velocity, push
 from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.friction import bristle
 from palpate.physics.friction.lugre import stribeck
@@ -95,22 +94,6 @@ def stress_history(time, strain, moduli, viscosities, shares=None):
     for k in range(1, len(time)):
         stress[k] = chain_strain_step(strains, moduli, viscosities, shares, strain[k], time[k] - time[k - 1])
     return stress
-
-
-def velocity(times, positions, order: int = 8) -> np.ndarray:
-    """Filtered velocity of a whole record, as the node computes it sample by sample.
-
-    times      [ns]  (n)    int64 stamps; samples that do not increase leave the velocity as it was
-    positions  [m]   (n,3)
-    order      [1]   ()     differences in the mean, N; fewer at the beginning of the record
-    returns    [m/s] (n,3)
-    """
-    state = buffers(order)
-    velocities = np.zeros((len(times), 3))
-    for k, (t, point) in enumerate(zip(times, positions, strict=True)):
-        push(*state, int(t), *map(float, point))
-        velocities[k] = mean_velocity(*state)
-    return velocities
 
 
 def bristle_path(law, slip, load, dt, normal=(0.0, 0.0, 1.0)):

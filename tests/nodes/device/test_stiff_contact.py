@@ -82,7 +82,7 @@ def test_the_stiffest_slope_is_that_of_the_table():
         return stiffest(0.1, 0.2, 0.0, (delay + 0.5) / rate)
 
     assert [kilo(d) for d in range(6)] == approx([4400, 578, 240, 139, 94, 69], abs=1)
-    assert stiffest(0.1, 0.2, 60e-6, 0.125e-3) == approx(0.25 / 60e-6)
+    assert stiffest(0.1, 0.2, 60e-6, 0.125e-3) == approx(0.1 / 60e-6)
 
 
 def test_what_is_soft_enough_is_rendered_as_it_is():
