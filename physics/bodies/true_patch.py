@@ -43,8 +43,7 @@ import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
-from palpate.physics.bodies.indentation_table import patch_radius
-from palpate.physics.bodies.patch import share_of
+from palpate.physics.bodies.patch import patch_radius, share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel

@@ -15,11 +15,12 @@ from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts, _mean_inverse, joint_profile
+from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import Spreader
+from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.accuracy import continuum
 from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, Block, graded
@@ -30,10 +31,8 @@ UP = (0.0, 0.0, 1.0)
 @lru_cache
 def slab(model="nonlinear", retardation=0.0):
     node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=10000)
-    basis = node.basis()
-    if model == "linear":
-        basis = Basis(basis.vertices, basis.triangles, basis.compliance)
-    return CondensedBody(basis, node.mesh(), YOUNG, retardation, RADIUS, 1.0, POISSON)
+    rho = nonlinearity(POISSON) if model == "nonlinear" else NO_FLOATS
+    return CondensedBody(node.basis(), node.mesh(), YOUNG, retardation, RADIUS, 1.0, POISSON, rho=rho)
 
 
 def load(body, place, force, normal=UP):
