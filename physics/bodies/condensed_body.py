@@ -40,7 +40,6 @@ from palpate.physics.bodies.condensed_step import (
     TOTAL,
     WIDE,
     CondensedModel,
-    add_others,
     single_step,
     take_load,
 )
@@ -172,16 +171,6 @@ class CondensedBody(CoarseBody):
         self._count, self._touched = self._take(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._numbers, self._count
         )
-
-    def answer(self, dt: float, aside: float = 0.0, others: float = 0.0) -> tuple[float, float, float]:
-        """The second part: what other contacts and large displacement add; returns what `step` does.
-
-        aside   [m] indentation of the linear body under the patch by what the other contacts have done
-        others  [N] force on the patch that would indent it as what presses there now does
-        """
-        add_others(self._model, dt, self._numbers, aside, others)
-        compliance, free, now = self._numbers[:MORE].tolist()
-        return compliance, free, now
 
     @property
     def extrapolation(self) -> float:

@@ -49,12 +49,12 @@ was added, the patch's radius [m], that on the coarse surface, whether it is dra
 nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
 than `DEEPEST`, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
 heavy for a surface that is free to slide."""
-TOTAL, NUMBERS = 18, 19
+TOTAL, NUMBERS = 24, 25
 """The normal force of the load [N]; how many numbers."""
 ROOM, TILT, FIELDS = 3, 4, 5
 """Of the fields of a contact, see `take_load`."""
-SIDE = slice(15, 18)
-"""What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
+SIDE, HOLD = slice(15, 24), 18
+"""What holds the patch along the surface, see `true_patch.patch_compliance`; where its compliances begin."""
 
 
 @kernel
@@ -210,7 +210,11 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 
 @kernel
 def add_others(model, dt, numbers, aside, others):
-    """Change `numbers` by what other contacts and large displacement add, see `CondensedBody.answer`."""
+    """Change `numbers` by what other contacts and large displacement add.
+
+    aside   [m] indentation of the linear body under the patch by what the other contacts have done
+    others  [N] force on the patch that would indent it as what presses there now does
+    """
     rho = model.rho
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     self_compliance = numbers[OWN]

@@ -55,7 +55,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """
     corners, weights, true = model.corners, model.weights, model.true
     compliances = np.full(len(mesh.vertices), np.nan)
-    measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(3), np.zeros((3, 3))
+    measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(9), np.zeros((3, 3))
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
         normal = n / np.linalg.norm(n)
         count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))

@@ -97,7 +97,7 @@ class CondensedTangent:
         rows = (3 * order[:, None] + np.arange(3)).ravel()
         sides = -np.multiply.outer(share, normal).ravel()
         w = linear = (sides @ model.compliance[rows]).reshape(-1, 3)
-        block, side = np.zeros((3, 3)), np.zeros(3)
+        block, side = np.zeros((3, 3)), np.zeros(9)
         hats = gathered(model.compliance, model.true.table, marked, touched, fields[2], 0, block)
         own, more = patch_compliance(
             model.compliance, model.true, marked, touched, fields[2], numbers[NARROWED] > 0.0, load.normal,

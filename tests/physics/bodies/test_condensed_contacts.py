@@ -177,13 +177,14 @@ def full(apart, forces, cells, levels):
     return np.array([float(np.sum(unit * body.displacement)) for unit in units])
 
 
-@pytest.mark.parametrize("apart", [5e-3, 12e-3])
+@pytest.mark.parametrize("apart", [5e-3, 12e-3, 40e-3])
 def test_two_light_fingers_indent_the_slab_as_two_patches_do_a_full_model(apart):
-    """The full model is coarse, 2 % too stiff; what one does to the other is within 1 % of the peak."""
+    """The full model is coarse, 2 % too stiff; what one does to the other, 45 to 2.7 % of that, is within 3 %. Held
+    one by one, patches 40 mm apart would do 8 % too little."""
     exact = full(apart, (0.02, 0.0), 2, 1)
     _, found = pressed(slab(), [(-apart / 2, 0.0), (apart / 2, 0.0)], [0.02, 0.0])
     assert found == approx(exact, abs=0.03 * exact.max())
-    assert found[1] == approx(exact[1], abs=0.011 * exact.max())
+    assert found[1] == approx(exact[1], rel=0.03)
 
 
 @pytest.mark.long
