@@ -25,7 +25,7 @@ HOLDS = (
     "palpate/graphs/scenes/kidney.yaml",
     "palpate/graphs/tissues/abdomen.yaml",
     "palpate/views/page/static/index.html",
-    "palpate/nodes/deformation/bases/kidney-dents.npz",
+    "palpate/nodes/deformation/bases/kidney-condensed.npz",
     "palpate/py.typed",
 )
 """Files without which the wheel would be of no use."""

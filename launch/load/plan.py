@@ -13,7 +13,7 @@ from palpate.engine.graph import Edge, Graph
 from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body
 from palpate.launch.load.effects import trimmed
-from palpate.nodes.base import inputs
+from palpate.nodes.base import SettingError, inputs
 
 
 def plan(graph: Graph) -> Plan:
@@ -32,6 +32,19 @@ def plan(graph: Graph) -> Plan:
         if spec.observer and spec.off is None
     }
     return Plan(graph, list(edges), _skipped(graph, running), edges, _wanted(graph, edges, streams), observers)
+
+
+def check_stored(plan: Plan) -> None:
+    """GraphError: what a running node would load at its start is not there."""
+    faults = []
+    for name in plan.order:
+        spec = plan.graph.nodes[name]
+        try:
+            spec.cls(**spec.settings).check()
+        except SettingError as error:
+            faults.append(Fault(str(error), place=spec.place, node=name))
+    if faults:
+        raise GraphError(faults)
 
 
 def _order(graph: Graph, running: set[str]) -> Iterator[str]:

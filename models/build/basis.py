@@ -7,14 +7,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-
 from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
 from palpate.models.fe.reduce import reduction
 from palpate.models.fe.reduce.holdout import errors
-from palpate.models.fe.reduce.indentation_table import LEVELS, PLACES, UNSEEN, dent_table, unseen
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
 from palpate.models.fe.reduce.snapshots import press, press_from_rest
 from palpate.nodes.base import SettingError
@@ -80,24 +77,15 @@ def make(node: ReducedFE, path: Path, stages: Stages | None = None, commit: str 
 
 
 def built(node: ReducedFE, stages: Stages, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
-    """The basis, and its errors [1] at touches that it was not made from; none of a linear one, or without `check`."""
+    """The basis, and its errors [1] at touches that it was not made from; none of a condensed one, or without
+    `check`."""
     if node.model == "sampled":
         return _sampled(node, stages, check)
     organ = of_organ(_organ(node, stages))
     condensing = stages.begin("condensing", f"{3 * len(organ.mesh.points)} degrees of freedom")
     compliance = organ.compliance(condensing)
     condensing(1.0)
-    dents, missed = np.zeros((len(organ.surface.vertices), 0)), {}
-    if node.model == "nonlinear":
-        pressing = stages.begin("pressing", f"{PLACES} places, {LEVELS} indentations")
-        dents = dent_table(organ, report=pressing)
-        pressing(1.0)
-        if check:
-            checked = stages.begin("checking", f"{UNSEEN} places that it was not made from", None)
-            off = np.abs(unseen(organ, dents))
-            checked(1.0)
-            missed = {"mean": float(np.nanmean(off)), "worst": float(np.nanmax(off))}
-    return Basis(organ.surface.vertices, organ.surface.triangles, compliance, dents), missed
+    return Basis(organ.surface.vertices, organ.surface.triangles, compliance), {}
 
 
 def check_writable(folder: Path) -> None:
@@ -118,7 +106,7 @@ def _organ(node: ReducedFE, stages: Stages) -> Organ:
     _check_size(node, surface)
     meshed = stages.begin("meshing", f"the inside of {len(surface.vertices)} vertices", None)
     try:
-        nodule = Nodule(node.nodule_centre, node.nodule_radius, node.nodule_ratio)
+        nodule = Nodule(node.nodule_centre(), node.nodule_radius, node.nodule_ratio)
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
         organ = Organ(surface, node.poisson, node.bed, nodule, capsule)
     except MeshError as error:

@@ -128,6 +128,9 @@ class Node:
         """Make the state; also the reset. Slow work (load, build) belongs here. The runner steps the node on examples
         and starts it again before the run, so that what is compiled is compiled by then."""
 
+    def check(self) -> None:
+        """SettingError where `start` would not find something that is stored outside the node; `palpate check` asks."""
+
     step: Any
 
     def rests(self, *inputs: Any) -> bool:

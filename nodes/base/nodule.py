@@ -30,7 +30,11 @@ class WithNodule(OnSurface):
         mesh = self.mesh()
         if self.nodule_radius == 0.0:
             return np.ones(len(mesh.vertices))
-        centre = nodule_centre(mesh.vertices, mesh.normals, self.nodule_position, self.nodule_depth)
         return stiffness_map(
-            mesh.vertices, mesh.normals, centre, self.nodule_radius, self.nodule_ratio, self.nodule_reach
+            mesh.vertices, mesh.normals, self.centre(), self.nodule_radius, self.nodule_ratio, self.nodule_reach
         )
+
+    def centre(self) -> np.ndarray:
+        """Of the nodule [m] (3), in the world."""
+        mesh = self.mesh()
+        return nodule_centre(mesh.vertices, mesh.normals, self.nodule_position, self.nodule_depth)

@@ -9,12 +9,14 @@ import numpy as np
 from palpate.messages import Load, Surface, Vector, Vector3
 from palpate.nodes.base import SettingError, Switch, part
 from palpate.nodes.base.contacts import several
-from palpate.nodes.base.surface import LEVEL, SURFACES, OnSurface, rotation_matrix, surface_mesh
+from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
 from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts
+from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.patch import ReducedBody, add_pressure
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.contact.terminal import Terminal
@@ -23,13 +25,16 @@ from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
 
 BUILT_FROM = (
-    "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "nodule_centre", "nodule_radius",
-    "nodule_ratio", "capsule_thickness", "capsule_ratio",
+    "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
 )  # fmt: skip
-"""Settings that the basis depends on, or whether it needs dents."""
+"""Settings that the basis depends on."""
+NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio")
+"""Those that place a nodule, or make it."""
+GRID = 1e-6
+"""[m] To which a nodule's place is rounded, as the same place in the world is not bit-equal in the surface's frame."""
 
 
-class ReducedFE(OnSurface):
+class ReducedFE(WithNodule):
     """A finite-element organ condensed to its surface, with what large displacement adds, on a soft bed; optionally
     with a hard nodule and a stiffer capsule.
 
@@ -43,21 +48,16 @@ class ReducedFE(OnSurface):
     rank = 3
 
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
-    """How it follows large displacement: by dents under the patch, not at all, or in modes of the whole body with its
-    energy sampled; the last is meant for the fingertip."""
+    """How it follows large displacement: by the law of a half-space under the patch, not at all, or in modes of the
+    whole body with its energy sampled; the last is meant for the fingertip."""
     modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 80
     """Of the sampled model."""
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
-    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
+    poisson: Annotated[float, "1", msgspec.Meta(ge=0, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = 0.02
     """Kelvin-Voigt: viscosity over modulus."""
     bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
     """Stiffness per area of what the underside lies on, over `young`."""
-    nodule_centre: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
-    """In the surface's own frame."""
-    nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0), Switch("nodule")] = 0.0
-    nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
-    """Modulus of the nodule over that of the organ."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
     """Of a skin of other modulus; 0 is a homogeneous organ."""
     capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
@@ -80,6 +80,9 @@ class ReducedFE(OnSurface):
         self._cautioned: set[str] = set()
         self._notes = []
 
+    def check(self) -> None:
+        self.basis()
+
     def condition(self) -> str:
         return "outside its range" if self._body.extrapolation > 0.0 else ""
 
@@ -100,7 +103,9 @@ class ReducedFE(OnSurface):
         basis, given = self._placed()
         if isinstance(basis, SampledBasis):
             return SampledBody(basis, *given)
-        body = CondensedBody(basis, *given, self.poisson, self.sticks, self._apart())
+        large = self.model == "nonlinear" and self.sticks  # a surface that slides is known under light loads only
+        rho = nonlinearity(self.poisson) if large else NO_FLOATS
+        body = CondensedBody(basis, *given, self.poisson, self.sticks, self._apart(), rho)
         return CondensedContacts(body, count) if count > 1 else body
 
     def _apart(self) -> np.ndarray | None:
@@ -110,14 +115,24 @@ class ReducedFE(OnSurface):
         vertices = self.coarse_mesh().vertices
         if self.capsule_thickness > 0:
             return np.zeros(len(vertices))
-        away = np.linalg.norm(vertices - self.nodule_centre, axis=1)
+        away = np.linalg.norm(vertices - self.nodule_centre(), axis=1)
         return np.abs(away - self.nodule_radius)
+
+    def nodule_centre(self) -> Vector3:
+        """Of the nodule [m], in the surface's own frame, to `GRID`."""
+        turn, origin = self._placing()
+        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID)).tolist()
+        return x, y, z
+
+    def _placing(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rotation (3,3) and place [m] (3) of the surface's own frame in the world."""
+        return rotation_matrix(self.rotation), np.asarray(self.position, float)
 
     def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
         """The basis at its place, and what else a body of it takes."""
         basis = self.basis()
-        turn = rotation_matrix(self.rotation)
-        vertices, count = product(basis.vertices, turn.T) + self.position, len(basis.vertices)
+        turn, origin = self._placing()
+        vertices, count = product(basis.vertices, turn.T) + origin, len(basis.vertices)
 
         def turned(matrix: np.ndarray) -> np.ndarray:
             blocks = matrix.reshape(count, 3, count, 3)
@@ -130,8 +145,7 @@ class ReducedFE(OnSurface):
             modes = np.einsum("ij,ajk->aik", turn, basis.modes.reshape(count, 3, -1)).reshape(3 * count, -1)
             residual = turned(basis.residual_compliance)
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
-        dents = basis.dents if self.model == "nonlinear" else np.zeros((count, 0))
-        return Basis(vertices, basis.triangles, turned(basis.compliance), dents), given
+        return Basis(vertices, basis.triangles, turned(basis.compliance)), given
 
     def _answer(self, load: list[Load], dt: float) -> list[Terminal]:
         """The next step's terminal law of each contact, with the indentation now."""
@@ -211,7 +225,7 @@ class ReducedFE(OnSurface):
         if self.model != "sampled" or self.surface != "fingertip":
             inputs |= {"mesh": basis_store.digest(self.coarse_mesh()), "poisson": self.poisson, "bed": self.bed}
             if self.nodule_radius > 0:
-                inputs |= {"nodule": [*self.nodule_centre, self.nodule_radius, self.nodule_ratio]}
+                inputs |= {"nodule": [*self.nodule_centre(), self.nodule_radius, self.nodule_ratio]}
             if self.capsule_thickness > 0:
                 inputs |= {"capsule": [self.capsule_thickness, self.capsule_ratio]}
         return inputs
@@ -222,15 +236,16 @@ class ReducedFE(OnSurface):
 
     def filename(self) -> str:
         """Of a basis that is built for these settings."""
-        return f"{_name(self.surface)}-{self._kind()}-{self.key()}.npz"
+        nodule = "-nodule" if self.nodule_radius > 0 else ""
+        return f"{_name(self.surface)}{nodule}-{self._kind()}-{self.key()}.npz"
 
     def _kind(self) -> str:
-        return "sampled" if self.model == "sampled" else "dents"
+        return "sampled" if self.model == "sampled" else "condensed"
 
     def command(self) -> str:
         """The command that builds it."""
-        usual = ReducedFE()
-        given = [f"--set {n}={_text(getattr(self, n))}" for n in BUILT_FROM if getattr(self, n) != getattr(usual, n)]
+        usual, read = ReducedFE(), BUILT_FROM + (NODULE if self.nodule_radius > 0 else ())
+        given = [f"--set {n}={_text(getattr(self, n))}" for n in read if getattr(self, n) != getattr(usual, n)]
         return " ".join(["palpate reduce", *given])
 
     def basis(self) -> Basis | SampledBasis:
@@ -265,8 +280,7 @@ class ReducedFE(OnSurface):
         return ""
 
     def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
-        """The basis for these settings in the first of the folders that holds one, and its path; a basis without dents
-        serves the linear model only.
+        """The basis for these settings in the first of the folders that holds one, and its path.
 
         SettingError: one that cannot be read.
         """
@@ -276,11 +290,9 @@ class ReducedFE(OnSurface):
                 try:
                     if self.model == "sampled":
                         return path, SampledBasis.load(path)
-                    basis = Basis.load(path)
+                    return path, Basis.load(path)
                 except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
-                if basis.dents.size or self.model == "linear":
-                    return path, basis
         return None
 
 

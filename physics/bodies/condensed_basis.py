@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,11 @@ class Basis:
     vertices    [m]   (V,3) of the coarse surface, in the organ's frame
     triangles   [1]   (T,3)
     compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
-    dents       [1]   (V,L) see `indentation_table`; L = 0 where only the linear organ is known
     """
 
     vertices: np.ndarray
     triangles: np.ndarray
     compliance: np.ndarray
-    dents: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
 
     def save(self, path: Path, about: str = "") -> None:
         """Write the lower half in steps of the largest entry over 32767, high bytes and low ones apart: so they
@@ -33,8 +31,7 @@ class Basis:
         with replacing(path) as part, part.open("wb") as file:
             np.savez_compressed(
                 file, vertices=self.vertices, triangles=self.triangles, step=np.float64(step),
-                lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T),
-                dents=self.dents.astype(np.float32), about=np.array(about),
+                lower=np.ascontiguousarray(lower.view(np.uint8).reshape(-1, 2).T), about=np.array(about),
             )  # fmt: skip
 
     @classmethod
@@ -52,10 +49,7 @@ class Basis:
                 raise ValueError(f"{lower.size} compliances for {len(vertices)} vertices")
             full = np.zeros((size, size), dtype=np.float32)
             full[np.tril_indices(size)] = lower * np.float32(archive["step"])
-            dents = archive["dents"].astype(np.float64) if "dents" in archive else np.zeros((0, 0))
-            if dents.size and (len(dents) != len(vertices) or not np.isfinite(dents).all()):
-                raise ValueError(f"dents of shape {dents.shape} for {len(vertices)} vertices")
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
             raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
         full += np.tril(full, -1).T
-        return cls(vertices, triangles, full, dents)
+        return cls(vertices, triangles, full)

@@ -14,7 +14,7 @@ step costs what the contact covers, not what the mesh holds.
 The patch itself has the compliance of the true load in place of that of the coarse vertices' wider one
 (`physics.bodies.true_patch`): V* = h.C h/2E + (c - g.C g/E) y²/2, y the normal force on the patch that h stands for.
 
-With dents (`indentation_table`) the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex,
+With `large_displacement` the organ is nonlinear under the patch: u = dV*/dh instead of C h/E. Its V* is convex,
 so the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
 """
 
@@ -40,16 +40,15 @@ from palpate.physics.bodies.condensed_step import (
     TOTAL,
     WIDE,
     CondensedModel,
-    add_others,
     single_step,
     take_load,
 )
 from palpate.physics.bodies.half_space_range import CAUSES, caution
-from palpate.physics.bodies.indentation_table import hat_moments
-from palpate.physics.bodies.patch import CoarseBody, Law, Pressed
-from palpate.physics.bodies.place_energy import Ground, along, held, softness, weight_slopes
+from palpate.physics.bodies.large_displacement import stored_energy
+from palpate.physics.bodies.patch import CoarseBody, Law, Pressed, hat_moments
+from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
+from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 
 LEAST = 1e-9  # [m/N] compliance below which the body counts as rigid
@@ -73,6 +72,7 @@ class CondensedBody(CoarseBody):
               model of the same coarse surface has it
     sticks    whether the surface under the patch sticks to the finger
     apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None where there is neither
+    rho       [1] (3,) of large displacement, see `large_displacement`; empty: the organ is linear
     """
 
     _take: Callable[..., tuple[int, int]]
@@ -88,20 +88,20 @@ class CondensedBody(CoarseBody):
         poisson: float | None = None,
         sticks: bool = True,
         apart: np.ndarray | None = None,
+        rho: np.ndarray = NO_FLOATS,
     ) -> None:
         coarse = Mesh(basis.vertices, basis.triangles)
         super().__init__(coarse, mesh, radius, reach)
         self.basis, self.young, self.retardation = basis, young, retardation
-        count = len(basis.vertices)
-        dents = basis.dents if basis.dents.size else np.zeros((count, 0))
+        count, rho = len(basis.vertices), np.array(rho)
         moments = hat_moments(coarse)
         true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
         slopes = weight_slopes(coarse, self.corners)
         self._model = CondensedModel(
-            basis.compliance, basis.vertices, dents, moments, self.corners, self.weights, slopes, young, retardation,
+            basis.compliance, basis.vertices, rho, moments, self.corners, self.weights, slopes, young, retardation,
             mesh.vertices, true,
         )  # fmt: skip
-        self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), dents)
+        self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), rho)
         self._field, self._feet = np.zeros((count, 3), dtype=np.float32), np.zeros((1, 3))
         self._rest(np.zeros((FIELDS, count, 3)), np.zeros((3, count), dtype=np.int64), np.zeros(NUMBERS))
         self._kernels()
@@ -109,7 +109,6 @@ class CondensedBody(CoarseBody):
     def _rest(self, fields: np.ndarray, marks: np.ndarray, numbers: np.ndarray) -> None:
         """The state of a contact without load, in these arrays of zeros."""
         self._fields, self._marks, self._numbers = fields, marks, numbers
-        self._curve = np.zeros((2, self._model.dents.shape[1] + 1))
         self.held = self._fields[0]
         """[N] (V,3) loads that the displacement follows, h."""
         self._count = self._touched = 0
@@ -131,7 +130,7 @@ class CondensedBody(CoarseBody):
         """What is computed, for arrays as messages hold them."""
         zero, model, fields, numbers = (0.0, 0.0, 0.0), self._model, self._fields, self._numbers
         self._step = entry_point(
-            single_step, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, self._marks, self._curve, numbers, 0
+            single_step, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, self._marks, numbers, 0
         )
         self._along = entry_point(
             along, self._ground, self._marks[2], 0, fields[2], fields[TILT], zero, 0.0, 0.0, 0.0, self._slope,
@@ -149,16 +148,15 @@ class CondensedBody(CoarseBody):
         free indentation [m] under the patch, and the indentation now [m].
 
         The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
-        is the work done on the body. With dents c is that of the chord to the next step's indentation at the present
-        force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that goes with
-        it: so force and indentation there are the body's own, and contact that is solved against it settles.
+        is the work done on the body. With large displacement c is that of the chord to the next step's indentation at
+        the present force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that
+        goes with it: so force and indentation there are the body's own, and contact that is solved against it settles.
         """
         patch, pull, share = self._patch(nodes, forces, foot, normal)
         self._normal = normal
         self._count, self._touched = self._step(
-            self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._curve, self._numbers,
-            self._count,
-        )  # fmt: skip
+            self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._numbers, self._count
+        )
         compliance, free, now = self._numbers[:MORE].tolist()
         return compliance, free, now
 
@@ -173,16 +171,6 @@ class CondensedBody(CoarseBody):
         self._count, self._touched = self._take(
             self._model, patch, pull, share, normal, dt, self._fields, self._marks, self._numbers, self._count
         )
-
-    def answer(self, dt: float, aside: float = 0.0, others: float = 0.0) -> tuple[float, float, float]:
-        """The second part: what other contacts and large displacement add; returns what `step` does.
-
-        aside   [m] indentation of the linear body under the patch by what the other contacts have done
-        others  [N] force on the patch that would indent it as what presses there now does
-        """
-        add_others(self._model, dt, self._fields, self._marks, self._curve, self._numbers, self._touched, aside, others)
-        compliance, free, now = self._numbers[:MORE].tolist()
-        return compliance, free, now
 
     @property
     def extrapolation(self) -> float:
@@ -206,20 +194,18 @@ class CondensedBody(CoarseBody):
         return self._count == 0
 
     def stored(self) -> float:
-        """Energy [J] held under the last step's patch at its indentation, V(s) of `physics.bodies.place_energy`; what
+        """Energy [J] held under the last step's patch at its indentation, V(s) of `place_energy`; what
         tangential loads and places left behind hold is not in it."""
         now, own = float(self._numbers[NOW]), float(self._numbers[OWN])
         if not (now > 0.0 and own > 0.0):
             return 0.0
-        if not self._model.dents.shape[1]:
-            return 0.5 * now * now / own
-        radius = float(self._numbers[WIDE])
-        return float(radius * radius / own * held(self._curve[0], self._curve[1], now / radius))
+        radius = float(self._numbers[RADIUS])
+        return float(radius * radius / own * stored_energy(now / radius, self._model.rho))
 
     def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
         """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
         [1/m] (9), row by row: see `physics.bodies.place_energy`."""
-        radius, compliance, force = self._numbers[[WIDE, OWN, TOTAL]].tolist()
+        radius, compliance, force = self._numbers[[RADIUS, OWN, TOTAL]].tolist()
         self._along(
             self._ground, self._marks[2], self._touched, self._fields[2], self._fields[TILT], self._normal, radius,
             compliance, force, self._slope, self._turning,

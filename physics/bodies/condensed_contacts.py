@@ -12,7 +12,13 @@ X = Y(d/R)/R at the distance d, R² the mean of both patches' R²,
     Y(rho) = integral of (48 J3(x)/x³)² J0(x rho) from 0 on,    Y(0) = I,    Y -> 1/rho + 1/(8 rho³)
 
 The compliance between two patches is c_ij = (g_i.C g_j + H_ij)/E = c_ji (E. Betti 1872), |c_ij| <= sqrt(c_ii c_jj).
-What holds a patch along the surface enters its own compliance alone (0.6 % of it at nu = 0.45).
+Where the patches stick, the mean places of all are held along the surface at once: with z the normal and t the two
+tangential directions of each patch, c_zz becomes the block over all patches
+
+    C_zz - C_zt C_tt^-1 C_tz
+
+40 mm apart on the slab that is 8 % of c_ij. H enters C_tt with `TruePatch.tangential`; C_zt between patches has none.
+What holds each point of a patch enters its own compliance alone (0.6 % of it at nu = 0.45).
 
 Large displacement follows the whole indentation under a patch, its own and that of the others, and its chord over the
 linear body's, tau_i, scales what they add: c_ij sqrt(tau_i tau_j) is symmetric and positive, so that a step of all
@@ -28,15 +34,31 @@ import numpy as np
 
 from palpate.physics.bodies.condensed_body import CondensedBody, straight
 from palpate.physics.bodies.condensed_field import add_dent, add_field
-from palpate.physics.bodies.condensed_step import FIELDS, NUMBERS, OWN, PRESS, RADIUS, TILT, TOTAL
+from palpate.physics.bodies.condensed_step import (
+    COMPLIANCE,
+    FIELDS,
+    FREE,
+    HOLD,
+    MORE,
+    NUMBERS,
+    OWN,
+    PRESS,
+    RADIUS,
+    TILT,
+    TOTAL,
+    add_others,
+)  # fmt: skip
 from palpate.physics.bodies.patch import Law, Pressed, ReducedBody, carried
-from palpate.physics.bodies.true_patch import dent_depth
+from palpate.physics.bodies.true_patch import dent_depth, sideways
+from palpate.physics.entry_point import entry_point
 from palpate.physics.exact import product
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
 STEP, FARTHEST = 1.0 / 32.0, 6.0
 """[1] Of the table of Y over d/R."""
+RIDGE = 1e-3
+"""[1] By which C_tt's diagonal is greater: two patches at one place are held by the same forces."""
 
 
 @kept
@@ -66,35 +88,33 @@ class CondensedContacts(ReducedBody):
         self._fields = np.zeros((count, FIELDS, vertices, 3))
         self._marks, self._numbers = np.zeros((count, 3, vertices), dtype=np.int64), np.zeros((count, NUMBERS))
         self.contacts = [body.another(*own) for own in zip(self._fields, self._marks, self._numbers, strict=True)]
-        self._feet = np.zeros((count, 3))
+        self._feet, self._normals = np.zeros((2, count, 3))
+        self._counts = np.zeros((count, 3), dtype=np.int64)
         self._room = np.zeros((count, 4, vertices))
-        self._cross, self._aside, self._slope = np.zeros((count, count)), np.zeros(count), np.zeros((count, 3))
+        self._cross, self._slope = np.zeros((count, count)), np.zeros((count, 3))
         self._held = np.zeros(count)
+        state = (self._fields, self._marks, self._numbers, self._counts, self._normals, self._feet)
+        self._joint = (*state, self._room, self._cross, self._coupling, self._slope)
+        first = self.contacts[0]
+        model, field = first._model, first._field
+        self._answer = entry_point(joint_answer, model, self._profile, *self._joint, 0.0)
+        self._shown = entry_point(
+            joint_displacements, model, first._reach, first._told, *state, field, first._nodes, first._moved
+        )
 
     def step(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float]]:
         """One step under all loads: of each contact what `CondensedBody.step` gives."""
-        contacts, model = self.contacts, self.contacts[0]._model
+        contacts = self.contacts
         for contact, load in zip(contacts, loads, strict=True):
             contact.take(*load, dt)
         self._feet[:] = [load[2] for load in loads]
-        _pairs(
-            model, self._profile, self._fields, self._marks, self._numbers,
-            np.array([(c._count, c._touched, 0) for c in contacts]), np.array([load[3] for load in loads]),
-            self._feet, self._room, self._cross, self._aside, self._slope,
-        )  # fmt: skip
-        own, force = np.maximum(self._numbers[:, OWN], 1e-300), self._numbers[:, TOTAL]
-        others = product(self._cross, force) / own
+        self._normals[:] = [load[3] for load in loads]
+        self._counts[:] = [(c._count, c._touched, 0) for c in contacts]
+        self._answer(contacts[0]._model, self._profile, *self._joint, dt)
         take = dt / (dt + contacts[0].retardation)
-        laws = [c.answer(dt, a, o) for c, a, o in zip(contacts, self._aside.tolist(), others.tolist(), strict=True)]
-        compliance, free, now = np.array(laws).T
-        scale = np.sqrt(np.maximum(compliance, 1e-300) / (take * own))
-        joined = take * self._cross * np.outer(scale, scale)
-        free += compliance * others - product(joined, force)
-        self._coupling = joined / np.maximum(compliance, 1e-300)[:, None]
-        np.fill_diagonal(self._coupling, 1.0)
-        self._slope *= force[:, None]
-        self._held = (1.0 - take) * self._held + take * force
-        return list(zip(compliance.tolist(), free.tolist(), now.tolist(), strict=True))
+        self._held = (1.0 - take) * self._held + take * self._numbers[:, TOTAL]
+        laws: list[tuple[float, float, float]] = self._numbers[:, :MORE].tolist()
+        return laws
 
     def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
         """The law of each contact, see `step`."""
@@ -140,52 +160,173 @@ class CondensedContacts(ReducedBody):
     def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh near the foot points and fewer farther off, and their displacements [m] (k,3)."""
         self._feet[:] = feet
-        first, u = self.contacts[0], self.contacts[0]._field
-        model = first._model
-        u[:] = 0.0
-        for c in self.contacts:
-            add_field(model, u, c._fields, c._marks, c._count, c._touched, c._normal, c._numbers)
-        count = carried(
-            model.corners, model.weights, u, first._reach, self._feet, first._told, first._nodes, first._moved
+        first = self.contacts[0]
+        count = self._shown(
+            first._model, first._reach, first._told, *self._joint[:6], first._field, first._nodes, first._moved
         )
-        nodes, moved = first._nodes[:count], first._moved[:count]
-        for c, foot in zip(self.contacts, self._feet, strict=True):
-            add_dent(model, foot, c._normal, c._numbers, nodes, moved)
-        return nodes, moved
+        return first._nodes[:count], first._moved[:count]
 
 
 @kernel
-def _pairs(model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope):
-    """Fill the compliances between patches [m/N] (c,c), the indentation [m] (c) of each by what the others have done,
-    and its slope along the surface [1] (c,3); the diagonal of `cross` is 0.
+def joint_displacements(model, reach, told, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
+    """Displacements of the fine mesh near the feet under all contacts; returns of how many vertices."""
+    u[:] = 0.0
+    for c in range(len(counts)):
+        add_field(model, u, fields[c], marks[c], counts[c, 0], counts[c, 1], normals[c], numbers[c])
+    count = carried(model.corners, model.weights, u, reach, feet, told, nodes, moved)
+    for c in range(len(counts)):
+        add_dent(model, feet[c], normals[c], numbers[c], nodes[:count], moved)
+    return count
+
+
+@kernel
+def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, room, cross, coupling, slope, dt):
+    """What the contacts are to each other, and large displacement: changes `numbers`, and fills the compliances between
+    patches `cross` [m/N] (c,c), the diagonal 0, `coupling` [1] (c,c), see `physics.contact.joint`, and `slope` [N]
+    (c,3), how the energy changes along the surface under each by what the others have done.
 
     fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third
                                                         count is filled
     room   (c,4,V) of each contact: vertices that it holds load at or touches, its share there, and room for two more
     """
-    aside[:] = 0.0
+    many = len(counts)
+    aside, others, scale = np.zeros(many), np.zeros(many), np.zeros(many)
     slope[:] = 0.0
-    for i in range(len(counts)):
+    for i in range(many):
         cross[i, i] = 0.0
         for k in range(counts[i, 0]):
             v = marks[i, 0, k]
             room[i, 0, k], room[i, 1, v] = v, 0.0
-        many = counts[i, 0]
+        held = counts[i, 0]
         for k in range(counts[i, 1]):
             v = marks[i, 2, k]
             room[i, 1, v] = fields[i, 2, v, 0]
             if marks[i, 1, v] == 0:
-                room[i, 0, many] = v
-                many += 1
-        counts[i, 2] = many
-    for i in range(len(counts)):
+                room[i, 0, held] = v
+                held += 1
+        counts[i, 2] = held
+    lost = _hold_together(model, profile, fields, marks, numbers, counts, normals, feet, room)
+    for i in range(many):
+        if not numbers[i, OWN] > 0.0:
+            continue
+        change = 1.0 - min(lost[i, i] / (model.young * numbers[i, OWN]), 0.5)
+        aside[i] -= (1.0 - change) * numbers[i, OWN] * numbers[i, PRESS]
+        numbers[i, OWN] *= change
+        numbers[i, COMPLIANCE] *= change
+    for i in range(many):
         for j in range(i):
-            _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope)
+            _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope, lost)
+    take = dt / (dt + model.retardation)
+    for i in range(many):
+        own = max(numbers[i, OWN], 1e-300)
+        for j in range(many):
+            others[i] += cross[i, j] * numbers[j, TOTAL] / own
+    for i in range(many):
+        add_others(model, dt, numbers[i], aside[i], others[i])
+        scale[i] = np.sqrt(max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300)))
+    for i in range(many):
+        compliance = max(numbers[i, COMPLIANCE], 1e-300)
+        numbers[i, FREE] += numbers[i, COMPLIANCE] * others[i]
+        for j in range(many):
+            joined = take * cross[i, j] * scale[i] * scale[j]
+            numbers[i, FREE] -= joined * numbers[j, TOTAL]
+            coupling[i, j] = joined / compliance
+        coupling[i, i] = 1.0
+        for x in range(3):
+            slope[i, x] *= numbers[i, TOTAL]
 
 
 @kernel
-def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope):
-    """What two contacts are to each other, see `_pairs`. The compliance is read once, for both ways."""
+def _between(i, j, model, profile, numbers, feet, hats):
+    """Mean 1/r [1/m] between two true patches, its slope along their distance over that [1/m³], and the first less the
+    hats' one."""
+    radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
+    away = 0.0
+    for x in range(3):
+        away += (feet[i, x] - feet[j, x]) ** 2
+    away = np.sqrt(away)
+    mean, change = _mean_inverse(profile, away / radius)
+    return mean / radius - hats, change / (radius * radius * max(away, 1e-12))
+
+
+@kernel
+def _hold_together(model, profile, fields, marks, numbers, counts, normals, feet, room):
+    """What the compliances [m/N] (c,c), for a modulus of 1 Pa, lose where all patches are held along the surface at
+    once; the diagonal is what they lose beyond what each loses alone. 0 where they may slide."""
+    many, compliance, true = len(counts), model.compliance, model.true
+    lost = np.zeros((many, many))
+    if not true.sticks:
+        return lost
+    size = 2 * many
+    held, drag = np.zeros((size, size)), np.zeros((many, size))
+    block, axes = np.zeros((3, 3)), np.zeros((many, 2, 3))
+    for i in range(many):
+        axes[i] = sideways(normals[i])
+        for a in range(2):
+            drag[i, 2 * i + a] = numbers[i, HOLD + 4 + a]
+            for b in range(2):
+                held[2 * i + a, 2 * i + b] = numbers[i, HOLD + 2 * a + b]
+        for j in range(i):
+            block[:] = 0.0
+            for k in range(counts[i, 1]):
+                v = marks[i, 2, k]
+                for q in range(counts[j, 1]):
+                    b = marks[j, 2, q]
+                    both = room[i, 1, v] * room[j, 1, b]
+                    for x in range(3):
+                        for y in range(3):
+                            block[x, y] += both * compliance[3 * v + x, 3 * b + y]
+            hats = _hats(i, j, true.table, marks, counts, room)
+            more = true.tangential * true.normal * _between(i, j, model, profile, numbers, feet, hats)[0]
+            for a in range(2):
+                for x in range(3):
+                    for y in range(3):
+                        drag[i, 2 * j + a] += normals[i, x] * block[x, y] * axes[j, a, y]
+                        drag[j, 2 * i + a] += axes[i, a, x] * block[x, y] * normals[j, y]
+                        for b in range(2):
+                            facing = more if x == y else 0.0
+                            held[2 * i + a, 2 * j + b] += axes[i, a, x] * (block[x, y] + facing) * axes[j, b, y]
+    _cholesky(held)
+    for i in range(many):  # drag L^-T, so that what is lost is its square
+        alone = _alone(numbers[i])
+        for a in range(size):
+            for b in range(a):
+                drag[i, a] -= held[a, b] * drag[i, b]
+            drag[i, a] /= held[a, a]
+        for j in range(i + 1):
+            total = 0.0
+            for a in range(size):
+                total += drag[i, a] * drag[j, a]
+            lost[i, j] = lost[j, i] = total
+        lost[i, i] -= alone
+    return lost
+
+
+@kernel
+def _alone(numbers):
+    """What the compliance of a patch that is held alone has lost [m/N], for a modulus of 1 Pa."""
+    a, b, d = numbers[HOLD] * (1.0 + RIDGE), numbers[HOLD + 1], numbers[HOLD + 3] * (1.0 + RIDGE)
+    y, z = numbers[HOLD + 4], numbers[HOLD + 5]
+    det = a * d - b * b
+    return (d * y * y - 2.0 * b * y * z + a * z * z) / det if det > 0.0 else 0.0
+
+
+@kernel
+def _cholesky(matrix):
+    """The lower factor of a matrix whose lower half is given, in place, the diagonal greater by `RIDGE` first."""
+    for a in range(len(matrix)):
+        least = RIDGE * matrix[a, a]
+        matrix[a, a] += least
+        for b in range(a + 1):
+            total = matrix[a, b]
+            for k in range(b):
+                total -= matrix[a, k] * matrix[b, k]
+            matrix[a, b] = np.sqrt(max(total, least, 1e-300)) if a == b else total / matrix[b, b]
+
+
+@kernel
+def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope, lost):
+    """What two contacts are to each other, see `joint_answer`. The compliance is read once, for both ways."""
     true, compliance, young = model.true, model.compliance, model.young
     n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
     mine, yours = room[i, 2], room[j, 2]
@@ -206,24 +347,19 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
                 total -= n[x] * (c0 * g[b, 0] + c1 * g[b, 1] + c2 * g[b, 2])
         mine[v] = total
     facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0) * true.normal
-    mean = change = hats = 0.0
+    more = change = 0.0
     if len(true.table) > 0:
         hats = _hats(i, j, true.table, marks, counts, room)
         _hats(j, i, true.table, marks, counts, room)
-        radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
-        away = 0.0
-        for x in range(3):
-            away += (feet[i, x] - feet[j, x]) ** 2
-        away = np.sqrt(away)
-        mean, change = _mean_inverse(profile, away / radius)
-        mean, change = mean / radius, change / (radius * radius * max(away, 1e-12))
-    both += facing * (mean - hats)
+        more, change = _between(i, j, model, profile, numbers, feet, hats)
+    more = facing * more - lost[i, j]
+    both += more
     most = np.sqrt(max(numbers[i, OWN] * numbers[j, OWN], 0.0)) * young
     share = (most / abs(both) if abs(both) > most else 1.0) / young
     cross[i, j] = cross[j, i] = share * both
     for a, b in ((i, j), (j, i)):
         press = numbers[b, PRESS]
-        done = facing * (mean - hats) * press
+        done = more * press
         out = 0.0
         for k in range(counts[a, 1]):
             v = marks[a, 2, k]

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
-from palpate.physics.bodies.indentation_table import SPACING, patch_radius, rise, risen
-from palpate.physics.bodies.patch import load_radius, normal_force, share_of
+from palpate.physics.bodies.large_displacement import DEEPEST, large_depth
+from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
 from palpate.physics.bodies.true_patch import TruePatch, draw_together, patch_compliance
 from palpate.physics.kernel import kernel
 
@@ -19,8 +19,9 @@ LEAST_FORCE = 1e-3
 class CondensedModel(NamedTuple):
     """What a condensed body is made of.
 
-    compliance, vertices, dents  as in `Basis`
-    moments           of the hats of the coarse vertices, see `dents.hat_moments`
+    compliance, vertices  as in `Basis`
+    rho               [1] (3,) of large displacement, see `large_displacement`; empty: the linear organ
+    moments           of the hats of the coarse vertices, see `patch.hat_moments`
     corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
     slopes [1/m] (W,3,3)  gradients of these shares along the surface
     young [Pa], retardation [s]  E, tau
@@ -30,7 +31,7 @@ class CondensedModel(NamedTuple):
 
     compliance: np.ndarray
     vertices: np.ndarray
-    dents: np.ndarray
+    rho: np.ndarray
     moments: np.ndarray
     corners: np.ndarray
     weights: np.ndarray
@@ -44,23 +45,23 @@ class CondensedModel(NamedTuple):
 COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
 """Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch
 that large displacement adds, compliance [m/N] of the linear body at rest, the normal force [N] on the patch with what
-was added, the patch's radius [m], that on the coarse surface, which the dents were found under, whether it is drawn
-together near a nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
-than the organ was pressed, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
+was added, the patch's radius [m], that on the coarse surface, whether it is drawn together near a
+nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
+than `DEEPEST`, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
 heavy for a surface that is free to slide."""
-TOTAL, NUMBERS = 18, 19
+TOTAL, NUMBERS = 24, 25
 """The normal force of the load [N]; how many numbers."""
 ROOM, TILT, FIELDS = 3, 4, 5
 """Of the fields of a contact, see `take_load`."""
-SIDE = slice(15, 18)
-"""What holds the patch along the surface [1] (3), see `true_patch.patch_compliance`."""
+SIDE, HOLD = slice(15, 24), 18
+"""What holds the patch along the surface, see `true_patch.patch_compliance`; where its compliances begin."""
 
 
 @kernel
-def single_step(model, patch, pull, share, normal, dt, fields, marks, curve, numbers, count):
+def single_step(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
     """`take_load` and `add_others`, of one contact."""
     count, touched = take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count)
-    add_others(model, dt, fields, marks, curve, numbers, touched, 0.0, 0.0)
+    add_others(model, dt, numbers, 0.0, 0.0)
     return count, touched
 
 
@@ -208,28 +209,25 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 
 
 @kernel
-def add_others(model, dt, fields, marks, curve, numbers, touched, aside, others):
-    """Change `numbers` by what other contacts and large displacement add, see `CondensedBody.answer`.
+def add_others(model, dt, numbers, aside, others):
+    """Change `numbers` by what other contacts and large displacement add.
 
-    curve   (2,D+1)    knots and slopes of the indentation over that of the linear body
+    aside   [m] indentation of the linear body under the patch by what the other contacts have done
+    others  [N] force on the patch that would indent it as what presses there now does
     """
-    dents, measure, order = model.dents, fields[2], marks[2]
+    rho = model.rho
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     self_compliance = numbers[OWN]
     numbers[FREE] += keep * aside
     numbers[NOW] += aside
-    if dents.shape[1] == 0 or not self_compliance > 0.0:
+    if len(rho) == 0 or not self_compliance > 0.0:
         return
-    # large displacement: nonlinear indentation table, s/R over that of the linear body
-    radius, now, free = numbers[WIDE], numbers[NOW], numbers[FREE]
-    knots, slopes = curve[0], curve[1]
-    rise(dents, order, touched, measure, knots, slopes)
+    radius, now, free = numbers[RADIUS], numbers[NOW], numbers[FREE]
     force = max(numbers[TOTAL] + others, LEAST_FORCE)
-    numbers[NOW] = radius * risen(now / radius, knots, slopes)[0]
-    numbers[FREE] = radius * risen(free / radius, knots, slopes)[0]
-    end = SPACING * dents.shape[1]
-    numbers[DEEP] = max(numbers[NOW] / (radius * end) - 1.0, 0.0)
-    then, slope = risen((free + take * self_compliance * force) / radius, knots, slopes)
+    numbers[NOW] = radius * large_depth(now / radius, rho)[0]
+    numbers[FREE] = radius * large_depth(free / radius, rho)[0]
+    numbers[DEEP] = max(numbers[NOW] / (radius * DEEPEST) - 1.0, 0.0)
+    then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # of a convex s(f): so contact comes to its force from above, and does not swing
     if slope * take * self_compliance > numbers[COMPLIANCE]:

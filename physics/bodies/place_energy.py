@@ -13,17 +13,17 @@ towards where the body is softer, for each metre of the foot point. The bone edg
 surface: with dn = S dp it is dx = (1 - e S) dp, so that the force on the hand is (1 - e S)^-1 g. Its work round any
 closed way is then nothing (and with viscosity less): U belongs to where the hand is.
 
-V's derivative takes the gradients of two fields over the coarse surface, averaged over the patch: that of the linear
-organ's compliance c = g.Cg/E under a patch round each vertex, along its normal, and that of the dents
-(`indentation_table`). Taken under the load itself, c's gradient would be the small difference of what the two sides
-of the dent say, and the mesh's error as large as it.
+V = R²/c times the integral of x over s/R (`large_displacement`), where only c depends on the place. Its derivative
+takes the gradient of a field over the coarse surface, averaged over the patch: the linear organ's compliance c = g.Cg/E
+under a patch round each vertex, along its normal. Taken under the load itself, c's gradient would be the small
+difference of what the two sides of the dent say, and the mesh's error as large as it.
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.indentation_table import SPACING, rise, risen, stiffening
+from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
 from palpate.physics.bodies.true_patch import draw_together, gathered, patch_compliance
 from palpate.physics.contact.spread import Spreader
@@ -31,8 +31,6 @@ from palpate.physics.exact import length, log, product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-NUDGE = 1e-4
-"""[m] Way over which the change of the table is taken."""
 STEEPEST = 0.75
 """[1] Greatest e S that is undone: beyond, the bone edge is near the surface's centre of curvature."""
 
@@ -40,13 +38,14 @@ STEEPEST = 0.75
 class Ground(NamedTuple):
     """The coarse surface.
 
-    normals  [1] (V,3);  dents [1] (V,L)
+    normals  [1] (V,3)
     softness [1] (V,)   logarithm of the linear organ's compliance under a patch round each vertex
+    rho      [1]        of large displacement
     """
 
     normals: np.ndarray
     softness: np.ndarray
-    dents: np.ndarray
+    rho: np.ndarray
 
 
 def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
@@ -57,7 +56,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """
     corners, weights, true = model.corners, model.weights, model.true
     compliances = np.full(len(mesh.vertices), np.nan)
-    measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(3), np.zeros((3, 3))
+    measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(9), np.zeros((3, 3))
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
         normal = n / length(n)
         count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
@@ -90,26 +89,6 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def held(knots, slopes, depth):
-    """Integral [1] of x over s/R from 0 to `depth` [1], x as in `indentation_table`; knots, slopes as in `risen`."""
-    last = len(knots) - 1
-    total, k = 0.0, 0
-    while k < last and depth > k * SPACING:
-        t = min(depth / SPACING - k, 1.0)
-        low, high, a, b = knots[k], knots[k + 1], slopes[k] * SPACING, slopes[k + 1] * SPACING
-        t2, t3, t4 = t * t, t * t * t, t * t * t * t
-        total += SPACING * (
-            low * t + (high - low) * (t3 - 0.5 * t4) + a * (0.5 * t2 - 2.0 / 3.0 * t3 + 0.25 * t4)
-            - b * (t3 / 3.0 - 0.25 * t4)
-        )  # fmt: skip
-        k += 1
-    over = depth - last * SPACING
-    if over > 0.0:
-        total += knots[last] * over + (0.5 * slopes[last] + stiffening(slopes) * over / 3.0) * over * over
-    return total
-
-
-@kernel
 def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, force, gradient, shape):
     """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, under a load.
 
@@ -121,9 +100,8 @@ def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, for
     shape[:] = 0.0
     if not (force > 0.0 and compliance > 0.0):
         return
-    levels = ground.dents.shape[1]
-    softer, dented, bent = np.zeros(3), np.zeros((1, levels)), np.zeros((levels, 3))
-    # derivatives of the patch's means when it moves along the surface: compliance, normal, nonlinear indentations
+    softer = np.zeros(3)
+    # derivatives of the patch's means when it moves along the surface: logarithm of the compliance, normal
     for a in range(touched):
         v = nodes[a]
         for i in range(3):
@@ -131,25 +109,10 @@ def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, for
             softer[i] += grad * ground.softness[v]
             for j in range(3):
                 shape[j, i] += grad * ground.normals[v, j]
-            for m in range(levels):
-                bent[m, i] += grad * ground.dents[v, m]
-        for m in range(levels):
-            dented[0, m] += measure[v, 0] * ground.dents[v, m]
-    # tangential energy gradient: of 1/2 c f², or of the energy held by the indentation table, by central differences
-    if levels == 0:
-        for i in range(3):
-            gradient[i] = 0.5 * compliance * force * force * softer[i]
-    else:
-        knots, slopes, first, one = np.zeros(levels + 1), np.zeros(levels + 1), np.zeros(1, np.int64), np.ones((1, 1))
-        rise(dented, first, 1, one, knots, slopes)
-        depth = risen(compliance * force / radius, knots, slopes)[0]
-        here = held(knots, slopes, depth)
-        for i in range(3):
-            rise(dented + NUDGE * bent[:, i], first, 1, one, knots, slopes)
-            there = held(knots, slopes, depth)
-            rise(dented - NUDGE * bent[:, i], first, 1, one, knots, slopes)
-            back = held(knots, slopes, depth)
-            gradient[i] = radius * radius / compliance * (here * softer[i] - 0.5 * (there - back) / NUDGE)
+    depth, _ = large_depth(compliance * force / radius, ground.rho)
+    energy = radius * radius / compliance * stored_energy(depth, ground.rho)
+    for i in range(3):
+        gradient[i] = energy * softer[i]
     # its part along the normal is work of the normal force and no resistance to sliding
     out = gradient[0] * normal[0] + gradient[1] * normal[1] + gradient[2] * normal[2]
     for i in range(3):

@@ -43,8 +43,7 @@ import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
-from palpate.physics.bodies.indentation_table import patch_radius
-from palpate.physics.bodies.patch import share_of
+from palpate.physics.bodies.patch import patch_radius, share_of
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
@@ -138,12 +137,8 @@ def dent_depth(rho: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def _held_sideways(block, normal, more, force):
-    """What the compliance of a patch loses [m/N] where its mean place along the surface is held; fills `force` [1] (3),
-    what that takes for each newton of normal force.
-
-    block [m/N] (3,3) of the patch, g.C g;  more [m/N] what the tangential compliance is greater than in it
-    """
+def sideways(normal):
+    """Two unit vectors [1] (2,3) along the surface, at right angles."""
     along = np.zeros((2, 3))
     k = 0 if abs(normal[0]) < 0.8 else 1
     along[0, k] = 1.0
@@ -156,6 +151,17 @@ def _held_sideways(block, normal, more, force):
     along[1, 0] = normal[1] * along[0, 2] - normal[2] * along[0, 1]
     along[1, 1] = normal[2] * along[0, 0] - normal[0] * along[0, 2]
     along[1, 2] = normal[0] * along[0, 1] - normal[1] * along[0, 0]
+    return along
+
+
+@kernel
+def _held_sideways(block, normal, more, side):
+    """What the compliance of a patch loses [m/N] where its mean place along the surface is held; fills `side` (9,), see
+    `patch_compliance`.
+
+    block [m/N] (3,3) of the patch, g.C g;  more [m/N] what the tangential compliance is greater than in it
+    """
+    along = sideways(normal)
     own, cross = np.zeros((2, 2)), np.zeros(2)
     for a in range(2):
         for i in range(3):
@@ -170,7 +176,9 @@ def _held_sideways(block, normal, more, force):
     first = (own[1, 1] * cross[0] - own[0, 1] * cross[1]) / det
     second = (own[0, 0] * cross[1] - own[1, 0] * cross[0]) / det
     for i in range(3):  # the normal force is against the normal, so this undoes what it drags along
-        force[i] = first * along[0, i] + second * along[1, i]
+        side[i] = first * along[0, i] + second * along[1, i]
+    side[3], side[4], side[5], side[6] = own[0, 0], own[0, 1], own[1, 0], own[1, 1]
+    side[7], side[8] = cross
     return first * cross[0] + second * cross[1]
 
 
@@ -250,8 +258,9 @@ def _along(block, normal):
 
 @kernel
 def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, side):
-    """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` [1] (3),
-    the force along the surface that holds the patch there, for each newton of normal force.
+    """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` (9,): the
+    force along the surface that holds the patch there, for each newton of normal force [1] (3), c_tt (2,2) and c_tz (2)
+    [m/N] by the axes of `sideways`.
 
     block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gathered`; `block` is changed
 

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.bodies.condensed_step import LEAST_FORCE, NARROWED, RADIUS, WIDE
-from palpate.physics.bodies.indentation_table import SPACING, risen, stiffening
+from palpate.physics.bodies.condensed_step import LEAST_FORCE, NARROWED, RADIUS
+from palpate.physics.bodies.large_displacement import large_depth, linear_depth
 from palpate.physics.bodies.true_patch import gathered, patch_compliance
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.sensitivity.series import pressed, recovered
@@ -61,7 +61,7 @@ class CondensedTangent:
         dh/dp <- keep dh/dp + take dm(t - f n)/dp + (dkeep/dp) h + (dtake/dp) m(t - f n),
 
     keep = tau/(T + tau), take = T/(T + tau), m the patch's shares. What follows from h is differentiated as it stands
-    in `bodies.condensed_body`: indentation, compliance, and the cubic between the knots of the indentation table.
+    in `bodies.condensed_body`: indentation, compliance, and large displacement.
 
     body  at rest; it is stepped with each call
     dyoung, dretardation  (P,) derivatives of E and tau by each parameter
@@ -97,7 +97,7 @@ class CondensedTangent:
         rows = (3 * order[:, None] + np.arange(3)).ravel()
         sides = -np.multiply.outer(share, normal).ravel()
         w = linear = (sides @ model.compliance[rows]).reshape(-1, 3)
-        block, side = np.zeros((3, 3)), np.zeros(3)
+        block, side = np.zeros((3, 3)), np.zeros(9)
         hats = gathered(model.compliance, model.true.table, marked, touched, fields[2], 0, block)
         own, more = patch_compliance(
             model.compliance, model.true, marked, touched, fields[2], numbers[NARROWED] > 0.0, load.normal,
@@ -116,7 +116,7 @@ class CondensedTangent:
         dfree = keep * dnow + dkeep * now + take * dtangential - dkeep * tangential
         c = take * (own + more) / E
         dc = -dkeep * (own + more) / E - c / E * dE
-        if model.dents.shape[1] and own + more > 0.0:
+        if len(model.rho) and own + more > 0.0:
             dc, dfree, dnow = self._bent(now, free, c, max(force, LEAST_FORCE), dnow, dfree, dc, dforce)
         zero = np.zeros_like(dE)
         return np.array([-dc / compliance**2, zero, zero, dfree, dnow])
@@ -125,31 +125,17 @@ class CondensedTangent:
         self, now: float, free: float, c: float, force: float, dnow: np.ndarray, dfree: np.ndarray, dc: np.ndarray,
         dforce: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """The derivatives (P,) with the indentation table: of compliance, free indentation and indentation."""
-        radius, (knots, slopes) = float(self.body._numbers[WIDE]), self.body._curve
+        """The derivatives (P,) with large displacement: of compliance, free indentation and indentation."""
+        radius, rho = float(self.body._numbers[RADIUS]), self.body._model.rho
         dpress = dforce if force > LEAST_FORCE else np.zeros_like(dforce)
-        dnow = risen(now / radius, knots, slopes)[1] * dnow
-        start, rise = risen(free / radius, knots, slopes)
+        dnow = large_depth(now / radius, rho)[1] * dnow
+        start, rise = large_depth(free / radius, rho)
         at = (free + c * force) / radius
         dat = (dfree + dc * force + c * dpress) / radius
-        then, slope = risen(at, knots, slopes)
+        then, slope = large_depth(at, rho)
         dfree = rise * dfree
         if slope * c <= radius * (then - start) / force:  # the chord
             return (radius * slope * dat - dfree - radius * (then - start) / force * dpress) / force, dfree, dnow
-        bend = _bend(at, then, slope, knots, slopes)
+        bend = -linear_depth(then, rho)[2] * slope**3  # second derivative of s/R by x
         dtangent = bend * c * dat + slope * dc
         return dtangent, radius * slope * dat - dtangent * force - slope * c * dpress, dnow
-
-
-def _bend(x: float, y: float, slope: float, knots: np.ndarray, slopes: np.ndarray) -> float:
-    """Second derivative [1] of s/R by x, see `risen`, which gives y and its slope at x."""
-    last = len(knots) - 1
-    if not x > 0.0:
-        return 0.0
-    if not x < knots[last]:
-        return float(-2.0 * stiffening(slopes) * slope**3)
-    k = int(np.searchsorted(knots, x, side="right")) - 1
-    t = y / SPACING - k
-    a, b = slopes[k] * SPACING, slopes[k + 1] * SPACING
-    bent = 6.0 * (knots[k + 1] - knots[k]) * (1.0 - 2.0 * t) + a * (6.0 * t - 4.0) + b * (6.0 * t - 2.0)
-    return float(-bent * slope**3 / SPACING**2)

@@ -146,7 +146,7 @@ def test_a_chunk_that_claims_to_be_huge_reserves_no_memory(tmp_path):
 
 
 ARCHIVES = {
-    "dents": (basis_store.SHIPPED / "plane-dents.npz", Basis.load),
+    "condensed": (basis_store.SHIPPED / "plane-condensed.npz", Basis.load),
     "sampled": (basis_store.SHIPPED / "fingertip-sampled.npz", SampledBasis.load),
     "about": (basis_store.SHIPPED / "fingertip-sampled.npz", basis_store.about),
     "table": (TABLE, lambda path: started(Flow(table=str(path)))),
@@ -170,7 +170,7 @@ def test_a_damaged_archive_of_arrays_is_told(tmp_path, name, seeds):
 def test_an_archive_of_other_arrays_is_told(tmp_path, missing, seeds):
     """Whole, but of another kind: each array of each archive left out, cut, flattened, or full of what is no number."""
     for name, (source, load) in ARCHIVES.items():
-        if name == "about" or (name == "dents" and len(seeds) <= FEW):
+        if name == "about" or (name == "condensed" and len(seeds) <= FEW):
             continue
         with np.load(source) as archive:
             arrays = dict(archive)

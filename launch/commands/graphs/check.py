@@ -13,8 +13,11 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Check a graph, its scene and its placement; all faults are reported at once. Exit code 2 if there are any."""
+    from palpate.launch.load.plan import check_stored
+
     run = chosen(graph, sets, scene, place, fused)
     plan = run.plan()
+    check_stored(plan)
     groups = run.placement(plan).groups
     edges = [edge for own in plan.edges.values() for edge in own]
     held = sum(edge.loop for edge in edges)

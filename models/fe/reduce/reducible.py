@@ -14,7 +14,6 @@ from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.body import ElasticBody, hats
 from palpate.models.fe.solve.solver import DEFAULT, Settings, Solver
-from palpate.models.fe.sparse.cholesky import Cholesky
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import Material
 
@@ -45,12 +44,6 @@ class Reducible:
     def elastic(self) -> ElasticBody:
         """Of modulus 1 Pa."""
         return ElasticBody(self.mesh, self.materials(1.0), self.beds(1.0))
-
-    @cached_property
-    def cholesky(self) -> Cholesky:
-        """The order of elimination of the free body; each use factors one `alike`."""
-        pattern = self.elastic.pattern
-        return Cholesky(self.mesh.points, pattern.indptr, pattern.indices, single=True)
 
     @cached_property
     def digest(self) -> bytes:

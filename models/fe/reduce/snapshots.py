@@ -12,8 +12,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
+from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.progress import Report, unheard
-from palpate.models.fe.reduce.indentation_table import patch
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.solve.solver import ConvergenceError, Settings
 from palpate.physics.archive import replacing
@@ -58,6 +58,22 @@ class PressSolution:
 
     touch: LoadPath
     solutions: np.ndarray
+
+
+def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
+    """Unit force (V,3) on the vertices of a surface: pressure (1 - d²/R²)² round a foot point, against its normal.
+
+    ValueError: no part of the surface within the radius faces the normal.
+    """
+    corner, face, hat = surface.vertices[surface.triangles], surface.face_vectors, face_rule.HATS
+    away = np.linalg.norm(np.einsum("qc,fci->fqi", hat, corner) - foot, axis=2) / radius
+    weight = np.where(away < 1.0, (1.0 - away * away) ** 2, 0.0) * face_rule.WEIGHTS
+    weight *= (np.linalg.norm(face, axis=1) * (face @ normal > 0.0))[:, None]
+    share = np.zeros(len(surface.vertices))
+    np.add.at(share, surface.triangles, np.einsum("fq,qc->fc", weight, hat))
+    if not share.sum() > 0.0:
+        raise ValueError(f"no surface within {radius} m of {foot}")
+    return -np.outer(share / share.sum(), normal)
 
 
 def touch(

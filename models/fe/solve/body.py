@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
@@ -123,7 +124,7 @@ class ElasticBody:
 
         Symmetric and positive: work of any load on the displacement that it causes is what the body stores.
         """
-        solver, count = self.rest(fixed), hats.shape[1]
+        solver, count, means = self.rest(fixed), hats.shape[1], csr_array(hats.T)
         compliance = np.empty((count, 3, count, 3))
         for start in range(0, count, COLUMNS):
             part = hats[:, start : start + COLUMNS]
@@ -134,7 +135,7 @@ class ElasticBody:
             rhs[fixed] = 0.0
             u = solver.solve(rhs.reshape(3 * len(hats), -1)).reshape(len(hats), 3, 3 * size)
             u[fixed] = 0.0
-            compliance[:, :, start : start + size] = (hats.T @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
+            compliance[:, :, start : start + size] = (means @ u.reshape(len(hats), -1)).reshape(count, 3, size, 3)
             report((start + size) / count)
         full = compliance.reshape(3 * count, 3 * count)
         return 0.5 * (full + full.T)

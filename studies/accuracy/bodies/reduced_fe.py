@@ -31,7 +31,7 @@ def methods(patient: bool) -> list[Method]:
 
 def _slab(touch: BenchCase) -> dict[str, Any]:
     material = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": touch.retardation}
-    nodule = {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
+    nodule = {"nodule_depth": 6e-3, "nodule_radius": 4e-3, "nodule_ratio": 10.0}
     return material | {"sticks": touch.sticks} | (nodule if touch.nodule else {})
 
 
@@ -47,7 +47,7 @@ def _reducing(
         outcome = of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
         outcome.offline += offline
         errors = [told["error"] for told in shipped().values() if told["key"] == node.key()]
-        if model != "linear" and errors and errors[0]:
+        if errors and errors[0]:
             outcome.estimated_error = float(errors[0]["mean"])
         return outcome
 
@@ -57,7 +57,7 @@ def _reducing(
 def ready(node: ReducedFE, patient: bool = False) -> float:
     """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships.
 
-    patient  build a table at a hundred places too, which takes some minutes, and modes of a body other than the slab
+    patient  build modes of a body other than the slab too, which takes some minutes
 
     UnsupportedError: such a basis is not stored, and nobody is patient.
     """
@@ -65,9 +65,8 @@ def ready(node: ReducedFE, patient: bool = False) -> float:
         path = find(folder, node.key())
         if path is not None and node.stored(folder) is not None:
             return float((about(path) or {}).get("seconds", 0.0))
-    long = {"nonlinear": "dents", "sampled": "modes" if node.surface != "plane" else ""}.get(node.model)
-    if long and not patient:
-        raise UnsupportedError(f"no basis with {long} is stored for these settings. Build it once: {node.command()}")
+    if node.model == "sampled" and node.surface != "plane" and not patient:
+        raise UnsupportedError(f"no basis with modes is stored for these settings. Build it once: {node.command()}")
     begun = time.perf_counter()
     basis, _ = built(node, Silent(), check=False)
     seconds = time.perf_counter() - begun

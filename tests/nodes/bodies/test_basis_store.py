@@ -10,18 +10,17 @@ import numpy as np
 import pytest
 from pytest import approx
 
-import palpate.physics.bodies.indentation_table as physics_table
+from palpate.launch.load.values.overrides import settings_of
 from palpate.launch.testing import FakeBus
+from palpate.models.build.basis import Silent, _organ
 from palpate.models.fe.meshing import fingertip, layers, organ
 from palpate.models.fe.meshing.organ import Organ
-from palpate.models.fe.reduce import indentation, indentation_table, reducible, reduction, sampling, snapshots
-from palpate.models.fe.reduce.indentation import OrganPress
+from palpate.models.fe.reduce import reducible, reduction, sampling, snapshots
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE, basis_store
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.indentation_table import SPACING, hat_moments, patch_radius
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials import hyperelastic
 
@@ -32,12 +31,7 @@ SMALL = {"surface": "plane", "coarse": 80, "vertices": 400}
 def small():
     """A basis without numbers of its own: where it lies is what is looked at."""
     mesh = surface_mesh("plane", 80)
-    return Basis(
-        mesh.vertices,
-        mesh.triangles,
-        np.eye(3 * len(mesh.vertices), dtype=np.float32),
-        dents=np.zeros((len(mesh.vertices), 2)),
-    )
+    return Basis(mesh.vertices, mesh.triangles, np.eye(3 * len(mesh.vertices), dtype=np.float32))
 
 
 @pytest.fixture
@@ -54,9 +48,7 @@ def slab():
 
 def node_of(command):
     """The node that a command of `palpate reduce` builds a basis for."""
-    words = shlex.split(command)[2:]
-    given = dict(word.split("=", 1) for word in words if word != "--set")
-    return ReducedFE(**given)
+    return ReducedFE(**settings_of([word for word in shlex.split(command)[2:] if word != "--set"]))
 
 
 def test_every_shipped_basis_is_in_the_index_and_is_the_one_for_its_command():
@@ -80,7 +72,7 @@ def test_the_key_follows_the_surface_and_the_version_of_the_builder(monkeypatch)
         assert ReducedFE(**SMALL).key() != usual
     sampled = ReducedFE(**SMALL, model="sampled").key()
     with monkeypatch.context() as patch:
-        patch.setitem(basis_store.BUILDERS, "dents", 0)
+        patch.setitem(basis_store.BUILDERS, "condensed", 0)
         assert ReducedFE(**SMALL).key() != usual
         assert ReducedFE(**SMALL, model="sampled").key() == sampled
 
@@ -96,14 +88,14 @@ def test_a_basis_of_another_place_is_refused_with_the_command_that_rebuilds_it(c
     node, one = ReducedFE(**SMALL), small()
     one.save(cache / node.filename())
     FakeBus(node)
-    Basis(one.vertices + (0.0, 0.0, 7.4e-3), one.triangles, one.compliance, one.dents).save(cache / node.filename())
+    Basis(one.vertices + (0.0, 0.0, 7.4e-3), one.triangles, one.compliance).save(cache / node.filename())
     with pytest.raises(SettingError, match=r"0\.074 of the surface's extent.*palpate reduce.*--set coarse=80.*--force"):
         FakeBus(ReducedFE(**SMALL))
 
 
 def test_what_the_shipped_basis_was_made_from_is_told_where_it_does_not_serve(cache):
     with pytest.raises(
-        SettingError, match=r"of the shipped kidney-dents\.npz, bed was 50\.0, is 60\.0.*--set bed=60\.0"
+        SettingError, match=r"of the shipped kidney-condensed\.npz, bed was 50\.0, is 60\.0.*--set bed=60\.0"
     ):
         FakeBus(ReducedFE(bed=60.0))
 
@@ -115,10 +107,10 @@ def test_a_basis_says_what_it_was_made_from(tmp_path):
     assert basis_store.about(tmp_path / "none.npz") is None
 
 
-ORGAN = (organ, indentation_table, indentation, hyperelastic, physics_table)
+ORGAN = (organ, hyperelastic)
 SAMPLED = (*ORGAN, reduction, sampling, snapshots, fingertip, layers, reducible)
 """Modules whose constants and default fields a basis depends on."""
-VERSIONS = {"dents": (4, "68fbe62f473fc0c8"), "sampled": (4, "05fc3dc8f524ff87")}
+VERSIONS = {"condensed": (4, "fe12a8172e3f0e24"), "sampled": (4, "1ecf56e67d98698d")}
 RAISE = "a rebuilt basis has other numbers: raise BUILDERS, rebuild what ships, and enter the new numbers here"
 
 
@@ -135,7 +127,7 @@ def constants(modules):
     return sorted(lines)
 
 
-@pytest.mark.parametrize(("kind", "modules"), [("dents", ORGAN), ("sampled", SAMPLED)])
+@pytest.mark.parametrize(("kind", "modules"), [("condensed", ORGAN), ("sampled", SAMPLED)])
 def test_another_constant_of_a_builder_asks_for_another_version(kind, modules):
     text = "\n".join(constants(modules))
     assert (basis_store.BUILDERS[kind], hashlib.sha256(text.encode()).hexdigest()[:16]) == VERSIONS[kind], RAISE
@@ -143,19 +135,16 @@ def test_another_constant_of_a_builder_asks_for_another_version(kind, modules):
 
 def test_the_constants_of_a_builder_are_seen(monkeypatch):
     usual = constants(SAMPLED)
-    for module, name in ((indentation_table, "PLACES"), (organ, "SHELLS"), (reduction, "ROUND"), (layers, "CORE")):
+    for module, name in ((organ, "SHELLS"), (reduction, "ROUND"), (layers, "CORE")):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, 7)
             assert constants(SAMPLED) != usual
     assert "FingertipDimensions.dermis 0.00093" in usual
 
 
-def test_other_numbers_of_a_basis_of_dents_ask_for_another_version():
-    body = slab()
-    table = indentation_table.dent_table(body, places=2, levels=3)
-    assert basis_store.BUILDERS["dents"] == 4
-    assert np.trace(body.compliance()) == approx(28157.1478336, rel=1e-6), RAISE
-    assert table.mean(axis=0) == approx((-0.00668844, -0.01596131, -0.02876823), rel=1e-3), RAISE
+def test_other_numbers_of_a_condensed_basis_ask_for_another_version():
+    assert basis_store.BUILDERS["condensed"] == 4
+    assert np.trace(slab().compliance()) == approx(28157.1478336, rel=1e-6), RAISE
 
 
 def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
@@ -175,12 +164,11 @@ def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
 
 
 @pytest.mark.long
-def test_a_shipped_basis_is_the_one_that_would_be_built_now():
-    """The slab: its compliance at three vertices, and its dents where it is pressed at three of its places, through
-    which the table goes exactly."""
-    name, radius = "plane-dents.npz", indentation_table.RADIUS
+@pytest.mark.parametrize("name", ["plane-condensed.npz", "plane-nodule-condensed.npz"])
+def test_a_shipped_basis_is_the_one_that_would_be_built_now(name):
+    """The slab, without and with its nodule: its compliance at three vertices."""
     node = node_of(basis_store.shipped()[name]["command"])
-    basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(Organ(node.coarse_mesh(), node.poisson, node.bed))
+    basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(_organ(node, Silent()))
     half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # of the steps that it is stored in
     for v in (0, 100, 300):
         load = np.zeros_like(organ.mesh.points)
@@ -188,15 +176,3 @@ def test_a_shipped_basis_is_the_one_that_would_be_built_now():
         u = organ.elastic.rest(organ.fixed).solve(load.ravel()).reshape(-1, 3)
         own = (organ.hats.T @ u).ravel()
         assert basis.compliance[3 * v + 2] == approx(own, abs=half)
-    feet, normals = indentation_table.pressed_places(organ.surface, indentation_table.PLACES, radius)
-    moments, every = hat_moments(organ.surface), np.arange(len(organ.surface.vertices))
-    model = OrganPress(organ)
-    for k in (0, len(feet) // 2, len(feet) - 1):
-        one = indentation_table.patch(organ.surface, feet[k], normals[k], radius)
-        share = -one @ normals[k]
-        across = patch_radius(organ.surface.vertices, moments, every, len(every), share[:, None])
-        deep = SPACING * np.arange(1, indentation_table.LEVELS + 1)
-        work = model.curve(organ.hats @ one, across * deep, indentation_table.sticking(organ.hats, one))
-        (curve,) = model.run([work])
-        built = curve.force / (curve.stiffness * across) / deep - 1.0
-        assert share @ basis.dents == approx(built, abs=1e-3)

@@ -15,11 +15,12 @@ from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import CondensedContacts, _mean_inverse, joint_profile
+from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import Spreader
+from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.accuracy import continuum
 from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, Block, graded
@@ -30,10 +31,8 @@ UP = (0.0, 0.0, 1.0)
 @lru_cache
 def slab(model="nonlinear", retardation=0.0):
     node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=10000)
-    basis = node.basis()
-    if model == "linear":
-        basis = Basis(basis.vertices, basis.triangles, basis.compliance)
-    return CondensedBody(basis, node.mesh(), YOUNG, retardation, RADIUS, 1.0, POISSON)
+    rho = nonlinearity(POISSON) if model == "nonlinear" else NO_FLOATS
+    return CondensedBody(node.basis(), node.mesh(), YOUNG, retardation, RADIUS, 1.0, POISSON, rho=rho)
 
 
 def load(body, place, force, normal=UP):
@@ -178,13 +177,14 @@ def full(apart, forces, cells, levels):
     return np.array([float(np.sum(unit * body.displacement)) for unit in units])
 
 
-@pytest.mark.parametrize("apart", [5e-3, 12e-3])
+@pytest.mark.parametrize("apart", [5e-3, 12e-3, 40e-3])
 def test_two_light_fingers_indent_the_slab_as_two_patches_do_a_full_model(apart):
-    """The full model is coarse, 2 % too stiff; what one does to the other is within 1 % of the peak."""
+    """The full model is coarse, 2 % too stiff; what one does to the other, 45 to 2.7 % of that, is within 3 %. Held
+    one by one, patches 40 mm apart would do 8 % too little."""
     exact = full(apart, (0.02, 0.0), 2, 1)
     _, found = pressed(slab(), [(-apart / 2, 0.0), (apart / 2, 0.0)], [0.02, 0.0])
     assert found == approx(exact, abs=0.03 * exact.max())
-    assert found[1] == approx(exact[1], abs=0.011 * exact.max())
+    assert found[1] == approx(exact[1], rel=0.03)
 
 
 @pytest.mark.long

@@ -17,8 +17,7 @@ from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.bodies.indentation_table import hat_moments
-from palpate.physics.bodies.patch import load_radius
+from palpate.physics.bodies.patch import hat_moments, load_radius
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 

@@ -128,15 +128,15 @@ def test_a_capsule_that_does_not_fit_is_refused():
 
 def test_what_the_basis_is_made_from_is_in_its_key_and_in_the_command_that_builds_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    plain, given = ReducedFE(), {"nodule_centre": (0, 0, 0.01), "nodule_radius": 6e-3, "capsule_thickness": 5e-4}
-    keys = {plain.key(), *(ReducedFE(**{k: v}).key() for k, v in given.items() if k != "nodule_centre")}
+    plain, given = ReducedFE(), {"nodule_depth": 0.01, "nodule_radius": 6e-3, "capsule_thickness": 5e-4}
+    keys = {plain.key(), *(ReducedFE(**{k: v}).key() for k, v in given.items() if k != "nodule_depth")}
     assert len(keys) == 3
     assert ReducedFE(young=1e4, retardation=0.1).key() == plain.key()
     assert ReducedFE(capsule_ratio=3.0).key() == plain.key()  # of no capsule
     with pytest.raises(SettingError) as error:
         FakeBus(ReducedFE(**given))
     for text in (
-        "--set nodule_centre='[0.0, 0.0, 0.01]'",
+        "--set nodule_depth=0.01",
         "--set nodule_radius=0.006",
         "--set capsule_thickness=0.0005",
     ):

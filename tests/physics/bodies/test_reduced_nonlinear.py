@@ -4,28 +4,27 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pytest import approx
 from scipy.optimize import brentq
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
 from palpate.models.fe.meshing.organ import Organ
-from palpate.models.fe.reduce.indentation_table import patch
 from palpate.models.fe.reduce.reducible import of_organ
-from palpate.nodes.base import SettingError
+from palpate.models.fe.reduce.snapshots import patch
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.bodies.indentation_table import SOFTEST, SPACING, rise, risen
+from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.contact.series import exponential, series
 from palpate.physics.contact.terminal import Terminal
+from palpate.physics.entry_point import NO_FLOATS
 
 YOUNG = 2e4
 RADIUS = 12e-3
-PRESSED = 9
+RHO = np.array([-0.35, 0.1, 0.0])
+"""Of an organ that softens far more than any tissue."""
 UP = (0.0, 0.0, 1.0)
 SHAPE = ("plane", 80)
 
@@ -37,15 +36,12 @@ def organ():
 
 @lru_cache
 def basis():
-    """The slab with dents that soften it on one side, at a deep press to a limit load, and stiffen it on the other."""
     mesh = organ().surface
-    table = np.outer(0.5 * np.sin(mesh.vertices[:, 0] / 0.02) - 0.2, 4.0 * (SPACING * np.arange(1, 7)) ** 2)
-    return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32), table)
+    return Basis(mesh.vertices, mesh.triangles, organ().compliance().astype(np.float32))
 
 
-def body(retardation=0.0, dented=True):
-    given = basis() if dented else Basis(basis().vertices, basis().triangles, basis().compliance)
-    return CondensedBody(given, organ().surface, YOUNG, retardation, RADIUS, 1.0)
+def body(retardation=0.0, rho=RHO, young=YOUNG):
+    return CondensedBody(basis(), organ().surface, young, retardation, RADIUS, 1.0, rho=rho)
 
 
 def unit(foot, normal, radius=RADIUS):
@@ -68,14 +64,14 @@ def settled(it, foot, n, nodes, push, force):
 
 def test_a_light_touch_is_linear():
     foot, n, nodes, push = at_vertex(40)
-    a, b = (settled(body(dented=d), foot, n, nodes, push, 1e-3)[2] for d in (True, False))
+    a, b = (settled(body(rho=rho), foot, n, nodes, push, 1e-3)[2] for rho in (RHO, NO_FLOATS))
     assert a == approx(b, rel=1e-3)
 
 
 def test_half_the_modulus_under_half_the_force_indents_the_same():
     foot, n, nodes, push = at_vertex(40)
     one = settled(body(), foot, n, nodes, push, 1.5)[2]
-    soft = CondensedBody(basis(), organ().surface, YOUNG / 2, 0.0, RADIUS, 1.0)
+    soft = body(young=YOUNG / 2)
     assert soft.step(nodes, 0.75 * push, foot, n, 1e3)[2] == approx(one, rel=1e-9)
 
 
@@ -142,7 +138,7 @@ def test_contact_in_series_settles_at_the_static_force():
 
 def test_a_loaded_finger_that_slides_meets_no_jump():
     mesh = surface_mesh("plane", 2500)
-    it, laws = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0), []
+    it, laws = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0, rho=RHO), []
     for x in np.linspace(-0.02, 0.02, 801):
         foot = np.array([x, 0.3 * x, 0.0])
         q = np.linalg.norm(mesh.vertices - foot, axis=1) / RADIUS
@@ -153,29 +149,12 @@ def test_a_loaded_finger_that_slides_meets_no_jump():
     assert (np.abs(np.diff(later, axis=0)).max(axis=0) < 0.01 * later.mean(axis=0)).all()
 
 
-def test_contact_settles_on_a_plateau_of_the_force():
-    """Of an organ that takes hardly more force from s/R = 0.2 on; with the chord alone contact swings for ever here."""
-    given = basis()
-    levels = SPACING * np.arange(1, 7)
-    dents = np.tile(np.minimum(levels, 0.2) / levels - 1.0, (len(given.vertices), 1))
-    foot, n, nodes, push = at_vertex(40)
-    flat = Basis(given.vertices, given.triangles, given.compliance, dents)
-    it, finger = CondensedBody(flat, organ().surface, YOUNG, 0.0, RADIUS, 1.0), exponential(600.0, 900.0)
-    law, s1, forces = it.step(nodes[:0], push[:0], foot, n, 1e3), 0.0, []
-    for _ in range(80):
-        f, s1, _ = series(9e-3, 1e3, s1, finger, 0.0, Terminal(1 / law[0], 1.0, 0.0, law[1], law[2]))
-        law = it.step(nodes, f * push, foot, n, 1e3)
-        forces.append(f)
-    assert law[2] > 0.25 * RADIUS
-    assert forces[-20:] == approx([forces[-1]] * 20, rel=1e-6)
-
-
 class Finger:
     """A fingertip that follows feet on a fine plane at given approaches, against the body."""
 
     def __init__(self, retardation=0.02):
         self.mesh = surface_mesh("plane", 2500)
-        self.body = CondensedBody(basis(), self.mesh, YOUNG, retardation, RADIUS, 1.0)
+        self.body = CondensedBody(basis(), self.mesh, YOUNG, retardation, RADIUS, 1.0, rho=RHO)
         self.law, self.compression = self.body.step(np.zeros(0, np.int32), np.zeros((0, 3)), (0, 0, 0), UP, 1e-3), 0.0
 
     def to(self, foot, approach, dt=1e-3):
@@ -190,7 +169,7 @@ class Finger:
 
 
 def test_at_constant_approach_half_the_slide_changes_the_force_by_half_as_much():
-    """So there is no jump: not at edges of triangles, not where one place's dents give way to the next one's."""
+    """So there is no jump: not at edges of triangles either."""
     biggest = []
     for steps in (500, 1000):
         finger = Finger()
@@ -230,71 +209,32 @@ def test_unknown_scraps_of_load_stay_finite():
         assert np.isfinite(law).all() and law[0] > 0
 
 
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.floats(-1.5, 1.0), min_size=1, max_size=8))
-def test_the_response_rises_whatever_the_dents(values):
-    knots, slopes = np.zeros(len(values) + 1), np.zeros(len(values) + 1)
-    rise(np.array([values]), np.zeros(1, int), 1, np.array([[1.0]]), knots, slopes)
-    x = np.linspace(-0.1, 1.5 * knots[-1], 400)
-    s = np.array([risen(at, knots, slopes) for at in x])
-    assert (np.diff(s[:, 0]) > 0).all()
-    assert (s[:, 1] > 0).all()
-    h = 1e-7
-    slope = [(risen(at + h, knots, slopes)[0] - risen(at - h, knots, slopes)[0]) / (2 * h) for at in x]
-    assert slope == approx(s[:, 1], rel=1e-2, abs=1e-3 * s[:, 1].max())
-
-
-def test_smooth_dents_are_followed_between_their_levels():
-    levels = SPACING * np.arange(1, 8)
-    knots, slopes = np.zeros(8), np.zeros(8)
-    rise((-0.5 * levels**2)[None], np.zeros(1, int), 1, np.array([[1.0]]), knots, slopes)
-    s = np.linspace(0, 0.7, 100)
-    depths = np.array([risen(x, knots, slopes)[0] for x in s * (1 - 0.5 * s**2)])
-    assert depths == approx(s, abs=1e-3)
-
-
-def test_past_a_limit_load_the_force_stays_until_the_curve_is_above_it_again():
-    levels = SPACING * np.arange(1, 7)
-    curve = np.array([0.1, 0.19, 0.25, 0.22, 0.21, 0.3])
-    knots, slopes = np.zeros(7), np.zeros(7)
-    rise((curve / levels - 1.0)[None], np.zeros(1, int), 1, np.array([[1.0]]), knots, slopes)
-    plateau = SOFTEST * SPACING
-    assert knots == approx([0, 0.1, 0.19, 0.25, 0.25 + plateau, 0.25 + 2 * plateau, 0.3])
-
-
-def test_a_basis_without_dents_serves_the_linear_model_only(monkeypatch, tmp_path):
+def test_the_node_follows_large_displacement_where_its_surface_sticks_and_its_model_is_nonlinear(monkeypatch, tmp_path):
+    """At nu = 0.3 a surface that sticks takes 7 to 9 % more force than the linear one at half the radius, see
+    tests/physics/bodies/test_large_displacement.py."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    node = ReducedFE(surface="plane", coarse=80, model="linear")
-    given = basis()
-    Basis(given.vertices, given.triangles, given.compliance).save(tmp_path / "palpate/bases" / node.filename())
-    FakeBus(node)
-    with pytest.raises(SettingError, match="palpate reduce"):
-        FakeBus(ReducedFE(surface="plane", coarse=80))
 
-
-def test_the_node_with_dents_of_a_fifth_is_softer_than_its_linear_model_by_a_quarter(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    given, indentations = basis(), []
-    even = Basis(given.vertices, given.triangles, given.compliance, np.full_like(given.dents, -0.2))
-    for model in ("nonlinear", "linear"):
-        node = ReducedFE(surface="plane", coarse=80, model=model, vertices=400, position=(0, 0, 0))
-        even.save(tmp_path / "palpate/bases" / node.filename())
+    def indentation(force, **given):
+        node = ReducedFE(surface="plane", coarse=80, poisson=0.3, vertices=2500, position=(0, 0, 0), **given)
+        basis().save(tmp_path / "palpate/bases" / node.filename())
         bus, mesh = FakeBus(node), node.mesh()
         top = mesh.vertices[np.argmin(np.linalg.norm(mesh.vertices, axis=1))]
         q = np.linalg.norm(mesh.vertices - top, axis=1) / RADIUS
         nodes = np.flatnonzero(q < 1)
         share = (1 - q[nodes] ** 2) ** 2
-        press = np.outer(share / share.sum(), (0, 0, -5.0))
+        press = np.outer(share / share.sum(), (0, 0, -force))
         last = bus.publish(*[Load(nodes=nodes, forces=press, foot=top, normal=(0, 0, 1))] * 200)[-1]
         assert last.stiffness * (last.previous_indentation - last.rest_indentation) > 0
-        indentations.append(last.previous_indentation)
-    assert indentations[0] == approx(1.25 * indentations[1], rel=0.02)
+        return last.previous_indentation
+
+    force = 1e-3 * 0.5 * RADIUS / indentation(1e-3)
+    assert 1.06 < indentation(force, model="linear") / indentation(force) < 1.1
+    assert indentation(force, sticks=False) == indentation(force, sticks=False, model="linear")
 
 
 def test_beyond_the_deepest_press_the_body_stiffens():
     """More with every step of force, and the body says that it is beyond."""
     foot, n, nodes, push = at_vertex(49)
-    end = SPACING * basis().dents.shape[1]
     forces = np.geomspace(1.0, 1e4, 60)
     depth, beyond = [], []
     for force in forces:
@@ -304,9 +244,9 @@ def test_beyond_the_deepest_press_the_body_stiffens():
         beyond.append(it.extrapolation)
     depth, beyond = np.array(depth), np.array(beyond)
     assert (np.diff(depth) > 0).all() and beyond[0] == 0.0 and beyond[-1] > 0.3
-    radius = depth[-1] / (end * (1.0 + beyond[-1]))
+    radius = depth[-1] / (DEEPEST * (1.0 + beyond[-1]))
     out = beyond > 0.0
-    assert beyond[out] == approx(depth[out] / (radius * end) - 1.0, rel=1e-6)
+    assert beyond[out] == approx(depth[out] / (radius * DEEPEST) - 1.0, rel=1e-6)
     assert (np.diff(depth[out]) / np.diff(forces[out]) > 0).all()
     assert (np.diff(np.diff(depth[out]) / np.diff(forces[out])) < 0).all()
 

@@ -248,7 +248,7 @@ def test_a_slab_with_a_nodule_answers_a_light_touch_as_two_full_solvers_do(name,
 @pytest.fixture(scope="module")
 def nodule_node(tmp_path_factory):
     """The slab of the references with its nodule, its basis built."""
-    nodule = {"nodule_centre": (0.0, 0.0, -6e-3), "nodule_radius": 4e-3, "nodule_ratio": 10.0}
+    nodule = {"nodule_depth": 6e-3, "nodule_radius": 4e-3, "nodule_ratio": 10.0}
     place = {"surface": "plane", "position": (0.0, 0.0, 0.0), "vertices": 10000}
     node = ReducedFE(**place, **nodule, model="linear", retardation=0.0)
     with pytest.MonkeyPatch.context() as patch:

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from palpate.physics.bodies.indentation_table import SPACING, risen
 from palpate.physics.contact.series import ElasticLaw, elastic, exponential, hertz_exponential, power
 from palpate.physics.contact.terminal import Terminal, free_recovery, indentation, terminal_force
-from palpate.physics.sensitivity.bodies import _bend
 from palpate.physics.sensitivity.series import finger_partials, pressed, recovered, terminal_partials
 
 T = 1e-3
@@ -54,14 +52,3 @@ def test_indentation_and_free_recovery_follow_force_and_law():
             assert recovered(T, kept, np.eye(5)) == pytest.approx(expected, rel=1e-5, abs=1e-12)
         else:
             assert recovered(T, kept, np.eye(5)).tolist() == [0.0, 0.0, 0.0, 1.0, 0.0]
-
-
-def test_the_curvature_of_the_indentation_table_is_that_of_its_cubics():
-    knots = np.array([0.0, 0.11, 0.26, 0.47])
-    slopes = np.array([1.0, 1.3, 1.7, 2.4])
-    for x in (0.03, 0.1, 0.2, 0.4, 0.5, 0.9):
-        y, slope = risen(x, knots, slopes)
-        expected = (risen(x + 1e-6, knots, slopes)[1] - risen(x - 1e-6, knots, slopes)[1]) / 2e-6
-        assert _bend(x, y, slope, knots, slopes) == pytest.approx(expected, rel=1e-5)
-    assert _bend(-0.1, -0.1, 1.0, knots, slopes) == 0.0
-    assert SPACING == 0.1  # the knots above are for these
