@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING, Any
 from palpate.records import compare, samples
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.figure import Figure
 
-    from palpate.records.sensitivity import Derivatives
     from palpate.views.page.server import PageServer
 
 
@@ -28,9 +25,6 @@ class Comparison(compare.Comparison):
 
 class Run(samples.Run):
     __doc__ = samples.Run.__doc__
-
-    sensitivity: Mapping[str, Derivatives] = {}
-    """Derivatives by the parameters that `palpate.run(..., sensitivity=[...])` named."""
 
     def compare(self, *variants: Any, reference: Any = None) -> Comparison:
         return Comparison(super().compare(*variants, reference=reference).variants)
