@@ -1,17 +1,11 @@
-"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed.
+"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed."""
 
-A node does not end a run that is one process: `os._exit` is that node's fault, as `sys.exit` is.
-"""
-
-import contextlib
 import faulthandler
-import os
 import signal
 import sys
-import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -78,7 +72,7 @@ def run_fused(
 
     if sys.__stderr__ is not None and not faulthandler.is_enabled():
         faulthandler.enable(file=sys.__stderr__, all_threads=False)  # a crash in compiled code tells where
-    with interrupts(interrupted), exits_told():
+    with interrupts(interrupted):
         try:
             worker = Worker(job, None, report)
             with watched(None if patience is None else START_PATIENCE):
@@ -136,21 +130,3 @@ def _trace(cause: BaseException) -> str:
     if own is None or (told and own.tb_frame.f_code.co_filename.startswith(NODES)):
         return ""
     return "".join(traceback.format_exception(type(cause), cause, own))
-
-
-@contextlib.contextmanager
-def exits_told() -> Iterator[None]:
-    """While the block runs, `os._exit` raises SystemExit in it, which the run tells as an error of the node whose call
-    it is. What was forked from here, and other threads, exit as they want."""
-    leave, process, thread = os._exit, os.getpid(), threading.get_ident()
-
-    def tell(status: int) -> None:
-        if os.getpid() != process or threading.get_ident() != thread:
-            leave(status)
-        raise SystemExit(f"os._exit({status})")
-
-    os._exit = tell  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        os._exit = leave
