@@ -12,7 +12,7 @@ from fe_problems import POISSON, YOUNG, Problem
 from scipy.sparse import csr_matrix
 
 from palpate.models.fe.element import faces as rule
-from palpate.studies.accuracy import MissingError
+from palpate.studies.peers import MissingError
 from palpate.studies.peers import felupe as peer
 
 

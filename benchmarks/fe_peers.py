@@ -36,7 +36,7 @@ from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, s
 from palpate.models.fe import Rigid, Settings, Solver, neo_hooke, plane
 from palpate.models.fe.element.mesh import FACES
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError
+from palpate.studies.peers import MissingError
 from palpate.studies.peers import calculix as peer
 
 MISSING = 3

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import LaunchFile, find
@@ -15,9 +15,6 @@ from palpate.launch.load.values.units import UnitError, convert
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.views.run import Run
-
-if TYPE_CHECKING:
-    from palpate.records.sensitivity import Derivatives
 
 
 def run(
@@ -29,7 +26,6 @@ def run(
     clock: str | None = None,
     place: str | Path | None = None,
     sets: Sequence[str] = (),
-    sensitivity: Sequence[str] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Run:
     """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
@@ -42,8 +38,6 @@ def run(
     place     "fused", or a placement file; left out: on simulated time this process runs all nodes, which gives the
               same bytes as any other placement, else each node is a process of its own
     sets      single values as after `--set`: "tissue.stiffness=2e3"
-    sensitivity  parameters by which the contact is differentiated afterwards, "scene.tissue.young": `run.sensitivity`
-              has of each the derivatives of force, compression and indentation, along the finger's path
     nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
     PalpateError: what is wrong with the graph, or which node failed. OSError: the recording cannot be written.
@@ -56,7 +50,6 @@ def run(
     launch = launch.but(clock=clock, record=file, place=find_place(place))
     if launch.duration is None:
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
-    carry = _carrying(launch, sensitivity) if sensitivity else None
     may_fuse = launch.place is None and launch.clock != "real"
     if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
         launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
@@ -68,19 +61,7 @@ def run(
     if not outcome.ok:
         raise RunError("; ".join(outcome.result.notes) or f"the recording {outcome.recording} is not whole")
     assert outcome.recording is not None
-    recorded = Run(outcome.recording)
-    if carry is not None:
-        recorded.sensitivity = carry(recorded)
-    return recorded
-
-
-def _carrying(launch: LaunchFile, sensitivity: Sequence[str]) -> Callable[[Run], Mapping[str, Derivatives]]:
-    """What gives the derivatives of a run by these parameters, which are checked now; only here it is imported."""
-    from palpate.launch.sensitivity import resolved
-    from palpate.records.sensitivity import derivatives
-
-    chain, parameters = resolved(launch, sensitivity)
-    return lambda recorded: derivatives(recorded, chain, parameters)
+    return Run(outcome.recording)
 
 
 def described(

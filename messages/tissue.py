@@ -80,9 +80,6 @@ class Surface(_Sparse):
                                          its end
     stored                [J]     (e)    energy stored in the body by the normal force; e = 1, 0 where the model does
                                          not report it or nobody reads it
-    estimated_error       [1]     ()     estimated error of the indentation, relative to the finest fidelity level; 0
-                                         for models with one level
-    fidelity              [1]     ()     modes of the level in use; 0 for other models
     laws                  [SI]    (c,5)  where several contacts press: stiffness, exponent, damping, rest and previous
                                          indentation of each, in the order of the loads; the fields above have the first
     slopes                [SI]    (c,12) of each: tangential gradient [N] (3) and shape operator [1/m] (9)
@@ -107,8 +104,6 @@ class Surface(_Sparse):
     shape_operator: Annotated[Vector, "1/m", ("t",)] = sent(())
     extrapolation: Annotated[float, "1"] = sent(0.0)
     stored: Annotated[Vector, "J", ("e",)] = sent(())
-    estimated_error: Annotated[float, "1"] = sent(0.0)
-    fidelity: Annotated[int, "1"] = sent(0)
     laws: Annotated[Floats, "SI", ("c", 5)] = NO_LAWS
     slopes: Annotated[Floats, "SI", ("c", 12)] = NO_SLOPES
     coupling: Annotated[Floats, "1", ("c", "c")] = NO_COUPLING

@@ -224,29 +224,3 @@ def _collect(variant: Variant, player: Player) -> None:
         variant.step.bins = [a + b for a, b in zip(variant.step.bins, own.bins, strict=True)]
         variant.step.total += own.total
         variant.step.longest = max(variant.step.longest, own.longest)
-
-
-class Comparison:
-    """One touch, computed by several variants; the differences are against the first.
-
-    variants  what was computed, in order: each has its name, differences and step times
-    """
-
-    def __init__(self, variants: Sequence[Variant]) -> None:
-        self.variants = list(variants)
-
-    def report(self) -> list[dict[str, Any]]:
-        """Plain data, SI units, one entry a variant."""
-        return [variant.report() for variant in self.variants]
-
-    def __repr__(self) -> str:
-        first, *others = self.variants
-        lines = [f"against {first.name}, peak {first.force.scale:.4g} N, {1e3 * first.indentation.scale:.4g} mm:"]
-        for variant in others:
-            force, depth, step = variant.force.report(), variant.indentation.report(), variant.step.report()
-            lines.append(
-                f"  {variant.name}: force error {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
-                f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
-            )
-        lines += [f"  {variant.name}: {note}" for variant in self.variants for note in variant.notes]
-        return "\n".join(lines)

@@ -18,10 +18,9 @@ from palpate.engine.provenance import made_by, rounding
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError
 from palpate.messages import fields
-from palpate.nodes.logger.mcap import PROFILE
 from palpate.physics.archive import replacing
 from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Report, compare_one
-from palpate.records.format.head import head_of, is_head
+from palpate.records.format.head import PROFILE, head_of, is_head
 from palpate.records.format.mcap_writer import McapWriter
 from palpate.records.instants import instants
 from palpate.records.player import Part, Player, plan_of

@@ -16,8 +16,8 @@ from mcap.records import Channel, Metadata, Schema
 from palpate.engine.faults import choices
 from palpate.engine.imports import full_name, recorded_class
 from palpate.messages import Message, MessageError, fields, unpack
-from palpate.nodes.logger.mcap import PROFILE, SCHEMA_VERSION
 from palpate.physics.errors import PalpateError
+from palpate.records.format.head import PROFILE, SCHEMA_VERSION
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
 
 _MOST_TICKS = 1 << 31

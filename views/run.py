@@ -1,23 +1,58 @@
-"""A recording as the public door opens it: one that can show itself."""
+"""A recording for people who compute with it: fields as numpy arrays with unit and times, tables, comparisons, plots.
+
+run = Run("kidney.mcap")
+run.contact.force            # Samples [N] (n); .time [s], .unit
+run["tissue"].displacement   # list of arrays where the length changes from message to message
+run.frame("contact")         # pandas
+run.plot("contact.force")    # matplotlib
+"""
 
 from __future__ import annotations
 
+import html
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.records import compare, samples
+import numpy as np
+
+from palpate.engine.faults import choices
+from palpate.physics.extras import missing
+from palpate.records.reader import Recording
+from palpate.records.samples import RecordedStream, Samples
+from palpate.records.stored import RecordingError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from matplotlib.figure import Figure
 
-    from palpate.records.sensitivity import Derivatives
+    from palpate.records.compare import Variant
     from palpate.views.page.server import PageServer
 
 
-class Comparison(compare.Comparison):
-    __doc__ = compare.Comparison.__doc__
+class Comparison:
+    """One touch, computed by several variants; the differences are against the first.
+
+    variants  what was computed, in order: each has its name, differences and step times
+    """
+
+    def __init__(self, variants: Sequence[Variant]) -> None:
+        self.variants = list(variants)
+
+    def report(self) -> list[dict[str, Any]]:
+        """Plain data, SI units, one entry a variant."""
+        return [variant.report() for variant in self.variants]
+
+    def __repr__(self) -> str:
+        first, *others = self.variants
+        lines = [f"against {first.name}, peak {first.force.scale:.4g} N, {1e3 * first.indentation.scale:.4g} mm:"]
+        for variant in others:
+            force, depth, step = variant.force.report(), variant.indentation.report(), variant.step.report()
+            lines.append(
+                f"  {variant.name}: force error {force['rms']:.4g} N rms, {force['peak']:.4g} N at most; indentation "
+                f"{1e3 * depth['rms']:.4g} mm, {1e3 * depth['peak']:.4g} mm; step {1e6 * step['p50']:.1f} us (median)"
+            )
+        lines += [f"  {variant.name}: {note}" for variant in self.variants for note in variant.notes]
+        return "\n".join(lines)
 
     def plot(self) -> Figure:
         """Force and indentation of every variant over time, and their differences from the first."""
@@ -26,16 +61,118 @@ class Comparison(compare.Comparison):
         return drawn(self.variants)
 
 
-class Run(samples.Run):
-    __doc__ = samples.Run.__doc__
+class Run:
+    """A run as its recording holds it; its streams are attributes, or items where a name is no word of Python.
 
-    sensitivity: Mapping[str, Derivatives] = {}
-    """Derivatives by the parameters that `palpate.run(..., sensitivity=[...])` named."""
+    path     of the file
+    streams  names of what was recorded
+    about    provenance: graph as resolved, versions, machine
+
+    RecordingError: the file is missing or no recording.
+    """
+
+    def __init__(self, file: str | Path) -> None:
+        self._recording = Recording(file)
+        self._streams: dict[str, RecordedStream] = {}
+        self.path = self._recording.path
+        self.about: dict[str, Any] = self._recording.about
+
+    @property
+    def streams(self) -> list[str]:
+        return list(self._recording.streams)
+
+    def __iter__(self) -> Iterator[str]:
+        """The names of its streams."""
+        return iter(self.streams)
+
+    def __len__(self) -> int:
+        return len(self.streams)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._recording.streams
+
+    def __getitem__(self, name: str) -> Any:
+        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: there is none."""
+        if not isinstance(name, str):
+            raise RecordingError(
+                f"{self.path}: found [{name!r}], expected the name of a stream: {', '.join(self.streams)}; "
+                "messages are those of a stream, run.contact[500]"
+            )
+        stream, field = self._split(name)
+        if stream not in self._streams:
+            self._streams[stream] = RecordedStream(self._recording, stream)
+        return self._streams[stream] if field is None else self._streams[stream][field]
+
+    def _split(self, name: str) -> tuple[str, str | None]:
+        """Streams may have a dot in their name, `pad.Slip`: the longest name that fits is the stream."""
+        if name in self._recording.streams:
+            return name, None
+        stream, dot, field = name.rpartition(".")
+        return (stream, field) if dot else (name, None)
+
+    def __getattr__(self, name: str) -> RecordedStream:
+        if name.startswith("_") or name in ("path", "about"):
+            raise AttributeError(name)
+        if name not in self._recording.streams:
+            close = choices("Streams", name, self._recording.streams)
+            raise AttributeError(f"{self.path}: no stream {name!r}. {close}")
+        return self[name]
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(name for name in self.streams if name.isidentifier())})
+
+    def frame(self, streams: str | Sequence[str]) -> Any:
+        """A stream as a pandas DataFrame over time [s]: a column for each number, `force[0] [N]`, as in exported
+        tables; arrays of changing length are left out. Several streams stand side by side at equal ticks, each below
+        its name, `table["contact"]["force [N]"]`; where one has no message its numbers are NaN.
+
+        RecordingError: pandas is missing, or there is no such stream.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise RecordingError(missing("frame()", error.name, "table")) from None
+        if isinstance(streams, str):
+            return self._table(streams).set_index("time [s]")
+        if not streams:
+            raise RecordingError(f"frame: found no stream, expected some of {', '.join(self.streams)}")
+        tables = [self._table(name).set_index("tick") for name in streams]
+        joined = pandas.concat(tables, axis=1, keys=list(streams)).sort_index()
+        times = joined.xs("time [s]", axis=1, level=1)
+        joined = joined.drop(columns="time [s]", level=1)
+        return joined.set_index(times.bfill(axis=1).iloc[:, 0].rename("time [s]"))
+
+    def _table(self, name: str) -> Any:
+        import pandas
+
+        source = self[name]
+        if not isinstance(source, RecordedStream):
+            raise RecordingError(f"{name!r} is a field; expected a stream: {', '.join(self.streams)}")
+        columns: dict[str, Any] = {"time [s]": source.time, "tick": source.tick}
+        for field_name, field in source.columns.items():
+            values = source[field_name]
+            if isinstance(values, Samples) and values.ndim == 1:
+                columns[field.label] = np.asarray(values)
+            elif isinstance(values, Samples) and field.dtype is None and values.ndim == 2:
+                for i in range(values.shape[1]):
+                    columns[f"{field_name}[{i}] [{field.unit}]"] = np.asarray(values)[:, i]
+        return pandas.DataFrame(columns)
 
     def compare(self, *variants: Any, reference: Any = None) -> Comparison:
-        return Comparison(super().compare(*variants, reference=reference).variants)
+        """The recorded touch computed again with other models or settings, as `palpate compare` does: forces, depths
+        and shapes against the first of them, or against `reference`; a single variant against the recording.
 
-    compare.__doc__ = samples.Run.compare.__doc__
+        variants, reference  each "tissue.use=deformation.Rigid", several such texts in a list, or as keywords of
+                             `palpate.run` in a dict: {"tissue": "deformation.Rigid"}; [] is the graph as recorded
+
+        PalpateError: what does not fit, or which node failed.
+        """
+        from palpate.launch.load.values.overrides import overrides
+        from palpate.records.compare import compare
+
+        given = [overrides(variant) for variant in variants]
+        base = overrides(reference) if reference is not None else [] if len(given) == 1 else None
+        return Comparison(compare(self._recording, given, reference=base))
 
     def plot(self, *names: str, over: str | None = None) -> Figure:
         """Fields over time, or over another field: `plot("contact.force", over="contact.indentation")`. One axis each,
@@ -59,3 +196,16 @@ class Run(samples.Run):
 
             webbrowser.open(page.address)
         return page
+
+    def __repr__(self) -> str:
+        return f"<run {self.path}: {', '.join(self.streams)}>"
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{html.escape(stream.schema['title'])}</td><td>{count}</td></tr>"
+            for name, stream in self._recording.streams.items()
+            for count in [self._recording.counts.get(name, {}).get("count", "?")]
+        )
+        ending = f"<p>{html.escape(self._recording.ending)}</p>" if self._recording.ending else ""
+        head = "<tr><th>stream</th><th>message</th><th>messages</th></tr>"
+        return f"<p><b>{html.escape(str(self.path))}</b></p>{ending}<table>{head}{rows}</table>"

@@ -24,9 +24,7 @@ def main(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         sessions = Path(scratch) / "sessions.csv"
         write_example(sessions)
-        told = fit_sessions(
-            sessions, law=None, subjects=["A"], out=None, mean=None, deviation=None, folds=9, depth_limit=None
-        )
+        told = fit_sessions(sessions, subjects=["A"], out=None, mean=None, deviation=None, folds=9, depth_limit=None)
         for path in draw_choice(told.chosen[0], Path(scratch) / "a"):
             name = PICTURES.get(path.stem.rpartition("-")[2])
             if name:

@@ -17,7 +17,8 @@ from palpate.launch.load.launchfile import find, names
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.records.reader import Recording
-from palpate.views.pictures import PictureError, draw
+from palpate.views.errors import PictureError
+from palpate.views.pictures import draw
 from palpate.views.run import Run
 from palpate.views.surface.film import picture
 

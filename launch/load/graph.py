@@ -23,7 +23,6 @@ from palpate.launch.load.pressing import Pressing, check_divisors
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
-from palpate.launch.load.values.shared_units import check_units, uses
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
 from palpate.messages import Message
@@ -106,7 +105,6 @@ def load_source(
     scene_source = read_scene(scene, source, faults)
     parsed = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in overrides]
     changes = [item for item in parsed if item is not None]
-    written = uses(source)
     apply(changes, source, scene_source, faults)
     said = chosen_effects(source, scene_source, faults)
     world = Scene(scene_source)
@@ -134,7 +132,6 @@ def load_source(
         notes += tuple(
             t for n, d in drafts.items() if nodes[n].off is None for t in uncalibrated(n, d.cls, d.own, offers)
         )
-        check_units(offers, written, faults)
     switch(said, nodes, faults)
     if not unclear:
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}

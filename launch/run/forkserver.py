@@ -4,9 +4,8 @@ It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a s
 requests and gives answers, a JSON object a line (`reports`). When the launcher goes, the socket closes, and the fork
 server ends all workers and itself.
 
-Between it and each worker stands a keeper: the worker's parent, and the head of a process group of its own. What a node
-does to its parent or to its process group hits the keeper alone, and the fork server can say whose node it was. What a
-node starts, in a session of its own, too, comes to the keeper when its parent ends, and the keeper ends it.
+Each worker leads a process group: when the worker ends, the fork server kills that group. Processes that a node started
+in another session end with the run.
 """
 
 import contextlib
@@ -17,7 +16,7 @@ import signal
 import socket
 import subprocess
 import sys
-from typing import NamedTuple, NoReturn
+from typing import NoReturn
 
 import msgspec
 
@@ -91,26 +90,18 @@ class ForkServer:
         return last
 
 
-class _Kept(NamedTuple):
-    """A worker: its group, its process, and where its keeper tells how it ended."""
-
-    group: str
-    pid: int
-    told: int
-
-
 def _serve(end: socket.socket) -> NoReturn:
     wake, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     signal.set_wakeup_fd(wake_write)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    keepers: dict[int, _Kept] = {}
+    workers: dict[int, str] = {}  # groups by process
     rest = b""
     while True:
         ready = select.select([end.fileno(), wake], [], [])[0]
         if wake in ready:
             os.read(wake, 4096)
-            _reap(end, keepers)
+            _reap(end, workers)
         if end.fileno() in ready:
             data = end.recv(1 << 20)
             if not data:
@@ -118,7 +109,7 @@ def _serve(end: socket.socket) -> NoReturn:
             rest += data
             *lines, rest = rest.split(b"\n")
             for line in lines:
-                _do(end, REQUESTS.decode(line), keepers)
+                _do(end, REQUESTS.decode(line), workers)
     _end_all()
 
 
@@ -128,7 +119,7 @@ def _end_all(*_: object) -> NoReturn:
     os._exit(0)
 
 
-def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, _Kept]) -> None:
+def _do(end: socket.socket, request: Prepare | Start | Kill, workers: dict[int, str]) -> None:
     match request:
         case Prepare(modules):
             for name in modules:
@@ -138,51 +129,26 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, keepers: dict[int, 
 
             set_aside()  # so that the workers' collections do not touch, and so copy, the shared pages
         case Start(job):
-            reading, tell = os.pipe()
-            keeper = os.fork()
-            if keeper == 0:
-                os.close(reading)
-                _keep(end, request, tell)
-            os.close(tell)
-            pid = int(os.read(reading, 16) or b"0")
-            keepers[keeper] = _Kept(job.group, pid, reading)
-            end.sendall(msgspec.json.encode(Started(job.group, pid, keeper)) + b"\n")
+            pid = os.fork()
+            if pid == 0:
+                _work(end, request)
+            workers[pid] = job.group
+            end.sendall(msgspec.json.encode(Started(job.group, pid)) + b"\n")
         case Kill(group, number):
-            for kept in keepers.values():
-                if kept.group == group and kept.pid:
-                    with contextlib.suppress(ProcessLookupError):
-                        os.kill(kept.pid, number)
+            for pid in [pid for pid, own in workers.items() if own == group]:
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, number)
 
 
-def _keep(end: socket.socket, request: Start, tell: int) -> NoReturn:
-    """The keeper: forks the worker, waits for its end, ends what it has left behind, and tells how it ended."""
+def _work(end: socket.socket, request: Start) -> NoReturn:
+    code = 1
     try:
         die_with_parent()
-        adopt_orphans()
         os.setpgid(0, 0)
         signal.set_wakeup_fd(-1)
         for number in (signal.SIGCHLD, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         end.close()
-        worker = os.fork()
-        if worker == 0:
-            os.close(tell)
-            _work(request)
-        os.write(tell, b"%-16d" % worker)
-        while True:
-            pid, status = os.wait()
-            if pid == worker:
-                break
-        end_descendants()
-        os.write(tell, b"%d" % os.waitstatus_to_exitcode(status))
-    finally:
-        os._exit(0)
-
-
-def _work(request: Start) -> NoReturn:
-    code = 1
-    try:
-        die_with_parent()
         from palpate.launch.run.work.process import serve
 
         code = serve(request)
@@ -192,7 +158,7 @@ def _work(request: Start) -> NoReturn:
         os._exit(code)
 
 
-def _reap(end: socket.socket, keepers: dict[int, _Kept]) -> None:
+def _reap(end: socket.socket, workers: dict[int, str]) -> None:
     while True:
         try:
             pid, status = os.waitpid(-1, os.WNOHANG)
@@ -200,14 +166,11 @@ def _reap(end: socket.socket, keepers: dict[int, _Kept]) -> None:
             return
         if pid == 0:
             return
-        kept = keepers.pop(pid, None)
-        if kept is None:
-            continue
-        with contextlib.suppress(ProcessLookupError):  # where its keeper was killed
-            os.kill(kept.pid, signal.SIGKILL)
-        code = int(os.read(kept.told, 16) or os.waitstatus_to_exitcode(status))
-        os.close(kept.told)
-        end.sendall(msgspec.json.encode(Exited(kept.group, code)) + b"\n")
+        group = workers.pop(pid, None)
+        if group is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(pid, signal.SIGKILL)
+            end.sendall(msgspec.json.encode(Exited(group, os.waitstatus_to_exitcode(status))) + b"\n")
 
 
 def load() -> None:

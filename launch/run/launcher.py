@@ -33,7 +33,7 @@ from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
-BEAT = 0.5  # [s] between signs of life for workers on other machines, and looks at who stands between
+BEAT = 0.5  # [s] between signs of life for workers on other machines, and checks of the fork server
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
 MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
@@ -318,7 +318,7 @@ class Launcher:
     def _answer(self, answer: reports.Started | reports.Exited) -> None:
         member = self.members[answer.group]
         if isinstance(answer, reports.Started):
-            member.pid, member.keeper = answer.pid, answer.keeper
+            member.pid = answer.pid
             return
         # Its last words were sent before its end, but may come after the news of it; on a busy machine long after, and
         # one that ended well has sent them.
@@ -332,7 +332,7 @@ class Launcher:
             self._listen()
             trace = "\n".join(self._tail) if status != -signal.SIGKILL else ""
             self._died(member, reports.NodeFault("", "process", f"its process ended: {how}", trace))
-        member.pid = member.keeper = None
+        member.pid = None
         if member.state == "restarting":
             self._fork(member)
         else:
@@ -366,8 +366,7 @@ class Launcher:
             self._beat = moment
             if self.address:
                 self._control.tell("*", reports.Beat())
-            for pid in (self.forkserver.process.pid, *(m.keeper for m in self.members.values() if m.keeper)):
-                awake(pid)  # who would never tell of a worker's end
+            awake(self.forkserver.process.pid)  # stopped, it would never report the end of a worker
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()

@@ -1,13 +1,11 @@
 """One worker as the launcher sees it, whether it hangs, and whether it waits for what was lost on its way."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from palpate.engine import clock
 from palpate.engine.job import Job, members
@@ -27,7 +25,7 @@ class WorkerHandle:
     joined     started by hand on another machine
     state      starting, ready, linked, running; done, failed, killed, restarting; gone
     busy       the node that it starts;  kernels  that it has compiled so far
-    pid        of its process, once there is one here; keeper: of the one above it
+    pid        of its process, once there is one here
     endpoints  of its outlets, once it is ready; secured: by the key of the run
     early      a report that it is ready, which has overtaken its subscription
     paused     the tick after which it waits to hear which one is the last
@@ -44,7 +42,6 @@ class WorkerHandle:
     busy: str = ""
     kernels: int = 0
     pid: int | None = None
-    keeper: int | None = None
     endpoints: dict[str, list[str]] = field(default_factory=dict)
     secured: bool = False
     early: Ready | None = None
@@ -57,7 +54,6 @@ class WorkerHandle:
     _silence: float = 0.0
     _at_disk: float = 0.0
     _looked: float = field(default_factory=time.monotonic)
-    _threads: dict[str, Thread] = field(default_factory=dict)
 
     @property
     def alive(self) -> bool:
@@ -83,22 +79,18 @@ class WorkerHandle:
         self.awaits = awaits
 
     def silence(self) -> float:
-        """[s] that it has been silent although it could have spoken; call this often.
+        """[s] without a sign of life; call this often.
 
-        Not counted is what the launcher was kept from looking, the time for which the worker was ready to run and got
-        no processor, and two minutes at the disk: a busy machine is no hang. A worker that waits for input gives signs
-        of life; one that is silent computes without end, or is blocked or stopped.
+        Each call counts at most `GLANCE`, so time in which the launcher itself was not scheduled does not count. Nor do
+        the first two minutes in which the worker is blocked by a disk: it cannot be killed there, and its recording
+        would be lost.
         """
         moment = time.monotonic()
         passed, self._looked = min(moment - self._looked, GLANCE), moment
-        if self.pid is not None and self._silence > QUIET:
-            before, self._threads = self._threads, threads(self.pid)
-            if at_the_disk(self._threads):
-                self._at_disk += passed
-                passed = 0.0
-            else:
-                passed = min(passed, able(passed, before, self._threads))
-        self._silence += max(0.0, passed)
+        if self.pid is not None and self._silence > QUIET and at_the_disk(self.pid):
+            self._at_disk += passed
+        else:
+            self._silence += passed
         return self._silence + max(0.0, self._at_disk - DISK_PATIENCE)
 
     def forked(self) -> None:
@@ -108,44 +100,15 @@ class WorkerHandle:
         self.heard()
 
 
-class Thread(NamedTuple):
-    """What the kernel tells of a thread: its state, and for how long [s] it has run, and has waited for a processor."""
-
-    state: str
-    ran: float
-    queued: float
-
-
-def threads(pid: int) -> dict[str, Thread]:
-    """The threads of a process by number; empty where the kernel does not tell."""
-    states = {}
+def at_the_disk(pid: int) -> bool:
+    """Whether no thread of a process can run and one is in an uninterruptible wait for a disk: a separate thread writes
+    the recording, and the others wait for it."""
+    states = set()
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
-            with contextlib.suppress(OSError, IndexError, ValueError):
-                state = (task / "stat").read_text(errors="replace").rpartition(")")[2].split()[0]
-                ran, queued, _ = (task / "schedstat").read_text().split()
-                states[task.name] = Thread(state, int(ran) * 1e-9, int(queued) * 1e-9)
-    return states
-
-
-def at_the_disk(threads: dict[str, Thread]) -> bool:
-    """Whether none can go on and one waits in the system for a disk or another device, where no signal reaches it: a
-    recording is written by a thread of its own, for which the others wait."""
-    states = {thread.state for thread in threads.values()}
+            with contextlib.suppress(OSError, IndexError):
+                states.add((task / "stat").read_text(errors="replace").rpartition(")")[2].split()[0])
     return "D" in states and "R" not in states
-
-
-def able(passed: float, before: dict[str, Thread], now: dict[str, Thread]) -> float:
-    """[s] of the `passed` ones for which a process could have gone on, from what its threads were and are.
-
-    While a thread is ready to run the processor time that it gets counts; where all are blocked or stopped, all that
-    they did not spend waiting for a processor before.
-    """
-    pairs = [(before[name], now[name]) for name in now.keys() & before.keys()]
-    ready = [new.ran - old.ran for old, new in pairs if new.state == "R"]
-    if ready:
-        return max(ready)
-    return passed - max((new.queued - old.queued for old, new in pairs), default=0.0)
 
 
 def lost(

@@ -168,11 +168,10 @@ class Kill(msgspec.Struct, frozen=True, tag=True):
 
 
 class Started(msgspec.Struct, frozen=True, tag=True):
-    """The fork server has forked this worker, below this keeper."""
+    """The fork server has forked this worker."""
 
     group: str
     pid: int
-    keeper: int
 
 
 class Exited(msgspec.Struct, frozen=True, tag=True):

@@ -1,1 +1,1 @@
-"""Builders of what the reduced bodies read: bases, and the levels of one that keeps to an error."""
+"""Builders of what the reduced bodies read: bases."""

@@ -37,9 +37,9 @@ class Fit:
     freedom: int
     at_limit: tuple[str, ...] = ()
 
-    def __call__(self, depth, rate=None) -> np.ndarray:
+    def __call__(self, depth) -> np.ndarray:
         """The fitted curve at each depth [m] (...)."""
-        return self.model(depth, self.parameters, rate)
+        return self.model(depth, self.parameters)
 
     @property
     def errors(self) -> np.ndarray:
@@ -51,20 +51,13 @@ class Fit:
         half = student.ppf(0.5 + 0.5 * level, self.freedom) * self.errors
         return np.stack([self.parameters - half, self.parameters + half], axis=1)
 
-    def ratio(self, above: int, below: int) -> tuple[float, float]:
-        """Value and standard error of one parameter over another, by the first-order propagation of their errors."""
-        p, q = self.parameters[above], self.parameters[below]
-        slope = np.zeros(len(self.parameters))
-        slope[above], slope[below] = 1.0 / q, -p / q**2
-        return float(p / q), float(np.sqrt(max(slope @ self.covariance @ slope, 0.0)))
-
-    def rms(self, depth, force, rate=None) -> float:
+    def rms(self, depth, force) -> float:
         """Root mean square error [N] on data that the fit has not seen."""
-        return float(np.sqrt(np.mean((np.asarray(force) - self(depth, rate)) ** 2)))
+        return float(np.sqrt(np.mean((np.asarray(force) - self(depth)) ** 2)))
 
 
 def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False) -> Fit:
-    """Fit `model` to y [N] (n) at x [m] (n) or (n,k).
+    """Fit `model` to y [N] (n) at x [m] (n).
 
     sessions  (n)  labels. Forces of one session err together, since the finger lies a little differently each time.
                    With labels the errors allow for that, and for a scatter that grows with depth: the sandwich of
@@ -76,15 +69,12 @@ def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False)
     FitError: fewer rows than parameters + 1, fewer than two sessions, not finite, or all y the same.
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
-    x = x[:, None] if x.ndim == 1 else x
     count, size = len(y), len(model.parameters)
-    if x.shape[1] < model.columns:
-        raise FitError(f"{model.name}: found {x.shape[1]} columns of data, expected {model.columns} (depth and rate)")
     if count <= size:
         raise FitError(f"{model.name}: found {count} rows, expected at least {size + 1} for {size} parameters")
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise FitError(f"{model.name}: found values that are not finite numbers")
-    if np.ptp(x[:, 0]) == 0:
+    if np.ptp(x) == 0:
         raise FitError(f"{model.name}: found one constant value of the depth")
     if np.ptp(y) == 0 and not constant:
         raise FitError(f"{model.name}: found one constant value of the force")

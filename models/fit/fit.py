@@ -1,4 +1,4 @@
-"""What `palpate fit` does: read sessions, choose models or fit a law, write."""
+"""What `palpate fit` does: read sessions, choose models, write."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from rich.table import Table
 
 from palpate.models.fit import report
 from palpate.models.fit.crossvalidation import Protocol, choose
-from palpate.models.fit.curve_fit import FitError, fit_curve
+from palpate.models.fit.curve_fit import FitError
 from palpate.models.fit.sessions import SessionError, Subject, check_stiffness, read_sessions
 from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
-from palpate.physics.contact.force_models import LAWS, MODELS
+from palpate.physics.contact.force_models import MODELS
 from palpate.physics.writable import check_file
 
 
@@ -26,13 +26,11 @@ class Told:
     notes: list[str]
     file: Path
     chosen: list[report.Chosen]
-    fitted: list[report.Fitted]
 
 
 def fit_sessions(
     sessions: Path,
     *,
-    law: str | None,
     subjects: list[str],
     out: Path | None,
     mean: str | None,
@@ -42,11 +40,10 @@ def fit_sessions(
     protocol: str = "whole",
     any_stiffness: bool = False,
 ) -> Told:
-    """Fit the models of the force, or a contact law, to a file of sessions; arguments as of `palpate fit`.
+    """Fit the models of the force to a file of sessions; arguments as of `palpate fit`.
 
     SessionError: what is wrong with the file or the arguments, by row and column.
     """
-    _known(law, LAWS, "--law")
     _known(mean, MODELS, "--mean")
     _known(deviation, MODELS, "--deviation")
     _known(protocol, get_args(Protocol), "--protocol")
@@ -56,25 +53,16 @@ def fit_sessions(
     wanted = _select(all_subjects, subjects, sessions)
     if not any_stiffness:
         check_stiffness(wanted)
-    target = out or sessions.with_suffix(".model.yaml" if law is None else ".law.yaml")
+    target = out or sessions.with_suffix(".model.yaml")
     try:
         check_file(target, folders=False)
     except OSError as error:
         raise _unwritten(target, error) from None
-    chosen: list[report.Chosen] = []
-    fitted: list[report.Fitted] = []
-    if law is None:
-        chosen = [_choose(s, folds, mean, deviation, cast(Protocol, protocol)) for s in wanted]
-        data, text = report.choice_data(chosen), report.model_yaml(chosen, sessions)
-        tables, notes = list(report.model_tables(chosen)), report.choice_notes(chosen)
-    else:
-        fitted = [_fit_law(s, law) for s in wanted]
-        data, text = {f.subject.name: report.plain(f.fit) for f in fitted}, report.law_yaml(fitted, sessions)
-        tables = [report.parameters(f"Subject {f.subject.name}: ", f.fit) for f in fitted]
-        notes = [f.note for f in fitted if f.note]
+    chosen = [_choose(s, folds, mean, deviation, cast(Protocol, protocol)) for s in wanted]
+    notes = report.choice_notes(chosen)
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
-    _write(target, text)
-    return Told(data, tables, notes, target, chosen, fitted)
+    _write(target, report.model_yaml(chosen, sessions))
+    return Told(report.choice_data(chosen), list(report.model_tables(chosen)), notes, target, chosen)
 
 
 def write_example(path: Path) -> None:
@@ -138,21 +126,3 @@ def _choose(subject: Subject, folds: int, mean: str | None, deviation: str | Non
         return report.Chosen(subject, depths, forces, choose(depths, forces, folds, mean, deviation, protocol))
     except FitError as error:
         raise SessionError(f"{where}, column 'force': subject {subject.name!r}: {error}") from None
-
-
-def _fit_law(subject: Subject, law: str) -> report.Fitted:
-    """Fit a law; without two speeds in the data, Hunt-Crossley's keeps its static part only, and a note says so."""
-    model, columns, note = LAWS[law], [subject.depth], ""
-    if model.columns == 2 and (subject.rate is None or np.ptp(subject.rate) == 0):
-        model = LAWS["power"]
-        note = (
-            f"Subject {subject.name}: {'no' if subject.rate is None else 'only one'} speed in the data, so the damping"
-            " is not determined, and the static part K d^n is fitted. For c, give a column rate [mm/s] or time [s]."
-        )
-    elif model.columns == 2 and subject.rate is not None:
-        columns.append(subject.rate)
-    labels = subject.session if len(subject.sessions) > 1 else None
-    try:
-        return report.Fitted(subject, fit_curve(model, np.stack(columns, axis=1), subject.force, labels), note)
-    except FitError as error:
-        raise SessionError(f"{subject.file}, from row {subject.rows[0]}: subject {subject.name!r}: {error}") from None

@@ -26,14 +26,6 @@ class Chosen(NamedTuple):
     choice: ModelChoice
 
 
-class Fitted(NamedTuple):
-    """A subject and its contact law; `note` says what its data left open."""
-
-    subject: Subject
-    fit: Fit
-    note: str
-
-
 def model_tables(choices: list[Chosen]) -> Iterator[Table]:
     """Errors of each model for each subject, the smallest marked, then the parameters of the chosen ones."""
     yield _rmse("RMSE of the force on training sessions [mN], mean of the folds", choices, lambda c, m: c.force[m][0])
@@ -85,12 +77,7 @@ def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]
     """Name, unit, value, standard error and interval of each parameter, and of those that follow from them."""
     intervals = fit.interval()
     numbers = fit.parameters.tolist(), fit.errors.tolist(), map(tuple, intervals.tolist())
-    rows = [(name, unit, *own) for (name, unit), *own in zip(fit.model.parameters.items(), *numbers, strict=True)]
-    if fit.model.name == "hunt-crossley":
-        value, error = fit.ratio(1, 0)
-        half = error * (intervals[0, 1] - fit.parameters[0]) / fit.errors[0] if fit.errors[0] > 0 else 0.0
-        rows.append(("c", "s/m", value, error, (value - half, value + half)))
-    return rows
+    return [(name, unit, *own) for (name, unit), *own in zip(fit.model.parameters.items(), *numbers, strict=True)]
 
 
 def choice_notes(choices: list[Chosen]) -> list[str]:
@@ -173,16 +160,6 @@ def model_yaml(choices: list[Chosen], source: Path) -> str:
                 lines.append(f"      - {_number(value)}  # {key} [{unit}], standard error {error:.3g}")
         lines.append(f"    depth_limit: {_number(law['depth_limit'])}  # [m] deepest that was measured")
         lines.append(f"    freedom: {_number(law['freedom'])}  # of Student's t for a new session; 0: the normal law")
-    return "\n".join(lines) + "\n"
-
-
-def law_yaml(fits: list[Fitted], source: Path) -> str:
-    """Parameters of a contact law with their errors, for each subject."""
-    lines = [f"# Fitted by `palpate fit` to {source.name}. SI units.", "subjects:"]
-    for subject, fit, _ in fits:
-        lines += [f"  {_scalar(subject.name)}:", f"    law: {fit.model.name}  # {fit.model.formula}"]
-        for key, unit, value, error, _ in _listed(fit):
-            lines.append(f"    {key}: {_number(value)}  # [{unit}] standard error {error:.3g}")
     return "\n".join(lines) + "\n"
 
 

@@ -5,8 +5,7 @@
     anna,1,0.5,0.09
 
 The order of columns is free; comma, semicolon or tab separates; lines that begin with # are left out. Lengths may be in
-m, mm or µm, forces in N or mN. A column `rate` [m/s, mm/s] or `time` [s, ms] is read where it is there. Others are
-ignored, and named.
+m, mm or µm, forces in N or mN. Other columns are ignored, and named.
 """
 
 import csv
@@ -23,10 +22,8 @@ from palpate.physics.errors import MISUSE, PalpateError
 UNITS = {
     "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},
     "force": {"N": 1.0, "mN": 1e-3},
-    "rate": {"m/s": 1.0, "mm/s": 1e-3},
-    "time": {"s": 1.0, "ms": 1e-3},
 }
-MOST = {"depth": 1.0, "force": 1e4, "rate": 1e3, "time": math.inf}
+MOST = {"depth": 1.0, "force": 1e4}
 """Largest sizes in SI units that can be meant; beyond them the unit in the header is wrong."""
 NOISE = 0.05
 """[1] Of a subject's largest force: a force may be negative by that much, as noise about zero is."""
@@ -53,7 +50,6 @@ class Subject:
 
     rows     [1]    (n)  line of the file      session  (n)  labels as they stand in the file
     depth    [m]    (n)                        force    [N]  (n)
-    rate     [m/s]  (n)  None where the file has neither rate nor time
     units                column -> SI units in the unit of the header
     """
 
@@ -63,7 +59,6 @@ class Subject:
     session: np.ndarray
     depth: np.ndarray
     force: np.ndarray
-    rate: np.ndarray | None
     units: dict[str, float]
 
     @property
@@ -274,22 +269,8 @@ def _row(
 def _subject(path: Path, name: str, rows: list[tuple[int, dict]], factors: dict[str, float]) -> Subject:
     session = np.array([r["session"] for _, r in rows])
     depth = np.array([r["depth"] for _, r in rows])
-    rate = np.array([r["rate"] for _, r in rows]) if "rate" in rows[0][1] else None
-    if rate is None and "time" in rows[0][1]:
-        rate = np.zeros(len(rows))
-        for label in dict.fromkeys(session.tolist()):
-            at = np.flatnonzero(session == label)
-            time = np.array([rows[i][1]["time"] for i in at])
-            if len(at) > 1:
-                back = np.flatnonzero(np.diff(time) <= 0)
-                if len(back):
-                    raise SessionError(
-                        f"{path}, row {rows[at[back[0] + 1]][0]}, column 'time': does not increase in session {label!r}"
-                        f" of subject {name!r}"
-                    )
-                rate[at] = np.gradient(depth[at], time)
     force = np.array([r["force"] for _, r in rows])
-    return Subject(name, str(path), np.array([n for n, _ in rows]), session, depth, force, rate, factors)
+    return Subject(name, str(path), np.array([n for n, _ in rows]), session, depth, force, factors)
 
 
 def _refuse(faults: list[str]) -> None:

@@ -5,14 +5,13 @@ import sys
 
 from palpate.nodes.base.node import Node
 from palpate.nodes.base.room import room
-from palpate.nodes.deformation.adaptive import Adaptive
 from palpate.nodes.deformation.beam_bundle import BeamBundle
 from palpate.nodes.deformation.mass_spring import MassSpring
 from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.nodes.deformation.rigid import Rigid
 from palpate.registry import classes, declared, registered
 
-__all__ = ["Adaptive", "BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
+__all__ = ["BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
 
 
 def bodies() -> dict[str, type[Node]]:

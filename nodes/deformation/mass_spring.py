@@ -11,7 +11,6 @@ from palpate.nodes.base.contacts import several
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.surface import LEVEL
 from palpate.physics.bodies.mass_spring import NodalBody, deeper, mean_hardness, normal_force, shared
-from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.terminal import Terminal, indentation
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.exact import product
@@ -24,7 +23,7 @@ class MassSpring(WithNodule):
 
     The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
     stands, so contact and body together solve the same equations as one solver would. The surface follows by the nodal
-    law, or with `coupling` by a net of springs between neighbours, which costs far more and leaves the force as it is.
+    law.
 
     Several contacts share their forces where their patches overlap: F_i + sum_j O_ij F_j moves s_i, O from 1 at one
     place to 0 at twice the patches' radius. The surface is the deeper of their dents.
@@ -38,11 +37,6 @@ class MassSpring(WithNodule):
     damping: Annotated[float, "s/m", NotNegative, Switch("relaxation")] = 5.0
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    coupling: Annotated[float, "N/m", NotNegative, Switch("coupling")] = 0.0
-    """of a spring between neighbours; 0: none, every node moves by itself"""
-    coupling_damping: Annotated[float, "N s/m", NotNegative] = 0.1
-    rings: Annotated[int, "1", msgspec.Meta(ge=0, le=50)] = 3
-    """of neighbours round the loaded nodes that move with them in the net"""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch under a finger, where several press"""
 
@@ -63,7 +57,7 @@ class MassSpring(WithNodule):
 
     def rests(self, load: list[Load]) -> bool:
         idle = not any([len(each.nodes) for each in load] + [law.previous_indentation for law in self._laws])
-        return idle and not any(body is not None and body.net.count for body in self._bodies)
+        return idle and not any(body is not None and body.count for body in self._bodies)
 
     def step(self, load: list[Load], *, dt: float) -> Surface:
         if len(load) != len(self._laws):
@@ -105,12 +99,10 @@ class MassSpring(WithNodule):
         return (sum([share * energy for share, energy in zip(shares, stored, strict=True)]),)
 
     @part("shape", "nodes", "displacement", otherwise=None)
-    def _nodes(self) -> NodalBody | NetBody | None:
+    def _nodes(self) -> NodalBody | None:
         """What moves the surface."""
         mesh = self.mesh()
         law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
-        if self.coupling > 0.0:
-            return NetBody(mesh, *law, self.coupling, self.coupling_damping, self.rings, self._hardness)
         return NodalBody(mesh, *law, self._hardness)
 
     @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))

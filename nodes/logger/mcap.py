@@ -14,12 +14,10 @@ import msgspec
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
 from palpate.nodes.base import Observer, SettingError, Stream
-from palpate.records.format.head import head_alone
+from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
 from palpate.records.format.mcap_writer import CHUNK_SIZE, Compression, McapWriter
 
 LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
-PROFILE = "palpate"
-SCHEMA_VERSION = "1"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 

@@ -232,38 +232,13 @@ def limit_differences(state, column, count, edges, where, active):
             state[slot, column + k] *= worst
 
 
-class Net:
-    """What both forms of the body need of a mesh: nodal areas, neighbours, and room for the compact list.
-
-    nodal  (2,V)  factor on K of each node [1], and inverse nodal areas [1/m²]; a node without area counts as a
-                  millionth of the mean
-    """
-
-    def __init__(self, mesh: Mesh, hardness: np.ndarray | None) -> None:
-        size = len(mesh.vertices)
-        self.vertices = np.ascontiguousarray(mesh.vertices, dtype=float)
-        self.normals = np.ascontiguousarray(mesh.normals)
-        mean = float(mesh.areas.mean())
-        per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
-        self.nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
-        self.edges = neighbours(mesh)
-        self.shortest = float(self.edges.spans.min(initial=math.inf))
-        self.slots = np.stack([np.full(size, -1, np.int32), np.zeros(size, np.int32)])
-        self.state = np.zeros((size, 10))
-        self.displacement = np.zeros((size, 3))
-        self.count = 0
-
-    @property
-    def displaced(self) -> tuple[np.ndarray, np.ndarray]:
-        """The nodes of the list (k), and their displacements [m] (k,3)."""
-        return self.slots[1, : self.count], self.displacement[: self.count]
-
-
 class NodalBody:
     """The nodal law on a mesh.
 
     stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
     tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
+
+    A node without area counts as a millionth of the mean.
     """
 
     def __init__(
@@ -276,13 +251,22 @@ class NodalBody:
         tangential_damping: float,
         hardness: np.ndarray | None = None,
     ) -> None:
-        self.net = net = Net(mesh, hardness)
-        law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, net.shortest])
-        self._fixed = (law, net.nodal, net.edges, net.slots, net.state, net.displacement)
+        size = len(mesh.vertices)
+        mean = float(mesh.areas.mean())
+        per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
+        nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
+        edges = neighbours(mesh)
+        shortest = float(edges.spans.min(initial=math.inf))
+        law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest])
+        self.slots = np.stack([np.full(size, -1, np.int32), np.zeros(size, np.int32)])
+        self.displacement = np.zeros((size, 3))
+        self.count = 0
+        self._fixed = (law, nodal, edges, self.slots, np.zeros((size, 10)), self.displacement)
         self._step = entry_point(nodal_step, NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0), 0.0, *self._fixed, 0)
 
-    def step(self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float):
+    def step(
+        self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
-        net = self.net
-        net.count = self._step(nodes, forces, normal, dt, *self._fixed, net.count)
-        return net.displaced
+        self.count = self._step(nodes, forces, normal, dt, *self._fixed, self.count)
+        return self.slots[1, : self.count], self.displacement[: self.count]

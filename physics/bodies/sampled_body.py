@@ -26,10 +26,9 @@ import numpy as np
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
 from palpate.physics.bodies.patch import ALONE, CoarseBody, Law, Pressed, carried
 from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
-from palpate.physics.bodies.sampled.energy import Points, forces, scratch
-from palpate.physics.bodies.sampled.step import ENERGY, GAMMA, LENGTH, LINEAR, SampledModel, field, step
+from palpate.physics.bodies.sampled.energy import Points, scratch
+from palpate.physics.bodies.sampled.step import GAMMA, LENGTH, SampledModel, field, step
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
-from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
@@ -136,9 +135,7 @@ class SampledBody(CoarseBody):
         self._vectors, self._matrices = np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))])
         self.held, self.q = self._fields[0], self._vectors[1]
         """Loads that the displacement follows, h [N] (V,3), and the amounts of the modes."""
-        self.measure = self._fields[2]
-        """Shares of the normal force (V,3) in the last step: its product with displacements is the indentation."""
-        self._numbers = np.zeros(9)
+        self._numbers = np.zeros(8)
         self._numbers[LENGTH] = 1.0
         self._scratch = scratch(basis.points)
         self.contacts: SampledContacts | None = None
@@ -188,51 +185,10 @@ class SampledBody(CoarseBody):
         return ALONE if self.contacts is None else coupling_of(self.contacts.compliance)
 
     @property
-    def measures(self) -> np.ndarray:
-        """`measure` (c,V,3) of each contact."""
-        return self._fields[2:3] if self.contacts is None else self.contacts.measures
-
-    @property
-    def linears(self) -> list[float]:
-        """`linear` at each contact."""
-        return [self.linear] if self.contacts is None else self.contacts.linear.tolist()
-
-    @property
     def extrapolation(self) -> float:
         """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies:
         0 within, 1 where the barrier begins."""
         return max(2.0 * float(np.sqrt(np.sum(self.q * self.q) / self.basis.points.limit)) - 1.0, 0.0)
-
-    @property
-    def linear(self) -> float:
-        """[m] Indentation of the linear body under the loads that are held."""
-        return float(self._numbers[LINEAR])
-
-    def left_over(self, measure: np.ndarray) -> float:
-        """[m] How much farther the indentation would go with the next iteration; measure [m] (r,) in modes."""
-        p, _, g = self._vectors[:3]
-        return float(np.sum(measure * product(self._matrices[0], p - g)))
-
-    def take_over(self, other: SampledBody, held: np.ndarray, p: np.ndarray) -> None:
-        """Go on where another body of the same modes, more or fewer of them, is: with loads that are `held`, h [N]
-        (V,3), of which p [m] (r,) is the share of all modes. What that one lacks gives way as its gamma says; the rest
-        and its tangent are as they are."""
-        both, gam = min(len(self.q), len(other.q)), float(other._numbers[GAMMA])
-        self.held[:] = held
-        self.q[:both] = other.q[:both]
-        self.q[both:] = gam * p[both : len(self.q)]
-        inverse = self._matrices[0]
-        inverse[:] = gam * np.eye(len(self.q))
-        inverse[:both, :both] = other._matrices[0, :both, :both]
-        gradient = self._vectors[2]
-        energy = forces(self.basis.points, self.q, self._scratch, gradient)
-        if not energy < np.inf:  # what was added turned a point inside out
-            self.q[both:] = 0.0
-            energy = forces(self.basis.points, self.q, self._scratch, gradient)
-        if not energy < np.inf:
-            self.q[:] = 0.0
-            energy = forces(self.basis.points, self.q, self._scratch, gradient)
-        self._numbers[ENERGY], self._numbers[LENGTH] = energy, 1.0
 
     def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
         """Vertices of the mesh, all near the foot points and fewer farther off, and their displacements [m] (k,3)."""

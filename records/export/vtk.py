@@ -1,8 +1,6 @@
-"""A series of surfaces for ParaView: PolyData with displacement per recorded instant, with .pvd and .vtp.series."""
+"""A series of surfaces for ParaView: PolyData with displacement per recorded instant; a .pvd has the times."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -44,35 +42,18 @@ def write_vtk(recording: Recording, folder: Path, streams: tuple[str, ...], ever
                 surface = pv.PolyData(rest_points + moved.astype(np.float32), faces)
                 surface.point_data["displacement"] = moved
                 path = folder / f"{name}-{len(times):06d}.vtp"
-                _save(surface, path)
+                surface.save(path)
                 paths.append(path)
             times.append((message.time / 1e9, paths[-1].name))
-        paths += _series(folder, name, times)
+        paths.append(_series(folder, name, times))
     return paths
 
 
-def _save(surface: Any, path: Path) -> None:
-    """Raw blocks, compressed: half of the size that VTK writes by itself, whose blocks are text."""
-    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
-
-    writer = vtkXMLPolyDataWriter()
-    writer.SetInputData(surface)
-    writer.SetFileName(str(path))
-    writer.SetDataModeToAppended()
-    writer.EncodeAppendedDataOff()
-    writer.SetCompressorTypeToZLib()
-    writer.SetCompressionLevel(6)
-    writer.Write()
-
-
-def _series(folder: Path, name: str, times: list[tuple[float, str]]) -> list[Path]:
-    """The two files by which ParaView knows the times."""
+def _series(folder: Path, name: str, times: list[tuple[float, str]]) -> Path:
+    """The file by which ParaView knows the times."""
     lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for time, file in times]
     kind = 'type="Collection" version="0.1" byte_order="LittleEndian"'
     head = f'<?xml version="1.0"?>\n<VTKFile {kind}>\n  <Collection>\n'
-    pvd = folder / f"{name}.pvd"
-    pvd.write_text(head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n")
-    series = folder / f"{name}.vtp.series"
-    files = [{"name": file, "time": time} for time, file in times]
-    series.write_text(json.dumps({"file-series-version": "1.0", "files": files}, indent=1))
-    return [pvd, series]
+    path = folder / f"{name}.pvd"
+    path.write_text(head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n")
+    return path

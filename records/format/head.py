@@ -2,6 +2,9 @@
 
 import msgspec
 
+PROFILE = "palpate"
+SCHEMA_VERSION = "1"
+
 
 class Head(msgspec.Struct, frozen=True):
     """The part of a header that a replay follows."""

@@ -6,9 +6,5 @@
 from palpate.physics.errors import ArgumentError
 
 
-class MissingError(ArgumentError):
-    """An outside solver, or a stored reference, that is not there; says how to get it."""
-
-
 class UnsupportedError(ArgumentError):
     """A method that cannot compute a touch; says why. It is charged, not dropped."""

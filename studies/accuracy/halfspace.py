@@ -14,7 +14,7 @@ from palpate.models.fe.contact.rigid import Rigid, sphere
 from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.physics.materials.linear import linear
-from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
+from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 SIZE = 25.0
 """[1]"""

@@ -1,4 +1,4 @@
-"""A place on the shipped kidney, pressed by the load of `accuracy.continuum`: the static curve there, by two solvers.
+"""A place on the shipped kidney, pressed by the load of `peers.continuum`: the static curve there, by two solvers.
 
 The kidney is the image of a cube, through the ball that its shape is made from (`physics.geometry.kidney`), so that a
 grid of the cube, graded towards the place, is a mesh of it. It lies on a bed of springs where its normal looks down
@@ -21,9 +21,8 @@ from palpate.models.fe.solve.solver import Solver
 from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy import continuum
-from palpate.studies.accuracy.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
-from palpate.studies.peers import felupe
+from palpate.studies.peers import continuum, felupe
+from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
 """[N] Forces at which a curve is known."""

@@ -10,11 +10,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.studies.accuracy import MissingError, UnsupportedError, halfspace, places, truth
+from palpate.studies.accuracy import UnsupportedError, halfspace, places, truth
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.studies.accuracy.touches import BenchCase
-from palpate.studies.peers import calculix, felupe, mujoco
+from palpate.studies.peers import MissingError, calculix, felupe, mujoco
 
 TICKS = 1000.0
 """[Hz] At which the touch is told."""

@@ -14,11 +14,11 @@ from palpate.physics.errors import ArgumentError
 from palpate.registry import modules, snake
 from palpate.studies.accuracy import bodies as slab_bodies
 from palpate.studies.accuracy import chain, laboratory
-from palpate.studies.accuracy.continuum import POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.peers.continuum import POISSON, YOUNG
 
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5,
                         "finger_damping": 0.0}  # fmt: skip

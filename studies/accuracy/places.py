@@ -20,10 +20,10 @@ from scipy.interpolate import RegularGridInterpolator
 from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import MissingError, continuum, kidney
-from palpate.studies.accuracy.continuum import LEVELS, LIGHT, RADIUS, Block, ContinuumCurve, Inclusion
+from palpate.studies.accuracy import kidney
 from palpate.studies.accuracy.kidney import Kidney
-from palpate.studies.peers import calculix, felupe, mujoco
+from palpate.studies.peers import MissingError, calculix, continuum, felupe, mujoco
+from palpate.studies.peers.continuum import LEVELS, LIGHT, RADIUS, Block, ContinuumCurve, Inclusion
 
 SHIPPED = Path(__file__).parent / "references"
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}

@@ -29,12 +29,12 @@ from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.run.execute import execute
 from palpate.physics.errors import ArgumentError, RunError
-from palpate.records.samples import Run
 from palpate.studies.psychophysics.functions import proportion
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.sweeps.keep import Kept, kept
+from palpate.views.run import Run
 
 _Number = Annotated[float, msgspec.Meta(description="a number")]
 _Above = Annotated[float, msgspec.Meta(gt=0, description="a number above 0")]

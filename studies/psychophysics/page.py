@@ -22,7 +22,7 @@ from palpate.physics.errors import RunError
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Answer, DisturbedError, Presenter
 from palpate.studies.psychophysics.stimuli import Stimuli
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
 from palpate.views.page.pointers import Count, Pointers, Sample

@@ -20,7 +20,7 @@ from palpate.engine.graph import Graph
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.messages import fields
 from palpate.physics.errors import ArgumentError
-from palpate.records.samples import Run
+from palpate.views.run import Run
 
 RECORDING = "recording"
 NUMBERS: dict[str, Any] = {

@@ -13,7 +13,7 @@ from palpate.engine.faults import choices
 from palpate.physics.extras import missing
 from palpate.studies.sweeps.keep import Kept
 from palpate.studies.sweeps.results import Results
-from palpate.views.pictures import PictureError
+from palpate.views.errors import PictureError
 from palpate.views.pictures.plot import PREFIXES
 from palpate.views.pictures.style import FRICTION, INK, LOOK, NORMAL, figure
 

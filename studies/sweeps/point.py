@@ -33,9 +33,9 @@ from palpate.launch.run.work.compiling import compiling
 from palpate.nodes.logger import Mcap
 from palpate.physics import arithmetic, kernel_cache
 from palpate.physics.errors import PalpateError
-from palpate.records.samples import Run
 from palpate.studies.files import locked
 from palpate.studies.sweeps.keep import Kept
+from palpate.views.run import Run
 
 ROOMS = ("palpate.physics", "palpate.models.fe", "palpate.messages", "palpate.nodes", "palpate.engine")
 """What computes: an edit there makes other points."""

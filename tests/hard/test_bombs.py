@@ -19,8 +19,8 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Header, Message, Metadata, MetadataIndex, Schema
 from mcap.records import Footer as End
 
-from palpate.nodes.logger.mcap import SCHEMA_VERSION
 from palpate.physics.archive import ArchiveError, read_arrays
+from palpate.records.format.head import SCHEMA_VERSION
 from palpate.records.format.mcap_file import LIBRARY, MAGIC, MOST_HEAD, Broken, opened
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError

@@ -20,9 +20,9 @@ from palpate.records.fill import begin_copy, recover, recover_full
 from palpate.records.format.head import head_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
-from palpate.records.samples import Run
 from palpate.records.stored import RecordingError, Stored
 from palpate.records.verify import verify
+from palpate.views.run import Run
 
 runner = CliRunner()
 TICKS = 450

@@ -5,13 +5,13 @@ import pytest
 
 from palpate.models.fe.element.mesh import grid
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import MissingError, continuum, places
-from palpate.studies.accuracy.continuum import RADIUS, Block, Inclusion, press
+from palpate.studies.accuracy import places
 from palpate.studies.accuracy.halfspace import DEPTHS
 from palpate.studies.accuracy.halfspace import press as press_ball
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ
-from palpate.studies.peers import felupe
+from palpate.studies.peers import MissingError, continuum, felupe
+from palpate.studies.peers.continuum import RADIUS, Block, Inclusion, press
 
 FIRST = np.array([0.03, 0.1])
 

@@ -8,10 +8,10 @@ from scipy.optimize import brentq
 from palpate.messages import Pose
 from palpate.nodes.collision import Nurbs
 from palpate.studies.accuracy import kidney, places, truth
-from palpate.studies.accuracy.continuum import RADIUS
 from palpate.studies.accuracy.kidney import Kidney, along, press, press_felupe
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.peers import felupe
+from palpate.studies.peers.continuum import RADIUS
 
 B, M = 26.2641, 1681.06
 """[N/m], [1/m] of the exponential fingertip."""

@@ -6,13 +6,13 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError, laboratory, methods
+from palpate.studies.accuracy import laboratory, methods
 from palpate.studies.accuracy.cells import Cell, one
-from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG, Block, Inclusion, press, tetrahedra
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.score import CHARGED
 from palpate.studies.accuracy.touches import TOUCHES
-from palpate.studies.peers import calculix, mujoco
+from palpate.studies.peers import MissingError, calculix, mujoco
+from palpate.studies.peers.continuum import BED, POISSON, YOUNG, Block, Inclusion, press, tetrahedra
 
 EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 FIRST = np.array([0.03, 0.1])

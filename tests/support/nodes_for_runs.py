@@ -166,14 +166,8 @@ class Faulty(Spring):
                         time.sleep(0.01)
                 case "terminate":
                     os.kill(os.getpid(), signal.SIGTERM)
-                case "kill group" if kept():
+                case "kill group" if os.getpgrp() == os.getpid() and os.getppid() != 1 and not replayed():
                     os.killpg(0, signal.SIGKILL)
-                case "kill parent" if kept():
-                    os.kill(os.getppid(), signal.SIGKILL)
-                case "terminate parent" if kept():
-                    os.kill(os.getppid(), signal.SIGTERM)
-                case "kill parent's group" if kept():
-                    os.killpg(os.getpgid(os.getppid()), signal.SIGKILL)
                 case "own session":
                     subprocess.Popen(["sleep", "1234"], start_new_session=True)
         return super().step(pose)
@@ -243,11 +237,9 @@ class Slow(Observer):
         time.sleep(self.pause)
 
 
-def kept() -> bool:
-    """Whether the parent is a keeper, which leads a group of its own: nobody else may be hit, as the tests themselves,
-    where they lead theirs and this node runs in a replay."""
-    replayed = os.environ.get("PALPATE_TESTS") == str(os.getpid())
-    return not replayed and os.getpgid(os.getppid()) == os.getppid() == os.getpgrp()
+def replayed() -> bool:
+    """Whether this node runs in a replay, in the process of the tests, which must not be killed."""
+    return os.environ.get("PALPATE_TESTS") == str(os.getpid())
 
 
 def wait_at_the_disk(pipe: str) -> None:

@@ -49,8 +49,7 @@ class Fault(NamedTuple):
 
     kind    "node": a node does `what`; "wire": the way of its messages does; "signal": a process gets `what`; "limit":
             the system refuses `what`; "terminal": the terminal is closed; "busy": others want the processors
-    whom    of a signal: "launcher", "fork server", "keeper", the parent of a worker, or "one", a process below the
-            launcher by the number `moment`
+    whom    of a signal: "launcher", "fork server", or "one", a process below the launcher by the number `moment`
     moment  [s] after the first sign of the run, or [1] steps of the node
     """
 
@@ -74,7 +73,7 @@ def draw(seed: int) -> Fault:
         return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "node":
         how = rng.choice(sorted(BREAKS | BEARABLE))
-        if how == "stops itself" and placement == "fused":  # a stopped run waits, as it should
+        if how in ("stops itself", "exits") and placement == "fused":  # a stopped run waits; an exit ends it
             placement = "each"
         return Fault(kind, how, "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "signal":
@@ -215,8 +214,6 @@ def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: in
     pid = child.pid
     if fault.whom == "fork server":
         pid = below[0] if below else 0
-    elif fault.whom == "keeper":
-        pid = below[1] if len(below) > 1 else 0
     elif fault.whom == "one":
         pid = below[int(1000 * fault.moment) % len(below)] if below else 0
     if not pid or child.poll() is not None:

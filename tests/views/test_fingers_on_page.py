@@ -15,7 +15,7 @@ from palpate.launch.run.execute import execute
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 from palpate.views.page.reel import RecordingSource
 from palpate.views.page.steered import steered
 

@@ -14,7 +14,7 @@ from palpate.launch.load.launchfile import find
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 from palpate.views.page.session import Session
 from palpate.views.page.steered import steered
 

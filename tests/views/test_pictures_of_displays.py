@@ -13,7 +13,8 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, ForceBand, Friction, Pins, Slip, Surface
 from palpate.physics.display.pins import pin_grid
 from palpate.records.reader import Recording
-from palpate.views.pictures import PictureError, draw, force, pad, pins, slip, softness
+from palpate.views.errors import PictureError
+from palpate.views.pictures import draw, force, pad, pins, slip, softness
 from palpate.views.pictures.touch import TouchStreams
 
 

@@ -23,7 +23,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from palpate.messages import Surface
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 from palpate.views.page.feed import frame
 from palpate.views.page.reel import POINTS, RecordingSource, Reels
 from palpate.views.page.server import PageServer

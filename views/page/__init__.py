@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.extras import missing
+from palpate.views.errors import PageError
 
 if TYPE_CHECKING:
     from palpate.views.page.server import PageServer
     from palpate.views.page.source import FrameSource
-
-
-class PageError(PalpateError, RuntimeError):
-    """What cannot be shown in a browser, or touched from there, and what would do."""
-
-    exit_code = MISUSE
 
 
 def check() -> None:

@@ -10,7 +10,7 @@ import msgspec
 
 from palpate.messages import Vector3
 from palpate.nodes.device.mouse import FARTHEST
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 
 Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]

@@ -15,8 +15,8 @@ from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
+from palpate.views.errors import PageError
 from palpate.views.fingers import fingers, links_of
-from palpate.views.page import PageError
 from palpate.views.page.feed import Curve, frame, kinds_of, picture, surface_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of

@@ -24,7 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 from palpate.views.page.renderers import RATE, binary
 from palpate.views.page.source import FrameSource
 

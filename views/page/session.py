@@ -15,7 +15,7 @@ from palpate.messages import ForceBand, Friction, Load
 from palpate.nodes.base.effect import effects
 from palpate.nodes.deformation import bodies
 from palpate.physics.errors import PalpateError
-from palpate.views.page import PageError
+from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
 from palpate.views.page.pointers import Count, Pointers, Sample

@@ -30,8 +30,8 @@ from palpate.messages import (
 )
 from palpate.nodes.base import SettingError
 from palpate.views.bodies import Bodies
+from palpate.views.errors import PageError
 from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
-from palpate.views.page import PageError
 
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.messages import Contact, Surface
-from palpate.physics.errors import PalpateError
 from palpate.physics.extras import missing
 from palpate.records.reader import Recording
+from palpate.views.errors import PictureError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,10 +26,6 @@ if TYPE_CHECKING:
 OF_A_FINGER = ("force", "compression", "friction", "device")
 """Of several fingers each has its own."""
 PICTURES = ("grip", *OF_A_FINGER, "energy", "slip", "pad", "pins", "softness")
-
-
-class PictureError(PalpateError, ValueError):
-    """What cannot be drawn of a recording, or on this machine, and what can or what to install."""
 
 
 def draw(recording: Path, folder: Path, console: Console | None = None) -> list[Path]:

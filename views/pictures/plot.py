@@ -5,24 +5,22 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.physics.extras import missing
-from palpate.views.pictures import PictureError
+from palpate.views.errors import PictureError
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from palpate.records.samples import Run
 
 PREFIXES = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "m/s": (1e3, "mm/s"), "J": (1e3, "mJ"), "Pa": (1e-3, "kPa")}
 """What a figure shows in place of an SI unit, and the factor to it: what a finger does lies in these."""
 
 
-def plot(run: Run, names: Sequence[str], over: str | None = None) -> Figure:
-    """A figure of fields `stream.field` over time, or over another field at the ticks that both have.
+def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
+    """A figure of fields `stream.field` of a `views.run.Run` over time, or over another field at common ticks.
 
     PictureError, RecordingError: what cannot be drawn.
     """
@@ -72,7 +70,7 @@ class _Drawable:
     tick: np.ndarray
 
 
-def _drawable(run: Run, name: str) -> _Drawable:
+def _drawable(run: Any, name: str) -> _Drawable:
     from palpate.records.samples import RecordedStream
 
     values = run[name]

@@ -16,7 +16,7 @@ from palpate.physics.archive import replacing
 from palpate.physics.extras import missing
 from palpate.physics.writable import check_file
 from palpate.records.reader import Recording
-from palpate.views.pictures import PictureError
+from palpate.views.errors import PictureError
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
 from palpate.views.surface.moments import Instant, bodies_of, instants_at

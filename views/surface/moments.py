@@ -11,8 +11,8 @@ from palpate.messages import Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.bodies import Bodies
+from palpate.views.errors import PictureError
 from palpate.views.fingers import bodies, links_of
-from palpate.views.pictures import PictureError
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 from palpate.views.surface.render import RIGHT
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.views.pictures import PictureError
+from palpate.views.errors import PictureError
 from palpate.views.surface.moments import Instant
 from palpate.views.surface.render import ball_centres
 

@@ -19,11 +19,8 @@ def fit(
     sessions: Annotated[
         Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N).")
     ] = None,
-    law: Annotated[
-        str | None, typer.Option(help="Fit a contact law instead: hertz, power, exponential, hunt-crossley.")
-    ] = None,
     subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
-    out: Annotated[Path | None, typer.Option(help="YAML to write; else SESSIONS.model.yaml or .law.yaml.")] = None,
+    out: Annotated[Path | None, typer.Option(help="YAML to write; else SESSIONS.model.yaml.")] = None,
     pictures: Annotated[Path | None, typer.Option(help="Folder for pictures of the fits.")] = None,
     mean: Annotated[
         str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential.")
@@ -40,7 +37,7 @@ def fit(
     as_json: Json = False,
     example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and exit.")] = None,
 ) -> None:
-    """Fit force models, or a contact law, to indentation sessions.
+    """Fit force models to indentation sessions.
 
     Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
     a YAML file that the node contact.Probabilistic takes as its `model`.
@@ -64,7 +61,7 @@ def fit(
         except OSError as error:
             raise SessionError(f"{pictures}: cannot be written: {error.strerror}") from None
     fitted = fit_sessions(
-        sessions, law=law, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
+        sessions, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
         depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,
     )  # fmt: skip
     drawn = [] if pictures is None else _draw(fitted, pictures)
@@ -82,7 +79,7 @@ def _draw(fitted: Told, folder: Path) -> list[str]:
     from palpate.models.fit.sessions import SessionError
 
     try:
-        from palpate.views.pictures.models.fit import draw_choice, draw_law
+        from palpate.views.pictures.models.fit import draw_choice
     except ImportError as error:
         raise SessionError(missing("--pictures", error.name, "view")) from None
     paths: list[Path] = []
@@ -90,8 +87,6 @@ def _draw(fitted: Told, folder: Path) -> list[str]:
         folder.mkdir(parents=True, exist_ok=True)
         for number, choice in enumerate(fitted.chosen, 1):
             paths += draw_choice(choice, folder / f"subject-{number}")
-        for number, fit in enumerate(fitted.fitted, 1):
-            paths += draw_law(fit, folder / f"subject-{number}")
     except OSError as error:
         raise SessionError(f"{folder}: cannot be written: {error.strerror}") from None
     return [str(path) for path in paths]

@@ -67,7 +67,8 @@ def record_indentation(
         f"{press.force.max():.3g} N: added to {sessions}"
     )
     typer.echo(f"recording {file}")
-    typer.echo(f"next: palpate fit {sessions} --law hunt-crossley")
+    law = "--rig ball --radius '8 mm' --law power --relaxation hunt-crossley"
+    typer.echo(f"next: palpate fit-tissue {file} {law}  # the shape of your probe")
     if count < FOLDS:
         typer.echo(f"      {FOLDS - count} more sessions for the scatter of the force: palpate fit {sessions}")
     else:

@@ -1,9 +1,8 @@
 """`palpate reduce`: build the basis of a reduced finite-element body and store it."""
 
-import contextlib
 import time
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -21,10 +20,6 @@ def reduce(
         typer.Option("--set", help="A setting of deformation.ReducedFE: surface=liver.stl, poisson=0.48, bed=30."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Build it even if it is already stored.")] = False,
-    levels: Annotated[
-        bool,
-        typer.Option("--levels", help="Fit the fidelity levels of deformation.Adaptive to its stored basis instead."),
-    ] = False,
     folder: Annotated[str | None, typer.Option("--to", help="Folder to store it in; by default the cache.")] = None,
     as_json: Json = False,
 ) -> None:
@@ -36,9 +31,6 @@ def reduce(
     from palpate.nodes.deformation.basis_store import SHIPPED, cache
     from palpate.nodes.deformation.reduced_fe import ReducedFE
 
-    if levels:
-        _levels(settings_of(sets or []), force, as_json)
-        return
     node = ReducedFE(**settings_of(sets or []))
     target = Path(folder) if folder else cache()
     path = basis.home(node, target)
@@ -61,31 +53,6 @@ def reduce(
         text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
         typer.secho(text, fg="red", err=True)
         raise typer.Exit(TROUBLE)
-
-
-def _levels(settings: dict[str, Any], force: bool, as_json: bool) -> None:
-    from palpate.engine.provenance import commit
-    from palpate.launch.terminal.progress import Stages
-    from palpate.models.build.fidelity_levels import make
-    from palpate.nodes.base import SettingError
-    from palpate.nodes.deformation import Adaptive
-    from palpate.nodes.deformation.adaptive import beside
-    from palpate.nodes.deformation.basis_store import SHIPPED, cache
-
-    node = Adaptive(**settings)
-    stored = None if force else node.stored(SHIPPED, cache())
-    if stored is not None and beside(stored[0]).exists():
-        with contextlib.suppress(SettingError):  # levels of another basis are made anew
-            node.levels()
-            _say(as_json, beside(stored[0]), None, {})
-            return
-    with Stages(console(stderr=True), as_json) as stages:
-        path, seen = make(node, stages, commit())
-    if as_json:
-        tell({"path": str(path), **seen})
-    else:
-        words = f"fitted to {seen['states']} states of {seen['touches']} touches"
-        say(f"{words}: {path}")
 
 
 def _say(as_json: bool, path: Path, seconds: float | None, missed: dict[str, float]) -> None:

@@ -16,7 +16,7 @@ def plot(
     trust: Trust = None,
 ) -> None:
     """Draw fields of a recording over time, or --over another field, with their units, one axis each."""
-    from palpate.views.pictures import PictureError
+    from palpate.views.errors import PictureError
     from palpate.views.run import Run
 
     target = out or file.with_name(f"{file.stem}-plot.png")

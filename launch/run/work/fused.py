@@ -1,15 +1,10 @@
-"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed.
-
-A node does not end a run that is one process: `os._exit` is that node's fault, as `sys.exit` is.
-"""
+"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed."""
 
 import contextlib
 import faulthandler
-import os
 import resource
 import signal
 import sys
-import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
@@ -78,7 +73,7 @@ def run_fused(
         assert worker is not None
         worker.stopping = True
 
-    with crashes_told(), interrupts(interrupted), exits_told():
+    with crashes_told(), interrupts(interrupted):
         try:
             worker = Worker(job, None, report)
             with watched(None if patience is None else START_PATIENCE):
@@ -155,21 +150,3 @@ def crashes_told() -> Iterator[None]:
         yield
     finally:
         faulthandler.disable()
-
-
-@contextlib.contextmanager
-def exits_told() -> Iterator[None]:
-    """While the block runs, `os._exit` raises SystemExit in it, which the run tells as an error of the node whose call
-    it is. What was forked from here, and other threads, exit as they want."""
-    leave, process, thread = os._exit, os.getpid(), threading.get_ident()
-
-    def tell(status: int) -> None:
-        if os.getpid() != process or threading.get_ident() != thread:
-            leave(status)
-        raise SystemExit(f"os._exit({status})")
-
-    os._exit = tell  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        os._exit = leave

@@ -24,23 +24,23 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     """A node's call that takes longer than `patience` [s] while the block runs gets `HangError` raised inside it.
     None: nothing is watched.
 
-    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Time for which the process
-    waited for a processor does not count: a busy machine is no hang. Compiled code that never returns, or a call of the
-    system that waits for a disk, lets no handler run: then the process ends after `last` [s], where it is left out
+    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Each look counts a quarter of
+    the patience at most, so that a machine that stands still is no hang. Compiled code that never returns, or a call of
+    the system that waits for a disk, lets no handler run: then the process ends after `last` [s], where it is left out
     `LAST` or twice the patience if that is longer, after telling on standard error where it was. Outside the main
     thread nothing is watched, nor where the system has no such timer.
     """
     before: object = None
-    spent, looked, queued = 0.0, time.monotonic(), _queued()
+    spent, looked = 0.0, time.monotonic()
     end = max(2.0 * (patience or 0.0), LAST) if last is None else last
 
     def check(_: int, frame: FrameType | None) -> None:
-        nonlocal before, spent, looked, queued
+        nonlocal before, spent, looked
         with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
             faulthandler.dump_traceback_later(end, exit=True)
-        moment, waited, here = time.monotonic(), _queued(), _running(frame)
-        spent += min(moment - looked - (waited - queued), 2.0 * (patience or 0.0) / GLANCES)
-        looked, queued = moment, waited
+        moment, here = time.monotonic(), _running(frame)
+        spent += min(moment - looked, 2.0 * (patience or 0.0) / GLANCES)
+        looked = moment
         if here is None or here != before:
             before, spent = here, 0.0
         elif patience is not None and spent >= patience:
@@ -61,15 +61,6 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
         faulthandler.cancel_dump_traceback_later()
         signal.signal(signal.SIGALRM, known)
         signal.setitimer(signal.ITIMER_REAL, left)
-
-
-def _queued() -> float:
-    """[s] for which this thread was ready to run and got no processor; 0 where the kernel does not tell."""
-    try:
-        with open("/proc/thread-self/schedstat") as file:
-            return int(file.read().split()[1]) * 1e-9
-    except (OSError, IndexError, ValueError):
-        return 0.0
 
 
 def _running(frame: FrameType | None) -> object:

@@ -48,7 +48,6 @@ class SampledContacts(NamedTuple):
     measures   [1] (c,V,3)  shares in the normal force, m
     modal      [m] (2,c,r)  Phi'm, and K^-1 Phi'm
     residual   [m] (c,3)    m.R h/E, and room
-    linear     [m] (c)      indentation of the linear body
     compliance [m/N] (c,c)  c_ij
     depths     [m] (2,c)    s_free and s
     """
@@ -60,7 +59,6 @@ class SampledContacts(NamedTuple):
     measures: np.ndarray
     modal: np.ndarray
     residual: np.ndarray
-    linear: np.ndarray
     compliance: np.ndarray
     depths: np.ndarray
 
@@ -69,7 +67,7 @@ class SampledContacts(NamedTuple):
         """Of so many contacts, of a body of so many vertices and modes."""
         return cls(
             np.zeros(count, np.int64), np.zeros(count), np.zeros((count, 3)), np.zeros(count),
-            np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)), np.zeros(count),
+            np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
             np.eye(count), np.zeros((2, count)),
         )  # fmt: skip
 
@@ -133,7 +131,6 @@ def step_all(model, patch, pull, dt, fields, active, vectors, matrices, room, nu
         project(model.modes, measures[i], active, acting, modal[i])
         times(matrices[0], modal[i], K_inv_c[i])
         contacts.residual[i, 0] = m_R_h
-        contacts.linear[i] = inner(modal[i], p) + m_R_h
         s = inner(modal[i], q) + gam * m_R_h
         m_D_h = inner(K_inv_c[i], p) + gam * m_R_h + dgam * m_R_h * strain
         contacts.depths[0, i], contacts.depths[1, i] = s - take * m_D_h, s

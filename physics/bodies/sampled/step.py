@@ -36,9 +36,9 @@ class SampledModel(NamedTuple):
     retardation: float
 
 
-STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, LINEAR, ALLOWED, LENGTH = range(9)
-"""Numbers that a body keeps: K, n, s_free and s of the law that was told, gamma, the energy of the modes, s of
-the linear body, and the budget of `solve.settle`: evaluations, and length of the first step to try."""
+STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, ALLOWED, LENGTH = range(8)
+"""Numbers that a body keeps: K, n, s_free and s of the law that was sent, gamma, the energy of the modes,
+and the budget of `solve.settle`: evaluations, and length of the first step to try."""
 
 
 @kernel(error_model="numpy")
@@ -194,7 +194,7 @@ def step(model, patch, pull, share, normal, dt, fields, active, vectors, matrice
     for k in range(r):
         m_D_h += K_inv_c[k] * p[k]
     m_D_h += gam * m_R_h + dgam * m_R_h * strain
-    numbers[GAMMA], numbers[LINEAR] = gam, modal_linear + m_R_h
+    numbers[GAMMA] = gam
     # the same for the unit normal force and for the rest of the load
     apply_residual_compliance(residual, measure, active, count, bent)
     compliance = compliance / young + gam * dot(measure, bent, active, count) / young + dgam * m_R_h * m_R_h / young

@@ -1,11 +1,11 @@
-"""Springs with Hertz's law; with and without a surface, alone and as a net."""
+"""Springs with Hertz's law; with and without a surface."""
 
 from typing import Any
 
 from palpate.nodes.deformation import MassSpring
 from palpate.studies.accuracy import chain
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, spread, steps
-from palpate.studies.accuracy.outcome import Fidelity, Method
+from palpate.studies.accuracy.outcome import Method
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
 
@@ -19,11 +19,7 @@ class _Silent(MassSpring):
 def methods(patient: bool) -> list[Method]:
     """The law alone, and the body."""
     forms = [spread("kernel", kernel, kernel) for kernel in ("wendland", "cosine")]
-    net = [
-        Fidelity(f"net, {text}", "form", settings={"body": {"coupling": 100.0, "rings": n}})
-        for n, text in ((1, "1 ring"), (3, "3 rings"))
-    ]
-    finer = (*steps(), *meshes(), *reaches(), *forms, *net)
+    finer = (*steps(), *meshes(), *reaches(), *forms)
     return [
         Method("series", "laws in series, no surface", of_body(_Silent, _slab), tuple(steps()), _no_nodule),
         Method("MassSpring", "MassSpring", of_body(MassSpring, _slab), finer, only_slab),

@@ -183,7 +183,7 @@ BAD = {
     "two senders for an input that takes one": (
         "{load: spread}",
         "{load: [spread, spread]}",
-        ["node 'tissue', input 'load': takes one Load, found 2 senders", "take several: deformation.Adaptive, "],
+        ["node 'tissue', input 'load': takes one Load, found 2 senders", "take several: deformation.BeamBundle, "],
     ),
     "no sender in a list": ("{load: spread}", "{load: []}", ["node 'tissue', input 'load'", "no sender; expects Load"]),
     "an organ whose force reaches no controller": (

@@ -15,8 +15,8 @@ from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.heights import heights, summit
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.records.samples import Run
 from palpate.views.page.steered import steered
+from palpate.views.run import Run
 
 trimesh = pytest.importorskip("trimesh")
 

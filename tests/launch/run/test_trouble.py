@@ -21,9 +21,6 @@ KILLED = {
     "kill": "killed by SIGKILL",
     "terminate": "killed by SIGTERM",
     "kill group": "killed by SIGKILL",
-    "kill parent": "killed by SIGKILL",
-    "terminate parent": "killed by SIGTERM",
-    "kill parent's group": "killed by SIGKILL",
 }
 
 
@@ -62,14 +59,13 @@ def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, 
 @pytest.mark.parametrize(
     ("clock", "how"),
     [
-        *(("real", how) for how in ("kill group", "terminate parent", "kill parent's group")),
+        ("real", "kill group"),
         ("simulated", "kill"),
-        ("simulated", "terminate parent"),
-        *(_long("real", how) for how in ("kill", "terminate", "kill parent")),
-        *(_long("simulated", how) for how in ("terminate", "kill group", "kill parent", "kill parent's group")),
+        *(_long("real", how) for how in ("kill", "terminate")),
+        *(_long("simulated", how) for how in ("terminate", "kill group")),
     ],
 )
-def test_a_node_that_ends_its_process_its_group_or_its_parent_is_named(tmp_path, clock, how):
+def test_a_node_that_ends_its_process_or_its_group_is_named(tmp_path, clock, how):
     outcome = go(tmp_path, how, clock)
     (death,) = outcome.result.deaths
     assert death.node == "spring" and KILLED[how] in death.text

@@ -16,7 +16,6 @@ from palpate.nodes.base import Node
 
 GRAPHS = (
     ("kidney", "0.4"),
-    ("kidney", "0.4", "tissue.coupling=30.0"),
     ("kidney", "0.4", "tissue.use=deformation.BeamBundle", "collision.use=collision.Mesh"),
     ("fingertip-slide", "0.05"),
     ("pinch", "0.5"),

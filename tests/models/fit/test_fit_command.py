@@ -13,7 +13,7 @@ from palpate.launch.__main__ import app
 from palpate.messages import Contact
 from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
 from palpate.nodes.contact.probabilistic import Probabilistic
-from palpate.physics.contact.force_models import LAWS, MODELS
+from palpate.physics.contact.force_models import MODELS
 
 HEAD = "subject,session,depth [mm],force [N]"
 
@@ -139,41 +139,6 @@ def test_newtons_under_millinewtons_are_questioned_and_can_be_accepted(example, 
     assert run(path, "--any-stiffness", "--subject", "A").exit_code == 0
 
 
-# --- contact laws ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("law", "known"), [("hertz", [2750.0]), ("power", [4100.0, 1.62]), ("exponential", [31.0, 940.0])]
-)
-def test_a_contact_law_is_fitted_with_its_errors(tmp_path, law, known):
-    path = write(tmp_path / "s.csv", np.tile(LAWS[law](DEPTHS, known), (3, 1)))
-    data = json.loads(run(path, "--law", law, "--json").stdout)["subjects"]["a"]
-    assert [p["value"] for p in data["parameters"].values()] == approx(known, rel=1e-6)
-    assert all(p["error"] is not None for p in data["parameters"].values())
-    text = yaml.safe_load(path.with_suffix(".law.yaml").read_text())["subjects"]["a"]
-    assert text["law"] == law and list(text.values())[1:] == approx(known, rel=1e-6)
-
-
-def test_hunt_crossley_needs_two_speeds_for_its_damping(tmp_path):
-    path, known = tmp_path / "s.csv", np.array([3.1e3, 3.1e3 * 4.2, 1.55])
-    rows = []
-    for session, rate in enumerate((0.01, 0.05, 0.2)):
-        forces = LAWS["hunt-crossley"](DEPTHS, known, rate)
-        rows += [f"a,{session},{d * 1e3},{f},{rate * 1e3}" for d, f in zip(DEPTHS, forces, strict=True)]
-    path.write_text("\n".join([HEAD + ",rate [mm/s]", *rows]))
-    parameters = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)["subjects"]["a"]["parameters"]
-    assert [parameters[k]["value"] for k in ("K", "lambda", "n", "c")] == approx([*known, 4.2], rel=1e-6)
-    slow = [row for row in rows if row.endswith(",10.0")]
-    path.write_text("\n".join([HEAD + ",rate [mm/s]", *slow]))
-    told = json.loads(run(path, "--law", "hunt-crossley", "--json").stdout)
-    assert "only one speed" in told["notes"][0] and set(told["subjects"]["a"]["parameters"]) == {"K", "n"}
-
-
-def test_hunt_crossley_on_sessions_without_speed_fits_the_static_part_and_says_so(example, tmp_path):
-    result = run(example, "--law", "hunt-crossley", "--out", tmp_path / "l.yaml")
-    assert result.exit_code == 0 and "the damping is not determined" in result.stdout
-
-
 # --- bad input -------------------------------------------------------------------------------------------------------
 
 
@@ -199,7 +164,6 @@ def test_a_missing_subject(example):
 def test_constant_forces(tmp_path):
     path = write(tmp_path / "s.csv", np.full((20, 11), 0.5))
     assert "from row 2, column 'force': subject 'a': the force is 0.5 N at all depths" in refused(path)
-    assert "one constant value of the force" in refused(path, "--law", "hertz")
 
 
 def test_too_few_depths(tmp_path):
@@ -220,7 +184,6 @@ def test_a_negative_force_and_a_missing_depth(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--law", "cubic"], "--law: found 'cubic', expected one of hertz, power"),
         (["--mean", "cubic"], "--mean: found 'cubic', expected one of linear"),
         (["--deviation", "x"], "--deviation: found 'x'"),
         (["--protocol", "half"], "--protocol: found 'half', expected one of whole, published"),
@@ -261,9 +224,9 @@ def test_programs_get_faults_as_json(example):
     assert not told["ok"] and "no 'Z'" in told["faults"][0]
 
 
-def test_the_help_names_every_model_and_law():
+def test_the_help_names_every_model():
     text = " ".join(run("--help").stdout.replace("│", " ").split())
-    assert ", ".join(LAWS) in text and ", ".join(MODELS) in text
+    assert ", ".join(MODELS) in text
 
 
 def test_no_file_and_a_missing_file():

@@ -26,7 +26,7 @@ def test_rows_become_arrays_in_si_units(file):
     (a, b), ignored = read_sessions(file)
     assert (a.name, b.name, ignored) == ("a", "b", [])
     assert a.depth == approx([0, 0.5e-3]) and b.force == approx([0.01, 0.2])
-    assert b.rows.tolist() == [4, 7] and a.rate is None
+    assert b.rows.tolist() == [4, 7]
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
@@ -40,16 +40,6 @@ def test_order_of_columns_separator_units_and_extra_columns_are_free(file, separ
 def test_a_byte_order_mark_and_windows_lines_are_read(file):
     file.write_bytes(("\ufeff" + HEAD + "\r\na,1,1,0.2\r\n").encode())
     assert read_sessions(file)[0][0].force == approx([0.2])
-
-
-def test_the_rate_comes_from_its_column_or_from_the_time(file):
-    write(file, HEAD + ",rate [mm/s]", "a,1,0,0,20", "a,1,1,1,30")
-    assert read_sessions(file)[0][0].rate == approx([0.02, 0.03])
-    write(file, HEAD + ",time [ms]", "a,1,0,0,0", "a,1,1,1,100", "a,1,2,1,200", "a,2,0,0,0", "a,2,1,1,10")
-    assert read_sessions(file)[0][0].rate == approx([0.01, 0.01, 0.01, 0.1, 0.1])
-    write(file, HEAD + ",time [s]", "a,1,0,0,0", "a,1,1,1,0")
-    with pytest.raises(SessionError, match="row 3, column 'time': does not increase in session '1'"):
-        read_sessions(file)
 
 
 def test_deeper_rows_are_left_out_where_a_limit_is_given(file):

@@ -22,8 +22,7 @@ from palpate.nodes.base.surface import complete
 from palpate.nodes.contact import Series
 from palpate.nodes.spread import Kernel
 
-BODIES = [kind for kind in classes(deformation) if kind is not deformation.Adaptive]
-"""All that stand on a plane; the levels of the other are of the fingertip (test_fidelity_levels.py)."""
+BODIES = list(classes(deformation))
 PLANE = {"surface": "plane", "vertices": 900, "position": (0.0, 0.0, 0.0)}
 UP = (0.0, 0.0, 1.0)
 every_body = pytest.mark.parametrize("kind", BODIES, ids=lambda k: k.__name__)

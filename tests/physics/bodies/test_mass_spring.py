@@ -1,4 +1,4 @@
-"""The mass-spring body: nodal law and full net."""
+"""The mass-spring body."""
 
 import math
 
@@ -8,7 +8,6 @@ from formulas import series_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
-from scipy.optimize import brentq
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Proximity
@@ -16,7 +15,6 @@ from palpate.nodes.contact import Series
 from palpate.nodes.deformation import MassSpring
 from palpate.nodes.spread import Kernel
 from palpate.physics.bodies.mass_spring import MOST_STRAIN, NodalBody
-from palpate.physics.bodies.spring_net import NetBody
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.spread import Spreader, kernel_values
 from palpate.physics.contact.terminal import terminal_force
@@ -37,10 +35,6 @@ def load(force, foot=(0.0, 0.0, 0.0), radius=8e-3, mesh=MESH):
 
 def nodal(damping=C, mesh=MESH, k_t=300.0, d_t=3.0):
     return NodalBody(mesh, K, N, damping, k_t, d_t)
-
-
-def net(coupling, mesh=MESH):
-    return NetBody(mesh, K, N, C, 300.0, 3.0, coupling, 1e-3 * coupling)
 
 
 def dense(displaced, mesh=MESH):
@@ -93,9 +87,8 @@ def test_the_surface_moves_continuously_with_the_foot():
 
 
 @steps
-@pytest.mark.parametrize("coupling", [0.0, 20.0])
-def test_after_release_the_surface_returns_without_overshoot(dt, coupling):
-    body = net(coupling) if coupling else nodal()
+def test_after_release_the_surface_returns_without_overshoot(dt):
+    body = nodal()
     on = load((0.5, 0.0, -2.0))
     for _ in range(20):
         body.step(*on, UP, max(dt, 1e-3))
@@ -104,7 +97,7 @@ def test_after_release_the_surface_returns_without_overshoot(dt, coupling):
         displacement = dense(body.step(*NOTHING, UP, dt))
         now = np.linalg.norm(displacement, axis=1).max()
         assert now <= size * (1 + 1e-9) + 1e-12
-        assert displacement[:, 2].max() < (1e-9 if not coupling else 0.2 * size + 1e-9)
+        assert displacement[:, 2].max() < 1e-9
         size = now
     for _ in range(300):
         displacement = dense(body.step(*NOTHING, UP, 0.05))
@@ -131,17 +124,15 @@ def test_the_tangential_spring_is_backward_euler():
     assert stretch == approx(0.3 / 300.0, rel=1e-6)
 
 
-@pytest.mark.parametrize("coupling", [0.0, 50.0])
-def test_neighbours_never_part_by_more_than_the_limit(coupling):
-    body = net(coupling) if coupling else nodal(k_t=20.0)
+def test_neighbours_never_part_by_more_than_the_limit():
+    body = nodal(k_t=20.0)
     edges = np.concatenate([MESH.triangles[:, [0, 1]], MESH.triangles[:, [1, 2]], MESH.triangles[:, [2, 0]]])
     lengths = np.linalg.norm(MESH.vertices[edges[:, 0]] - MESH.vertices[edges[:, 1]], axis=1)
     for force in ((3.0, 0.0, -4.0), (-3.0, 2.0, -4.0), (0.0, 0.0, -9.0)):
         at = load(force, foot=(0.3e-3, 0.1e-3, 0.0))
         for _ in range(6):
             displacement = dense(body.step(*at, UP, 0.05))
-            columns = displacement if coupling else displacement[:, :2]
-            parted = np.linalg.norm(columns[edges[:, 0]] - columns[edges[:, 1]], axis=1)
+            parted = np.linalg.norm(displacement[edges[:, 0], :2] - displacement[edges[:, 1], :2], axis=1)
             assert (parted <= MOST_STRAIN * lengths * (1 + 1e-9)).all()
 
 
@@ -161,7 +152,7 @@ def test_only_the_zone_is_kept_in_the_list():
         nodes, _ = body.step(spreader.nodes[:count], spreader.forces[:count], UP, 1e-2)
         assert len(nodes) < 3 * count and len(set(nodes.tolist())) == len(nodes)
     outside = np.setdiff1d(np.arange(len(MESH.vertices)), nodes)
-    assert (body.net.slots[0, outside] == -1).all()
+    assert (body.slots[0, outside] == -1).all()
 
 
 def test_the_zone_of_a_large_mesh_moves_as_that_of_a_small_one():
@@ -176,57 +167,14 @@ def test_forces_on_nodes_that_do_not_exist_are_left_out():
     assert len(nodes) == 0 and displacement.shape == (0, 3)
 
 
-def test_a_net_with_hardly_any_coupling_is_the_nodal_law():
-    at = load((0.02, 0.0, -0.2))
-    free, tied = nodal(), net(1e-10)
-    for dt in (1e-3, 1e-3, 0.02, 1e-4):
-        assert dense(tied.step(*at, UP, dt)) == approx(dense(free.step(*at, UP, dt)), abs=2e-8)
-    for _ in range(5):
-        assert dense(tied.step(*NOTHING, UP, 1e-3)) == approx(dense(free.step(*NOTHING, UP, 1e-3)), abs=2e-8)
-
-
-def test_coupling_shares_the_indentation_with_the_neighbours():
-    at = load((0.0, 0.0, -0.5))
-    deepest, outside = [], []
-    for coupling in (0.1, 10.0, 100.0):
-        body = net(coupling)
-        for _ in range(30):
-            depth = -dense(body.step(*at, UP, 0.1))[:, 2]
-        d = np.linalg.norm(MESH.vertices, axis=1)
-        deepest.append(depth.max())
-        outside.append(depth[(d > 8e-3) & (d < 10e-3)].max())
-    assert deepest == sorted(deepest, reverse=True) and outside == sorted(outside)
-
-
-def test_a_single_node_of_the_net_balances_its_springs():
-    """One loaded node, its neighbours held: along its normal the edges are stretched, F(u) + sum of tensions = f."""
-    mesh = plane(0.03, 31**2)
-    coupling, force = 40.0, 0.02
-    body = NetBody(mesh, K, N, C, 300.0, 3.0, coupling, 0.0, rings=0)
-    node = 15 * 31 + 15
-    for _ in range(40):
-        displaced = body.step(np.array([node], np.int32), np.array([[0.0, 0.0, -force]]), UP, 10.0)
-    u = -dense(displaced, mesh)[node, 2]
-    near = mesh.vertices[np.unique(mesh.triangles[(mesh.triangles == node).any(axis=1)])]
-    rest = np.linalg.norm(near - mesh.vertices[node], axis=1)
-    rest = rest[rest > 0]
-
-    def balance(x):
-        long = np.hypot(rest, x)
-        return K * x**N + (coupling * (long - rest) * x / long).sum() - force
-
-    assert u == approx(brentq(balance, 0, 1e-2), rel=1e-5)
-
-
 @settings(max_examples=20, deadline=None)
 @given(
     st.lists(
         st.tuples(st.floats(0, 9), st.floats(-5, 5), st.floats(-0.02, 0.02), st.floats(-6, -1)), min_size=1, max_size=6
     ),
-    st.sampled_from([0.0, 5.0, 500.0]),
 )
-def test_any_load_and_step_stays_finite_and_bounded(path, coupling):
-    body = net(coupling, SMALL) if coupling else nodal(mesh=SMALL)
+def test_any_load_and_step_stays_finite_and_bounded(path):
+    body = nodal(mesh=SMALL)
     for normal, tangential, x, exponent in path:
         at = load((tangential, 0.0, -normal), foot=(x, 0.0, 0.0), radius=5e-3, mesh=SMALL)
         displacement = dense(body.step(*at, UP, 10.0**exponent), SMALL)
@@ -267,13 +215,3 @@ def test_the_field_is_left_out_where_nobody_wants_it():
     (lean,) = FakeBus(node).publish(on)
     assert full.nodes.size == 2 and lean.nodes.size == 0
     assert lean.previous_indentation == full.previous_indentation > 0
-
-
-def test_coupling_leaves_the_terminal_law_as_it_is():
-    nodes, forces = load((0.0, 0.0, -1.0))
-    on = Load(nodes=nodes, forces=forces, foot=(0, 0, 0), normal=UP)
-    indentations = [
-        FakeBus(MassSpring(surface="plane", vertices=3721, coupling=k)).publish(on, on)[-1].previous_indentation
-        for k in (0.0, 30.0)
-    ]
-    assert indentations[0] == indentations[1]

@@ -1,5 +1,4 @@
-"""A sampled body under several contacts (physics.bodies.sampled.contacts): against the full model, and with fidelity
-levels."""
+"""A sampled body under several contacts (physics.bodies.sampled.contacts), against the full model."""
 
 import numpy as np
 import pytest
@@ -10,8 +9,6 @@ from palpate.models.fe.reduce.snapshots import LoadPath, press_from_rest
 from palpate.physics.bodies.sampled.energy import forces as energies
 from palpate.physics.bodies.sampled.energy import tangent
 from palpate.physics.bodies.sampled.step import ENERGY, gamma
-from tests.physics.bodies.test_fidelity_levels import load as finger_load
-from tests.physics.bodies.test_fidelity_levels import switched
 
 PLACES = ((-0.012, 0.004, 0.0), (0.011, -0.003, 0.0))
 
@@ -131,31 +128,3 @@ def test_whatever_two_contacts_do_the_body_gives_out_no_energy():
         assert all(np.isfinite(law).all() and law[0] > 0.0 for law in laws)
         assert work > -1e-3 * most
     assert most > 1e-3
-
-
-def test_fidelity_levels_keep_to_their_error_at_both_contacts_and_switch_without_a_jump():
-    near = {"x": -2.5e-3, "y": 1.5e-3}, {"x": 2.5e-3, "y": -2e-3}
-    it, finest = switched(0.02, retardation=0.02), switched(1e-4, retardation=0.02)
-    before, levels, jumps = np.zeros(2), set(), []
-    for tick in range(400):
-        forces = 0.35 * min(tick / 200, 1.0), 0.2 * min(tick / 300, 1.0)
-        given = [finger_load(f, **place)[:4] for f, place in zip(forces, near, strict=True)]
-        laws = it.step_all(given, 1e-3)
-        fine = finest.step_all(given, 1e-3)
-        c = np.diag([1.0 / law[0] for law in laws]) @ it.coupling
-        assert c == approx(c.T, rel=1e-12)
-        now = np.array([law[3] for law in laws])
-        jumps.append(np.abs(now - before).max())
-        before = now
-        levels.add(it.fidelity)
-        if tick > 50:
-            off = np.abs(now / [law[3] for law in fine] - 1.0)
-            assert (off < max(0.02, it.estimated_error) + 0.01).all()
-    assert len(levels) > 1  # it has switched
-    assert max(jumps[20:]) < 0.05 * before.max()
-    nodes, moved = it.displaced(given[0][2], given[1][2])
-    assert len(np.unique(nodes)) == len(nodes) and np.isfinite(moved).all()
-    for load, law in zip(given, laws, strict=True):
-        u = dict(zip(nodes.tolist(), moved, strict=True))
-        share = load[1] @ np.array(UP) / (load[1] @ np.array(UP)).sum()
-        assert -np.dot(share, [u[n][2] for n in load[0].tolist()]) == approx(law[3], rel=0.02)

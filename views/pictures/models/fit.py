@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.models.fit.curve_fit import Fit, fit_curve
-from palpate.models.fit.report import Chosen, Fitted
+from palpate.models.fit.report import Chosen
 from palpate.physics.contact.force_band import truncated_density, truncated_quantile
 from palpate.physics.contact.force_models import MODELS
 
@@ -154,20 +154,6 @@ def _density(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
     )  # fmt: skip
     axes.legend(frameon=False, title="depth")
     return _save(figure, path)
-
-
-def draw_law(result: Fitted, stem: Path) -> list[Path]:
-    """Draw the data with a contact law at rest; the files written."""
-    subject, fit, _ = result
-    at_rest = " at rest" if fit.model.columns == 2 else ""
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    axes = figure.subplots()
-    fine = np.linspace(0.0, float(subject.depth.max()), 200)
-    axes.plot(subject.depth * 1e3, subject.force, ".", color="0.45", ms=4, label="data")
-    axes.plot(fine * 1e3, fit(fine, 0.0 if at_rest else None), color="tab:blue", label=fit.model.name + at_rest)
-    axes.set(xlabel="depth [mm]", ylabel="force [N]", title=f"Subject {_plain(subject.name)}: {fit.model.formula}")
-    axes.legend(frameon=False)
-    return [_save(figure, stem.with_name(stem.name + "-law.png"))]
 
 
 def _plain(text: str) -> str:
