@@ -49,7 +49,7 @@ class Press(Touch):
 
     def draw(self) -> Changes:
         self.target = float(self.np_random.uniform(*FORCES))
-        factor = math.exp(self.np_random.uniform(*map(math.log, FACTORS)))
+        factor = math.exp(self.np_random.uniform(math.log(FACTORS[0]), math.log(FACTORS[1])))
         x, y = self.np_random.uniform(-5e-3, 5e-3, 2).tolist()
         begin = self._begins[0]
         return {

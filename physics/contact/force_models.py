@@ -1,8 +1,8 @@
 """Curves of force, and of its standard deviation, against indentation depth.
 
 A model is y = basis(x; q) @ p: linear in the parameters p, not in the parameters q (none, one or two of them).
-`models.fit.curve_fit` fits them; x [m] (n) is the depth. MODELS are the five regression curves of the probabilistic force
-model.
+`models.fit.curve_fit` fits them; x [m] (n) is the depth. MODELS are the five regression curves of the probabilistic
+force model.
 """
 
 from collections.abc import Callable

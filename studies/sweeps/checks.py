@@ -72,6 +72,7 @@ def check(launch: LaunchFile, base: Graph, space: Space) -> None:
     for combination in islice(product(*choices), TRIED):
         values = accepted(launch, space, {path: value for part in combination for path, value in part.items()})
         for path, unit in units if values is not None else ():
+            assert values is not None
             same = f"{values[path] / float(parse(unit).factor)!r} {unit}" if unit else str(values[path])
             launch.but(overrides=overrides({**values, path: same})).load()
 

@@ -57,7 +57,7 @@ def pool(client: distributed.Client) -> Iterator[Dask]:
 
 def exposed(client: distributed.Client) -> str:
     """A warning where strangers can send work to the scheduler of a client; else empty."""
-    address = client.scheduler.addr
+    address = str(getattr(client.scheduler, "addr", ""))
     if address.startswith(ENCRYPTED):
         return ""
     return (

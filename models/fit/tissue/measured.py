@@ -201,13 +201,13 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
         if last < LEAST_AIR:
             break
         seen = air if len(air) >= LEAST_AIR else np.arange(last)
-        slope, at, sure = _line(when[seen], force[seen])
+        slope, offset, sure = _line(when[seen], force[seen])
         rise = abs(slope) * float(when[deepest] - when[0]) / peak
         if rise > STEEPEST:  # it touches already
             air = air[:0]
             break
         drifts = sure and rise > LEAST_RISE
-        line = at + slope * when if drifts else np.full(len(force), float(force[seen].mean()))
+        line = offset + slope * when if drifts else np.full(len(force), float(force[seen].mean()))
     touch = float(depth[last]) - 0.5 * back
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
