@@ -98,7 +98,7 @@ def real_time(place: str, rate: float, seconds: float) -> dict[str, object]:
 
 def first_tick() -> float:
     """[s] from the command to the first tick, all caches warm."""
-    command = [sys.executable, "-m", "palpate.launch", "run", "kidney", "--no-record", "--json", "--duration", "0.05"]
+    command = [sys.executable, "-m", "palpate.cli", "run", "kidney", "--no-record", "--json", "--duration", "0.05"]
     times = []
     for _ in track(range(3), "start", transient=True):
         begun = time.monotonic()

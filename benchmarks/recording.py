@@ -66,7 +66,7 @@ def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
 
 def replayed(path: Path, *options: str) -> dict[str, float]:
     """Multiple of real time and peak memory [MB] of `palpate replay`, in a process of its own."""
-    command = [sys.executable, "-m", "palpate.launch", "replay", str(path), "--json", *options]
+    command = [sys.executable, "-m", "palpate.cli", "replay", str(path), "--json", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         told = json.loads(process.stdout.read())

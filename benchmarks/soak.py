@@ -74,7 +74,7 @@ def fused(minutes: float, tick) -> dict[str, object]:
 
 
 def command(*more: str) -> list[str]:
-    return [sys.executable, "-m", "palpate.launch", "run", "kidney", "--no-pictures", "--quiet", *more]
+    return [sys.executable, "-m", "palpate.cli", "run", "kidney", "--no-pictures", "--quiet", *more]
 
 
 def real(minutes: float, tick) -> dict[str, object]:

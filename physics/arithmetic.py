@@ -135,9 +135,9 @@ def _kernels() -> str:
     """What kernels are compiled for."""
     if pinnable():
         return f"{LEVEL} with SVML" if "numba" in sys.modules and sys.modules["numba"].config.USING_SVML else LEVEL
-    from palpate.physics.kernel import PINNED
+    from numba.core.registry import cpu_target  # kernels are then compiled as numba compiles its own
 
-    _, name, features = PINNED.target_context.codegen().magic_tuple()
+    _, name, features = cpu_target.target_context.codegen().magic_tuple()
     return f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"
 
 

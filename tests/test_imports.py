@@ -11,9 +11,11 @@ import nodes_for_runs
 import pytest
 from graphs_for_runs import write_graph
 
+import palpate.cli
 import palpate.drivers
 import palpate.engine
 import palpate.gym
+import palpate.launch
 import palpate.messages
 import palpate.models.build
 import palpate.models.fe
@@ -37,6 +39,7 @@ PACKAGES = (
     palpate.nodes,
     palpate.engine,
     palpate.gym,
+    palpate.cli,
     palpate.launch,
     palpate.records,
     palpate.views,
@@ -63,15 +66,14 @@ MAY = {
     "models.build": (*LOW, "models.fe"),
     "engine": LOW,
     "launch.load": (*LOW, "engine", "graphs", "models.fe"),
-    "launch.machine": MIDDLE,
+    "cli.machine": MIDDLE,
     "launch.run": MIDDLE,
     "records": MIDDLE,
     "views": HIGH,
     "studies": HIGH,
     "launch": HIGH,
     "gym": (*HIGH, "launch"),
-    "launch.commands": (*HIGH, "launch", "launch.machine", "studies"),
-    "launch.__main__": ("launch", "launch.commands"),
+    "cli": (*HIGH, "launch", "cli.machine", "studies"),
     "public": (*HIGH, "launch", "studies"),
 }
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
@@ -119,7 +121,7 @@ def test_imports_go_one_way(name):
                 allowed = name not in THEIRS or top in {
                     *sys.stdlib_module_names, *THEIRS[name], *OF_AN_EXTRA.get(file.name, ()),
                 }  # fmt: skip
-                allowed &= top != "zmq" or own in ("launch.machine", "launch.run", "views")
+                allowed &= top != "zmq" or own in ("cli.machine", "launch.run", "views")
                 allowed &= name not in ("engine", "records") or top not in ("socket", "multiprocessing")
             if not allowed:
                 wrong.append(f"{file}: {own} imports {module}")
@@ -180,7 +182,7 @@ def test_a_folder_of_the_same_name_does_not_hide_the_package(tmp_path):
 @pytest.mark.parametrize("verb", ["--help", "messages", "check --help", "nodes --help", "new --help"])
 def test_short_commands_do_not_import_what_is_slow(verb):
     code = (
-        "import sys; from palpate.launch.__main__ import app\n"
+        "import sys; from palpate.cli.__main__ import app\n"
         f"try: app({verb.split()!r})\n"
         "except SystemExit: pass\n"
         "print('SLOW', sorted({'numba', 'scipy', 'pyvista', 'zmq', 'matplotlib'} & set(sys.modules)))"
@@ -210,7 +212,7 @@ def test_a_run_of_nodes_that_compile_nothing_imports_no_compiler(tmp_path):
     command = ["run", str(write_graph(tmp_path)), "--fused", "--no-record", "--duration", "0.01", "-q"]
     code = (
         f"import sys; sys.path.append({str(Path(nodes_for_runs.__file__).parent)!r})\n"
-        f"from palpate.launch.__main__ import app\ntry: app({command})\nexcept SystemExit as end: print(end)\n"
+        f"from palpate.cli.__main__ import app\ntry: app({command})\nexcept SystemExit as end: print(end)\n"
         "print('SLOW', sorted({'numba', 'scipy.sparse', 'scipy.spatial', 'pyvista', 'matplotlib'} & set(sys.modules)))"
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

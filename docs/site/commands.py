@@ -9,7 +9,7 @@ import typer
 from prose import escaped, table
 from typer.core import TyperGroup, TyperOption
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 
 
 def commands() -> str:

@@ -10,7 +10,7 @@ from commands import commands
 from prose import cell, prose, table
 from python import library, public
 
-from palpate.launch.commands.catalogue.messages import describe as message
+from palpate.cli.commands.catalogue.messages import describe as message
 from palpate.launch.load.classes import catalogue, describe
 from palpate.launch.load.launchfile import find, names
 from palpate.launch.load.tissues import GRADES, tissues

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from palpate.cli.__main__ import app
 from palpate.drivers import catalogue, discover
 from palpate.drivers.falcon.emulator import EmulatedFalcon
 from palpate.engine.faults import GraphError
-from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.models.fit.press import Press, _onset, add_session
 from palpate.models.fit.sessions import SessionError

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 import palpate
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.stepping import Stepper
 

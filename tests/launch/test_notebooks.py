@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 
 nbformat = pytest.importorskip("nbformat")
 nbclient = pytest.importorskip("nbclient")
@@ -37,7 +37,7 @@ def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
     commands, process = [], subprocess.run
 
     def run(command, **how):
-        if command[:3] != [sys.executable, "-m", "palpate.launch"]:
+        if command[:3] != [sys.executable, "-m", "palpate.cli"]:
             return process(command, **how)
         commands.append(command[3])
         done = CliRunner().invoke(app, command[3:])

@@ -48,7 +48,7 @@ def test_the_pin_wins_over_the_environment():
 
 def test_the_command_line_pins_before_anything_that_computes_is_loaded():
     """As it has in this process, where what follows from it is `test_the_tests_are_pinned`."""
-    command = "from palpate.launch.__main__ import main; sys.argv[1:] = ['check', 'kidney']; main()"
+    command = "from palpate.cli.__main__ import main; sys.argv[1:] = ['check', 'kidney']; main()"
     assert told(FIRST.format(PINNED, command), **FOREIGN) == [os.environ[name] for name in PINNED]
 
 
@@ -105,7 +105,7 @@ def test_more_threads_of_linear_algebra_are_told():
 
 
 def check(name, **environment):
-    code = "import sys; from palpate.launch.__main__ import main; sys.argv[1:] = {!r}; main()"
+    code = "import sys; from palpate.cli.__main__ import main; sys.argv[1:] = {!r}; main()"
     return told(code.format(["replay", str(GOLDEN / f"{name}.mcap"), "--check", "--json"]), **environment)
 
 

@@ -8,7 +8,7 @@ import pytest
 from graphs_for_runs import GRAPH, write_graph
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
 from palpate.records.fill import begin_copy, write_json

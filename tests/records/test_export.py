@@ -14,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.messages import fields
 from palpate.records.export import export
 from palpate.records.reader import Recording

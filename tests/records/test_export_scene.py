@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.records.export import export
 from palpate.records.export.scene import arrow
 from palpate.records.export.shape import LENGTH, RATE, displaced, rest_shape

@@ -18,8 +18,8 @@ from mcap.writer import Writer
 from typer.testing import CliRunner
 
 from palpate import messages
+from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
-from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
 from palpate.messages import DeviceState, Health, Message, pack

@@ -10,7 +10,7 @@ from graphs_for_runs import GRAPH, NODES, until_it_has, until_it_is_back, write_
 from mcap.writer import Writer
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.result import Result
@@ -191,7 +191,7 @@ def test_a_touch_whose_recording_lacks_messages_says_so_and_exits_1(tmp_path, mo
 
     monkeypatch.setattr("palpate.views.page.session.execute", touched)
     monkeypatch.setattr("palpate.views.page.session.Session.open", lambda _: None)
-    monkeypatch.setattr("palpate.launch.commands.graphs.touch.show", show)
+    monkeypatch.setattr("palpate.cli.commands.graphs.touch.show", show)
     code, out, err = say("touch", "kidney", "--out", tmp_path / "touched", "--no-open")
     assert code == (0 if whole else 1), err
     assert "kidney-1.mcap" in out

@@ -10,8 +10,8 @@ from nodes_for_runs import Spring
 from short_touch import QUICK
 from typer.testing import CliRunner
 
+from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
-from palpate.launch.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.run.execute import execute
 from palpate.messages import Force

@@ -3,7 +3,7 @@
 from graphs_for_runs import write_graph
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.records.times import step_times
 

@@ -10,8 +10,8 @@ from short_touch import QUICK
 from typer.testing import CliRunner
 
 import palpate
+from palpate.cli.__main__ import app
 from palpate.engine import imports
-from palpate.launch.__main__ import app
 from palpate.messages import Contact, Message
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording

@@ -8,7 +8,7 @@ from pytest import approx
 from scipy.interpolate import RegularGridInterpolator
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.messages import Load
 from palpate.nodes.deformation import BeamBundle

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.studies.accuracy import methods
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.outcome import Fidelity

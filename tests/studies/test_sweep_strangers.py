@@ -14,7 +14,7 @@ import pytest
 from strangers import answer, listening
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.studies.sweeps import cluster
 
 BALL = """
@@ -37,7 +37,7 @@ def test_no_socket_of_a_study_answers_a_stranger(write, tmp_path):
     flags = [str(tmp_path / f"flag{number}") for number in (1, 2)]
     file = write("mine.yaml", f"graph: ball.yaml\nover: {{ball.flag: {flags}}}\nset: {{ball.pause: 60}}\n"
                               "keep: [peak ball.force]\n")  # fmt: skip
-    study = started(["palpate.launch", "study", str(file), "-o", str(tmp_path / "out"), "--workers", "2"])
+    study = started(["palpate.cli", "study", str(file), "-o", str(tmp_path / "out"), "--workers", "2"])
     try:
         while not all(Path(flag).exists() and Path(flag).read_text() for flag in flags):
             time.sleep(0.05)

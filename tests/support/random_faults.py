@@ -112,7 +112,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
         file = folder / "disk" / "run.mcap"
     arguments = ["run", *_graph(fault, folder), "--record", str(file), "--clock", fault.clock, "--no-pictures",
                  "--timeout", patience, "--duration", str(_length(fault))]  # fmt: skip
-    on_small_disk = [*_small_disk(fault, folder / "disk", kept), sys.executable, "-m", "palpate.launch", *arguments]
+    on_small_disk = [*_small_disk(fault, folder / "disk", kept), sys.executable, "-m", "palpate.cli", *arguments]
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
                                 "XDG_RUNTIME_DIR": str(own), "TMPDIR": str(own), "COLUMNS": "200"}  # fmt: skip
     master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)

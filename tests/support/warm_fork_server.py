@@ -39,7 +39,7 @@ AFTER_IMPORT = {
     "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
 """Variables that nothing reads while it is imported."""
-AT_A_RUN = ("palpate.launch.terminal.run_summary", "palpate.records.times")
+AT_A_RUN = ("palpate.cli.terminal.run_summary", "palpate.records.times")
 """What a command imports when it has run."""
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
 CLONE, CLONE_PARENT = 56, 0x8000
@@ -110,7 +110,7 @@ class Source:
 
     def palpate(self, arguments: list[str], *, cwd: Path, env: dict[str, str], stdin: int = subprocess.DEVNULL,
                 stdout: Any, stderr: Any, preexec_fn: Any = None, start_new_session: bool = False) -> Any:  # fmt: skip
-        """`python -m palpate.launch ARGUMENTS`, as `subprocess.Popen` starts it; `preexec_fn` needs that."""
+        """`python -m palpate.cli ARGUMENTS`, as `subprocess.Popen` starts it; `preexec_fn` needs that."""
         if (
             platform.machine() != "x86_64"
             or preexec_fn is not None
@@ -118,7 +118,7 @@ class Source:
             or not self._has(env)
         ):
             return subprocess.Popen(
-                [sys.executable, "-m", "palpate.launch", *arguments], cwd=cwd, env=env, stdin=stdin, stdout=stdout,
+                [sys.executable, "-m", "palpate.cli", *arguments], cwd=cwd, env=env, stdin=stdin, stdout=stdout,
                 stderr=stderr, preexec_fn=preexec_fn, start_new_session=start_new_session,
             )  # fmt: skip
         streams = [stdout.fileno(), stderr.fileno()]
@@ -182,7 +182,7 @@ def started_in(folder: Path, mark: str) -> list[int]:
 def main(end: socket.socket) -> None:
     forkserver.die_with_parent()
     forkserver.load()
-    for name in ("typer._adapters", "palpate.launch.__main__", "palpate.launch.run.execute", *AT_A_RUN):
+    for name in ("typer._adapters", "palpate.cli.__main__", "palpate.launch.run.execute", *AT_A_RUN):
         importlib.import_module(name)
     from palpate.launch.run.work.loops import set_aside
     from palpate.registry import modules
@@ -242,7 +242,7 @@ def command(descriptors: list[int], env: dict[str, str], folder: str, arguments:
         sys.argv = ["palpate", *arguments]
         tempfile.tempdir = None
         forkserver.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": below})
-        from palpate.launch.__main__ import main
+        from palpate.cli.__main__ import main
 
         main()
     except SystemExit as end:

@@ -6,7 +6,7 @@ from drawing import needs_drawing
 from short_touch import short_touch
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.messages import Surface
 from palpate.physics.errors import ArgumentError
 from palpate.physics.geometry.mesh import plane

@@ -7,7 +7,7 @@ import pytest
 from drawing import needs_drawing
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.messages import Pose
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap

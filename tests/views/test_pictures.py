@@ -13,7 +13,7 @@ from msgspec import structs
 from rich.console import Console
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, DeviceState, Force, Friction, Proximity, Surface, pack

@@ -16,7 +16,7 @@ pytest.importorskip("websockets")
 from test_page import read
 from websockets.sync.client import connect
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.views.page.live import watchable
 

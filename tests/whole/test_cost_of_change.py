@@ -102,7 +102,7 @@ ADDED = {
 
             power: Annotated[float, "W"]
     ''',
-    "launch/commands/greet.py": '''
+    "cli/commands/greet.py": '''
         """`palpate greet`: a friendly word."""
 
         import typer

@@ -18,12 +18,12 @@ import yaml
 from trimesh import Trimesh
 from typer.core import TyperGroup
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
+from palpate.cli.terminal.options import chosen
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import load_place
 from palpate.launch.load.values.source import read
 from palpate.launch.template import node_files
-from palpate.launch.terminal.options import chosen
 from palpate.messages import Load, Surface
 from palpate.nodes.base.surface import surface_mesh
 from palpate.studies.psychophysics.file import load as load_experiment
@@ -63,8 +63,8 @@ NOT_RUN = {
     "palpate record-indentation press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
     "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/models/fit",
     "palpate study mine.yaml": "the reader's own study, scheduler and cluster; tests/studies/test_sweep_runs.py",
-    "palpate experiment kidney-stiffness": "a page; tests/views, tests/launch/commands/test_experiment.py",
-    "palpate experiment --analyse": "data of the reader's own; tests/launch/commands/test_experiment.py",
+    "palpate experiment kidney-stiffness": "a page; tests/views, tests/cli/commands/test_experiment.py",
+    "palpate experiment --analyse": "data of the reader's own; tests/cli/commands/test_experiment.py",
     "palpate fit-tissue press.csv --columns": "the reader's own presses; tests/models/fit",
     "palpate fit-tissue A1.csv": "the same",
 }
@@ -226,7 +226,7 @@ def serves_a_page(command):
 @pytest.mark.parametrize("page", sorted(RUN))
 def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
     """Runs are cut short; FILE is a recording that the first of them made."""
-    python = [sys.executable, "-m", "palpate.launch"]
+    python = [sys.executable, "-m", "palpate.cli"]
     touch = [
         "run",
         "kidney",
@@ -268,7 +268,7 @@ def off_by(text):
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
-    python = [sys.executable, "-m", "palpate.launch"]
+    python = [sys.executable, "-m", "palpate.cli"]
     touch = [*python, "run", "kidney", "--fused", "-q", "--no-pictures", "--record", "kidney.mcap"]
     subprocess.run(touch, check=True, capture_output=True)
     asked = [*python, "plan", "kidney", "--ablate", "kidney.mcap", "--json"]

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.physics.errors import PalpateError
 
 PAGE = (Path(__file__).parents[2] / "docs" / "first_errors.md").read_text(encoding="utf-8")

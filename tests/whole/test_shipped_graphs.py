@@ -7,7 +7,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute

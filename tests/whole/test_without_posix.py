@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from palpate.launch.machine import findings
+from palpate.cli.machine import findings
 
 TESTS = Path(__file__).parents[1]
 

@@ -176,7 +176,7 @@ def test_a_replay_keeps_the_recorded_fields_but_for_effects_that_are_switched_of
 def test_the_documented_catalogue_is_the_one_there_is():
     from typer.testing import CliRunner
 
-    from palpate.launch.__main__ import app
+    from palpate.cli.__main__ import app
 
     shown = CliRunner().invoke(app, ["effects", "--markdown"]).stdout
     assert shown.count("\n") > 10

@@ -2,10 +2,10 @@
 
 import pytest
 
+from palpate.cli.terminal.options import chosen
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import check_stored
 from palpate.launch.run.execute import execute
-from palpate.launch.terminal.options import chosen
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation import MassSpring, ReducedFE, bodies
 from palpate.physics.errors import PalpateError

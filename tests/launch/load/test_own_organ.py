@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.organ import MeshError, OrganFile, with_organ
 from palpate.launch.load.repair import repaired

@@ -6,8 +6,8 @@ import pytest
 from pytest import approx
 from typer.testing import CliRunner
 
+from palpate.cli.__main__ import app
 from palpate.engine.faults import GraphError
-from palpate.launch.__main__ import app
 from palpate.launch.load import tissues as library
 from palpate.launch.load.graph import load
 from palpate.launch.load.tissues import bodies, material, settings, tissues

@@ -13,7 +13,7 @@ import pytest
 from typer.testing import CliRunner
 from warm_fork_server import palpate, started_in
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.reports import Prepare
 from palpate.launch.run.work.watchdog import START_PATIENCE

@@ -15,8 +15,8 @@ import zmq
 from graphs_for_runs import GRAPH, NODES, write_graph
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
-from palpate.launch.commands.graphs import top
+from palpate.cli.__main__ import app
+from palpate.cli.commands.graphs import top
 from palpate.launch.run.wire import discover
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.bus import HEALTH

@@ -14,7 +14,7 @@ from graphs_for_runs import GRAPH, write_graph
 from test_start_barrier import free_port
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import Network, execute

@@ -6,7 +6,7 @@ import pytest
 from graphs_for_runs import GRAPH, write_graph
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import spared

@@ -10,7 +10,7 @@ from pytest import approx
 from typer.testing import CliRunner
 
 import palpate
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import prepared

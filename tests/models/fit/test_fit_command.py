@@ -9,7 +9,7 @@ from pytest import approx
 from scipy.stats import t as student
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.messages import Contact
 from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
 from palpate.nodes.contact.probabilistic import Probabilistic

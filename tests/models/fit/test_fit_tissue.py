@@ -12,7 +12,7 @@ from pytest import approx
 from typer.testing import CliRunner
 
 import palpate
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.launch.load.values.units import convert
 from palpate.messages import Contact, Pose
 from palpate.models.fit.press import Press as Recorded

@@ -15,7 +15,7 @@ pytest.importorskip("nibabel")
 from scan_images import coarse, write_images
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.models.scan import ScanError, phantom, read, rebuild, segment
 from palpate.models.scan.outline import smooth
 from palpate.models.scan.rebuild import reconstruct

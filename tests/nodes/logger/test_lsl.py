@@ -15,7 +15,7 @@ import pytest
 from typer.testing import CliRunner
 from warm_fork_server import palpate
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 from palpate.messages import Contact, Force, Surface, pack
 from palpate.nodes.base import SettingError, Stream
 from palpate.nodes.logger.lsl import LSL

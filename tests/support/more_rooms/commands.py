@@ -6,7 +6,7 @@ import io
 import json
 import sys
 
-from palpate.launch.__main__ import app
+from palpate.cli.__main__ import app
 
 answers = []
 for words in json.load(sys.stdin):

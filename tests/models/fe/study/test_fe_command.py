@@ -13,9 +13,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from palpate.launch.__main__ import app
-from palpate.launch.commands.models import fe
-from palpate.launch.terminal.group import group
+from palpate.cli.__main__ import app
+from palpate.cli.commands.models import fe
+from palpate.cli.terminal.group import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
 from palpate.models.build import basis as builder
@@ -242,7 +242,7 @@ def test_fe_table_and_compare_say_what_is_no_run(steel, tmp_path):
 @pytest.mark.long
 def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
     words = ["fe", "fingertip", "--cells", "3", "--depth", "0.3", "--to", str(tmp_path)]
-    begun = subprocess.Popen([sys.executable, "-m", "palpate.launch", *words], stderr=subprocess.PIPE, text=True)
+    begun = subprocess.Popen([sys.executable, "-m", "palpate.cli", *words], stderr=subprocess.PIPE, text=True)
     first = tmp_path / "steel-calibrated-3-0.2" / "step-001.npz"
     until = time.monotonic() + 120
     while not first.exists() and time.monotonic() < until:

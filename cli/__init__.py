@@ -1,0 +1,1 @@
+"""What people type: commands, their help, tables and progress."""

@@ -1,0 +1,33 @@
+"""`palpate check`: whether a graph can run, with everything that is wrong."""
+
+from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
+from palpate.cli.terminal.output import console, tell
+
+
+def check(
+    graph: Graph,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    place: PlaceOption = None,
+    fused: Fused = False,
+    as_json: Json = False,
+) -> None:
+    """Check a graph, its scene and its placement; all faults are reported at once. Exit code 2 if there are any."""
+    from palpate.launch.load.plan import check_stored
+
+    run = chosen(graph, sets, scene, place, fused)
+    plan = run.plan()
+    check_stored(plan)
+    groups = run.placement(plan).groups
+    edges = [edge for own in plan.edges.values() for edge in own]
+    held = sum(edge.loop for edge in edges)
+    if as_json:
+        tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
+              "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate})  # fmt: skip
+        return
+    from rich.text import Text
+
+    counts = {"nodes": plan.order, "observers": plan.observers, "skipped": plan.skipped, "edges": edges}
+    counted = ", ".join(f"{what} {len(things)}" for what, things in counts.items())
+    text = f"  {counted} ({held} held), processes {len(groups)}, rate {plan.graph.rate:g} Hz"
+    console(soft_wrap=True).print(Text.assemble(("ok", "green"), text))

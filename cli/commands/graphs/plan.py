@@ -1,0 +1,108 @@
+"""`palpate plan`: what runs, what does not and why; also as a picture."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
+from palpate.cli.terminal.output import console, tell
+from palpate.cli.terminal.progress import steps
+
+if TYPE_CHECKING:
+    from palpate.engine.plan import Plan
+    from palpate.launch.load.bill import EffectCost
+
+MERMAID = "mermaid"
+_PICTURE = ".mmd"
+
+
+class Command(TyperCommand):
+    """Lets `--draw` stand alone: then it means Mermaid text on standard output."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        given = list(args)
+        for at in range(len(given) - 1, -1, -1):
+            following = given[at + 1 : at + 2]
+            if given[at] == "--draw" and not (following and following[0].endswith((_PICTURE, MERMAID))):
+                given.insert(at + 1, MERMAID)
+        return super().parse_args(ctx, given)
+
+
+def plan(
+    graph: Graph,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    place: PlaceOption = None,
+    fused: Fused = False,
+    draw: Annotated[
+        str | None, typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]")
+    ] = None,
+    ablate: Annotated[
+        Path | None,
+        typer.Option(help="A recorded touch: compute it again with each effect toggled, and show what changes."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show which nodes run, in which order, why the others do not, and the cost per effect.
+
+    Times come from the newest recording of the graph below runs/, or from the one given to --ablate.
+    """
+    from palpate.launch.load.bill import bill
+    from palpate.records.times import step_times
+
+    run = chosen(graph, sets, scene, place, fused)
+    planned = run.plan()
+    times, source = step_times(planned, ablate)
+    placement = run.placement(planned, times)
+    items = bill(planned, times)
+    if ablate is not None:
+        _prove(ablate, items, sets or [], as_json)
+    if draw is not None:
+        _draw(planned, draw, times)
+    elif as_json:
+        groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host,
+                   "why": g.why}
+                  for g in placement.groups]  # fmt: skip
+        addition = {"times": times, "times_from": source and str(source), "costs": [asdict(item) for item in items],
+                    "notes": planned.graph.notes}  # fmt: skip
+        tell(planned.to_spec() | {"groups": groups} | addition)
+    else:
+        from palpate.cli.terminal import plan_tables
+
+        out = console()
+        out.print(plan_tables.running(planned, placement))
+        if why := plan_tables.processes(placement):
+            out.print(why)
+        if planned.skipped:
+            out.print()
+            out.print(plan_tables.skipped(planned))
+        for note in planned.graph.notes:
+            out.print(f"\n{note}", style="yellow")
+        if items:
+            out.print()
+            out.print(plan_tables.bill(items, source))
+
+
+def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:
+    from palpate.records.reader import Recording
+    from palpate.studies.prove import prove
+
+    with steps(f"plan: the touch again with each of {len(items)} effects toggled", len(items), silent=silent) as done:
+        prove(Recording(file), items, sets, lambda name: done(f"{name} toggled"))
+
+
+def _draw(planned: Plan, draw: str, times: dict[str, float]) -> None:
+    from palpate.launch.load.draw import mermaid
+
+    if draw == MERMAID:
+        typer.echo(mermaid(planned, times), nl=False)
+    elif draw.endswith(_PICTURE):
+        Path(draw).write_text(mermaid(planned, times), encoding="utf-8")
+        typer.echo(draw)
+    else:
+        raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .mmd", param_hint="--draw")

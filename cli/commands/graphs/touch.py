@@ -1,0 +1,50 @@
+"""`palpate touch`: a page in the browser where the mouse is the finger."""
+
+import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal import options
+from palpate.cli.terminal.browser import show
+from palpate.physics.errors import TROUBLE
+
+
+def touch(
+    graph: options.Graph = "kidney",
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    repair: options.RepairOption = False,
+    port: options.Port = 0,
+    no_open: options.NoOpen = False,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
+    ] = False,
+    out: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+) -> None:
+    """Touch a graph with the mouse: a simulated hand replaces the device and follows the pointer of a browser page.
+
+    The graph runs on the real clock in processes of its own. Ctrl-C ends it. Exit code 1 if a node failed or a
+    recording is incomplete.
+    """
+    from palpate.views.page import check
+
+    check()
+    from palpate.views.page.session import Session
+
+    folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    launch, _ = options.with_own_organ(
+        options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
+    )
+    session = Session(launch, folder, list(sets or []))
+    session.keep = not no_record
+    show(session, "touch", port, no_open)
+    for file in session.kept:
+        typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
+    for trouble in session.troubles:
+        typer.echo(trouble, err=True)
+    if session.troubles:
+        raise typer.Exit(TROUBLE)

@@ -1,0 +1,104 @@
+"""`palpate compare`: one recorded touch, computed with several variants."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import File, Json, Trust
+from palpate.cli.terminal.output import console, drawn, say, table, tell
+from palpate.cli.terminal.progress import ticks
+
+if TYPE_CHECKING:
+    from palpate.records.compare import Variant
+
+
+def compare(
+    file: File,
+    sets: Annotated[list[str] | None, typer.Option("--set", help="Variant with one new value: tissue.use=...")] = None,
+    variants: Annotated[
+        list[str] | None, typer.Option("--variant", help="Variant with several new values, in quotes.")
+    ] = None,
+    reference: Annotated[
+        str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
+    ] = None,
+    picture: Annotated[Path | None, typer.Option(help="File of the picture; by default next to the recording.")] = None,
+    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw no picture.")] = False,
+    trust: Trust = None,
+    as_json: Json = False,
+) -> None:
+    """Compute a recorded touch with several variants: differences in force, indentation and shape, and step times.
+
+    A single variant is compared with the graph as it was recorded.
+    """
+    import shlex
+
+    from palpate.records.compare import RECORDED
+    from palpate.records.compare import compare as work
+    from palpate.records.reader import Recording
+
+    wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
+    wanted = [[] if given == [RECORDED] else given for given in wanted]
+    if not wanted:
+        raise typer.BadParameter("expected --set or --variant, such as --set tissue.use=deformation.ReducedFE")
+    base = None if reference is None else [] if reference == RECORDED else shlex.split(reference)
+    if base is None and len(wanted) == 1:
+        base = []
+    recording = Recording(file)
+    with ticks("computing", silent=as_json) as show:
+        outcomes = work(recording, wanted, reference=base, show=show)
+    target = picture or file.with_name(f"{file.stem}-compare.png")
+    pictures = [] if no_picture else drawn(_draw, outcomes, target)
+    if as_json:
+        tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": outcomes[0].name,
+              "variants": [variant.report() for variant in outcomes], "picture": str(*pictures) or None})  # fmt: skip
+        return
+    _print(outcomes)
+    if recording.ending:
+        say(recording.ending, "yellow")
+    for path in pictures:
+        say(f"picture {path}", wrap=True)
+
+
+def _draw(variants: list[Variant], path: Path) -> list[Path]:
+    from palpate.views.pictures.compare import drawn as figure
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure(variants).savefig(path, dpi=140)
+    return [path]
+
+
+def _print(variants: list[Variant]) -> None:
+    from rich.text import Text
+
+    from palpate.studies.known import own_error
+
+    out = console()
+    names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(variants))]
+    for name, variant in zip(names, variants, strict=True):
+        changed = f", changes {', '.join(variant.swapped)}" if variant.swapped else ""
+        out.print(Text.assemble((name, "bold"), f"  {variant.name}{changed}"))
+    heads = ("", ">force\n[N]\nrms", ">\n\npeak", ">indent.\n[mm]\nrms", ">\n\npeak", ">shape\n[mm]\nrms", ">\n\npeak",
+             ">step\n[us]\np50", ">\n\np99", ">all\n[us]\np50", ">\n\np99")  # fmt: skip
+    rows = []
+    for name, variant in zip(names, variants, strict=True):
+        force, depth, shape = (s.report() for s in (variant.force, variant.indentation, variant.shape))
+        step, whole = variant.step.report(), variant.whole.report()
+        rows.append((
+            name, *(f"{force[k]:.4f}" for k in ("rms", "peak")),
+            *(f"{s[k] * 1e3:.4f}" for s in (depth, shape) for k in ("rms", "peak")),
+            *(f"{s[k] * 1e6:.1f}" for s in (step, whole) for k in ("p50", "p99")),
+        ))  # fmt: skip
+    out.print(table(heads, rows))
+    for name, variant in zip(names, variants, strict=True):
+        for note in variant.notes:
+            say(f"{name}: {note}", "yellow", wrap=True)
+    first = variants[0]
+    say(
+        f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
+        f"{first.shape.scale * 1e3:.3f} mm. {own_error(first.plan.graph)} step: the nodes that were changed (of A, or "
+        "else the body); all: one tick.",
+        wrap=True,
+    )

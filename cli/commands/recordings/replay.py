@@ -1,0 +1,101 @@
+"""`palpate replay`: a recorded touch computed again, in part or as a whole, or checked byte for byte."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import File, Json, Sets, Trust
+from palpate.cli.terminal.output import tell
+from palpate.cli.terminal.progress import ticks
+from palpate.physics.errors import TROUBLE
+
+if TYPE_CHECKING:
+    from palpate.engine.plan import Plan
+    from palpate.records.reader import Recording
+
+
+def replay(
+    file: File,
+    graph: Annotated[str | None, typer.Option(help="Another graph, driven by the recorded device.")] = None,
+    sets: Sets = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="Run this node only (may be repeated); play all others.")
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Compute every message again and compare byte for byte.")
+    ] = False,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(help="Relative tolerance of --check; by default 0 for the same arithmetic, else 1e-6.", min=0.0),
+    ] = None,
+    speed: Annotated[
+        float | None, typer.Option(help="Multiple of real time; as fast as possible if not given.")
+    ] = None,
+    begin: Annotated[float, typer.Option("--from", help="Show and pace from this time on, in s.", min=0.0)] = 0.0,
+    end: Annotated[float | None, typer.Option("--to", help="End at this time, in s.", min=0.0)] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="Repeat until Ctrl-C.")] = False,
+    step: Annotated[bool, typer.Option("--step", help="Wait for Enter at each instant; q ends.")] = False,
+    record: Annotated[Path | None, typer.Option(help="Record the replay to this file.")] = None,
+    trust: Trust = None,
+    as_json: Json = False,
+) -> None:
+    """Replay a recording: its device drives the recorded graph, another graph, or with --only a part of it.
+
+    --check computes every message of every node again from exactly the inputs that it names, and prints the first
+    difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
+    versions and instructions, else numbers within 1e-6, and it says so.
+    """
+    from palpate.records.changed import changed
+    from palpate.records.reader import Recording
+    from palpate.records.stored import damaged
+
+    if speed is not None and not speed > 0:
+        raise typer.BadParameter(f"--speed: found {speed}, expected more than 0")
+    if end is not None and end < begin:
+        raise typer.BadParameter(f"--to: found {end} s, expected not less than --from {begin} s")
+    with damaged(file):
+        recording = Recording(file)
+        plan = changed(recording, sets or (), graph)
+        if check:
+            for name, given in (("--only", only), ("--record", record), ("--speed", speed), ("--graph", graph)):
+                if given:
+                    raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
+            _check(recording, plan, tolerance, as_json)
+            return
+        from palpate.cli.terminal.replayed import as_data, stepper, summary
+        from palpate.records.changed import no_idle
+        from palpate.records.replay import Replay
+
+        player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
+        no_idle(sets or [], plan, player.running)
+        show = stepper(recording) if step else lambda tick, time, messages: True
+        with contextlib.suppress(KeyboardInterrupt) if loop else contextlib.nullcontext():
+            player.run(show)
+            while loop:
+                player.run(show)
+        if as_json:
+            tell(as_data(player))
+        else:
+            summary(player)
+
+
+def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool) -> None:
+    from palpate.cli.terminal.replayed import checked
+    from palpate.engine.provenance import rounding
+    from palpate.records.differences import ELSEWHERE
+    from palpate.records.verify import verify
+
+    elsewhere = rounding(recording.about)
+    tolerance = given if given is not None else ELSEWHERE if elsewhere else 0.0
+    with ticks("checking", silent=as_json) as show:
+        report = verify(recording, plan, tolerance=tolerance, show=show)
+    if as_json:
+        tell({**report.to_spec(), "tolerance": tolerance, "computed_otherwise": elsewhere})
+    else:
+        checked(recording, report, tolerance, elsewhere)
+    if not report.ok:
+        raise typer.Exit(TROUBLE)

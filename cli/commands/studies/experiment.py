@@ -1,0 +1,117 @@
+"""`palpate experiment`: psychophysics on a page in the browser, with a recording of each interval."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json, NoOpen, Port, Sets
+from palpate.cli.terminal.output import console, drawn, say, table, tell
+from palpate.cli.terminal.progress import steps
+
+if TYPE_CHECKING:
+    from palpate.studies.psychophysics.fit import Estimate
+
+
+def experiment(
+    file: Annotated[
+        str | None, typer.Argument(help="Experiment (.yaml), or the name of one that ships.", metavar="EXPERIMENT")
+    ] = None,
+    participant: Annotated[
+        str | None, typer.Option(help="Letters and digits; default: the first whose session is not over.")
+    ] = None,
+    session: Annotated[int | None, typer.Option(help="Number of the session; default: the last one.", min=1)] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder; default runs/EXPERIMENT.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a session without asking.")] = False,
+    simulate: Annotated[bool, typer.Option("--simulate", help="The experiment's `observer:` takes part.")] = False,
+    observer: Annotated[Path | None, typer.Option(help="Simulate the observer of this file (.yaml).")] = None,
+    analyse: Annotated[Path | None, typer.Option(help="Folder of data: print and draw what they say.")] = None,
+    lsl: Annotated[bool, typer.Option("--lsl", help="Send events to the Lab Streaming Layer.")] = False,
+    sets: Sets = None,
+    port: Port = 0,
+    no_open: NoOpen = False,
+    as_json: Json = False,
+) -> None:
+    """Run an experiment, or analyse its data: thresholds, JNDs and Weber fractions with 95 % intervals.
+
+    Ctrl-C ends it; the same command goes on with the first trial that was not answered.
+    """
+    if analyse is not None:
+        _analyse(analyse, as_json)
+        return
+    if file is None:
+        raise typer.BadParameter("expected an EXPERIMENT, such as kidney-stiffness, or --analyse FOLDER")
+    from palpate.studies.psychophysics.opening import opened
+
+    with opened(file, out, participant, session, list(sets or []), resume, _sure) as sitting:
+        told = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
+        if lsl or sitting.stimuli.experiment.lsl:
+            sitting.send_markers()
+        for note in [*sitting.notes, told]:
+            say(note, err=True)
+        with contextlib.suppress(KeyboardInterrupt):  # what was answered is told first
+            if simulate or observer is not None:
+                total = 0 if sitting.trial is None else sitting.trial.total
+                with steps(f"experiment {file}", total, silent=as_json, timed=False) as done:
+                    sitting.simulate(observer, lambda trial: done(f"trial {trial.number}"))
+            elif not sitting.ended:
+                from palpate.cli.terminal.browser import show
+
+                page = sitting.page()
+                show(page, "do", port, no_open, lambda: page.ended)
+                page.check()
+        count = len(sitting.table.rows)
+    if as_json:
+        tell({"ok": sitting.ended, "folder": str(sitting.folder), "participant": sitting.participant,
+              "session": sitting.session, "trials": count, "table": str(sitting.table.path)})  # fmt: skip
+    else:
+        what = f"over: palpate experiment --analyse {sitting.folder}" if sitting.ended else "the same command goes on"
+        say(f"{count} trials; {what}")
+    if not sitting.ended:
+        raise KeyboardInterrupt
+
+
+def _sure(text: str) -> bool | None:
+    return typer.confirm(text, err=True) if sys.stdin.isatty() else None
+
+
+def _analyse(folder: Path, as_json: bool) -> None:
+    from palpate.studies.psychophysics.analysis import analyse, save
+
+    outcomes = analyse(folder)
+    files = [*save(outcomes, folder), *_pictures(outcomes, folder)]
+    if as_json:
+        tell({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
+        return
+    rows = [
+        [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_shown(number)]
+        for one in outcomes
+        for name, number in one.numbers.items()
+    ]  # fmt: skip
+    heads = ["who", "block", ">trials", "number", ">estimate", ">95 % interval"]
+    tasks = ", ".join(dict.fromkeys(one.task for one in outcomes))
+    console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
+    for one in files:
+        say(one)
+
+
+def _pictures(outcomes: list, folder: Path) -> list[Path]:
+    from palpate.studies.psychophysics.pictures import draw
+
+    return drawn(draw, outcomes, folder)
+
+
+def _shown(number: Estimate) -> list[str]:
+    if not number.known:
+        return ["", "not determined"]
+    ends = [f"{end:.4g}" if math.isfinite(end) else "open" for end in (number.low, number.high)]
+    return [f"{number.value:.4g}", f"{ends[0]} to {ends[1]}"]
+
+
+def _rate(share: float) -> str:
+    return f" at {share:.0%}" if math.isfinite(share) else ""

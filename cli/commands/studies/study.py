@@ -1,0 +1,121 @@
+"""`palpate study`: one graph at many points, on the cores of this machine or on a cluster."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.progress import steps
+from palpate.physics.errors import TROUBLE
+
+if TYPE_CHECKING:
+    from palpate.studies.sweeps.study import Study
+
+LISTED = 50  # points in the table
+
+
+def study(
+    file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/STUDY.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(help="Processes of this machine; default: one per core.", min=1)
+    ] = None,
+    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler that is running: tls://HOST:PORT.")] = None,
+    slurm: Annotated[
+        bool, typer.Option("--slurm", help="Submit workers to SLURM, as `slurm:` in the file says.")
+    ] = False,
+    job_script: Annotated[bool, typer.Option("--job-script", help="Print the SLURM script, and end.")] = False,
+    sensitivity: Annotated[
+        str | None, typer.Option(help="sobol or morris: draw the points for it, and print which parameter matters.")
+    ] = None,
+    samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
+    retry: Annotated[bool, typer.Option("--retry", help="Compute points again that failed before.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Run one graph at many points, and keep numbers, curves or recordings of each.
+
+    Computes the points that the folder does not have yet. Ctrl-C keeps what is done; the same command goes on. Exit
+    code 1 if points failed, 130 after Ctrl-C.
+    """
+    from palpate.studies.sweeps.file import find, load
+
+    path = find(file)
+    found, options = load(path, sensitivity, samples)
+    folder, left = out or Path("runs", path.stem), len(found)
+    if slurm or job_script or scheduler is not None:
+        from palpate.studies.sweeps import cluster
+    if job_script:
+        with cluster.slurm(options, Path()) as jobs:
+            typer.echo(jobs.job_script())
+        return
+
+    def told(text: str) -> None:
+        if not as_json:
+            say(text, err=True)
+
+    with contextlib.ExitStack() as ending:
+        client = None
+        if slurm:
+            client = ending.enter_context(cluster.submitted(options, folder))
+        elif scheduler is not None:
+            client = ending.enter_context(cluster.connect(scheduler))
+        if client is not None and (warning := cluster.exposed(client)):
+            say(warning, "yellow", err=True, wrap=True)
+        done = ending.enter_context(steps(f"study {path.stem}", len(found), silent=as_json, timed=False))
+
+        def each(point: Any, computed: Any, remain: int) -> None:
+            nonlocal left
+            done(computed.error.partition("\n")[0] or f"point {point.slot}", left - remain)
+            left = remain
+
+        try:
+            found.run(folder, client, workers=workers, retry=retry, yes=yes, told=told, done=each)
+        except KeyboardInterrupt as error:
+            error.add_note(
+                f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command goes on"
+            )
+            raise
+    _print(found, folder, as_json)
+    if any(row["error"] for row in found.rows()):
+        raise typer.Exit(TROUBLE)
+
+
+def _print(found: Study, folder: Path, as_json: bool) -> None:
+    from palpate.studies.sweeps.picture import draw_all
+
+    rows = found.rows()
+    failed = [row for row in rows if row["error"]]
+    indices = None if found.sensitivity is None or failed else found.indices()
+    if as_json:
+        shown = [{k: v for k, v in row.items() if k not in ("base", "slot")} for row in rows]
+        told = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
+        tell(told | ({} if indices is None else {"indices": indices.to_dict("records")}))
+        return
+    if indices is None:
+        units = {one.text: f">{one.text} [{one.unit}]" for one in found.numbers}
+        _list(found, found.table().drop(columns=[] if failed else "error"), units)
+    else:
+        for one in found.numbers:
+            _list(found, indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
+    if failed:
+        say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
+        if found.sensitivity:
+            say("No indices: they need the results of all points.", "yellow")
+    say(f"stored in {folder}: points.parquet{', curves.zarr' * bool(found.curves)}")
+    for picture in draw_all(found, folder):
+        say(picture)
+
+
+def _list(found: Study, listed: Any, units: dict[str, str], title: str = "") -> None:
+    heads = [units.get(name, f">{name}" if kind.kind == "f" else name) for name, kind in listed.dtypes.items()]
+    rows = listed.head(LISTED).itertuples(index=False)
+    body = [[found.shown(name, value) for name, value in zip(listed, row, strict=True)] for row in rows]
+    console(soft_wrap=True).print(table(heads, body, title=title))
+    if len(listed) > LISTED:
+        say(f"... and {len(listed) - LISTED} more")

@@ -1,0 +1,136 @@
+"""From folders of commands to the command line, and how their errors are told: in red, without traceback."""
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Any
+
+import typer
+from typer.core import TyperGroup
+
+from palpate.cli.terminal.output import say, tell
+from palpate.launch.run.interrupts import interrupts
+from palpate.physics.errors import MISUSE, PalpateError
+from palpate.registry import modules
+
+AGAIN = 0.1  # [s] after which a dropped interrupt comes again
+
+
+class Verbs(TyperGroup):
+    """The command group: errors are printed in red on standard error, without traceback unless `--debug` is given.
+
+    SIGTERM and a closed terminal end a command as Ctrl-C does: by KeyboardInterrupt, so that nothing stays behind. One
+    line says so, with the notes that the command has added; the exit code is 128 plus the signal's number.
+    """
+
+    def invoke(self, ctx: Any) -> Any:
+        numbers = [int(signal.SIGINT)]
+        try:
+            with _interruptible(numbers):
+                return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            say("; ".join(["stopped", *getattr(error, "__notes__", ())]), "red", err=True)
+            raise typer.Exit(128 + numbers[-1]) from None
+        except Exception as error:
+            # A palpate error says what a user needs; click's own errors, and an end that was asked for, go on.
+            known = isinstance(error, PalpateError)
+            own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
+            if ctx.params.get("debug") or (own and not known):
+                raise
+            reported = error if isinstance(error, PalpateError) else _of_extra(error) or _Foreign(error)
+            if ctx.find_root().meta.get("palpate.json"):
+                tell({"ok": False, **reported.to_spec()})
+            else:
+                say(reported, "red", err=True)
+                if reported.hint:
+                    say(reported.hint, "dim", err=True)
+            raise typer.Exit(reported.exit_code) from None
+
+
+class StoppedError(KeyboardInterrupt):
+    """SIGTERM or a closed terminal, also where Ctrl-C is ignored, as in the background of a script."""
+
+
+@contextlib.contextmanager
+def _interruptible(numbers: list[int]) -> Iterator[None]:
+    """Raise KeyboardInterrupt for these signals, too, whose numbers are added to the list; and once more where it came
+    into a callback, in which Python drops it."""
+    before = sys.unraisablehook
+
+    def end(number: int) -> None:
+        numbers.append(number)
+        raise StoppedError
+
+    def dropped(error: Any) -> None:
+        if issubclass(error.exc_type, KeyboardInterrupt):
+            again = threading.Timer(AGAIN, os.kill, (os.getpid(), signal.SIGINT))
+            again.daemon = True  # a program that has ended meanwhile does not wait for it
+            again.start()
+        else:
+            before(error)
+
+    sys.unraisablehook = dropped
+    try:
+        with interrupts(end, (signal.SIGTERM, signal.SIGHUP)):
+            yield
+    finally:
+        sys.unraisablehook = before
+
+
+def _of_extra(error: Exception) -> PalpateError | None:
+    """What to say where an optional package is missing and nothing closer to it has said so."""
+    from palpate.physics.extras import extra_of, missing
+
+    extra = extra_of(error.name or "") if isinstance(error, ModuleNotFoundError) else None
+    return PalpateError(missing("this command", error.name, extra)) if extra else None  # type: ignore[attr-defined]
+
+
+class _Foreign(PalpateError):
+    """An error that palpate has not raised itself. A file that cannot be used is misuse, and needs no traceback."""
+
+    def __init__(self, error: Exception) -> None:
+        self.name = type(error).__name__
+        self.of_file = isinstance(error, OSError) and bool(error.filename and error.strerror)
+        text = f"{error.filename}: {error.strerror}" if self.of_file else str(error)  # type: ignore[attr-defined]
+        super().__init__(text or "no details available")
+        if self.of_file or isinstance(error, FileNotFoundError | FileExistsError):
+            self.exit_code = MISUSE
+
+    def __str__(self) -> str:
+        return self.args[0] if self.of_file else f"{self.name}: {self.args[0]}"
+
+    @property
+    def hint(self) -> str:
+        return "" if self.of_file else "`palpate --debug ...` shows the traceback."
+
+    def to_spec(self) -> dict[str, Any]:
+        return {"error": self.name, "text": self.args[0]}
+
+
+def group(package: ModuleType, **options: object) -> typer.Typer:
+    """The commands of a folder that has a `HELP`, see `palpate.cli.commands`; `options` go to typer."""
+    app = typer.Typer(no_args_is_help=True, help=package.HELP, **options)  # type: ignore[arg-type]
+    app.callback(help=package.HELP)(lambda: None)  # a group of one command stays a group
+    order = list(getattr(package, "ORDER", ()))
+    found = commands(package)
+    for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
+        if hasattr(found[name], "HELP"):
+            app.add_typer(group(found[name]), name=name)
+        else:
+            app.command(cls=getattr(found[name], "Command", None))(getattr(found[name], name))
+    return app
+
+
+def commands(package: ModuleType) -> dict[str, ModuleType]:
+    """The commands of a folder by name: files, and folders with a `HELP`; other folders only keep files apart."""
+    found: dict[str, ModuleType] = {}
+    for name, module in modules(package).items():
+        if hasattr(module, "__path__") and not hasattr(module, "HELP"):
+            found |= commands(module)
+        else:
+            found[name] = module
+    return found

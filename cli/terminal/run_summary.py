@@ -1,0 +1,110 @@
+"""What is said of a run when it has ended."""
+
+from __future__ import annotations
+
+import dataclasses
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from palpate.cli.terminal.output import console, say, tell
+
+if TYPE_CHECKING:
+    from palpate.launch.run.execute import RunOutcome
+
+
+def ended(
+    outcome: RunOutcome, name: str, folder: Path | None, organ_notes: list[str], as_json: bool, quiet: bool
+) -> None:
+    """Say it, and draw the pictures into a folder, unless it is None. organ_notes: what was done to the organ."""
+    from palpate.launch.run.screen import tell as fault
+
+    result = outcome.result
+    if as_json:
+        result.notes[:0] = organ_notes
+    drawn = [] if folder is None else _pictures(outcome, folder, as_json or quiet)
+    if as_json:
+        tell(_data(outcome, drawn))
+        return
+    if result.ticks or result.ok:
+        _summary(outcome, name, drawn)
+    for death in result.deaths:
+        fault(death, console(stderr=True, soft_wrap=True))
+
+
+def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
+    from rich.text import Text
+
+    from palpate.launch.run.screen import table
+
+    out, result = console(), outcome.result
+    seconds = result.ticks / outcome.plan.graph.rate
+    speed = f", {seconds / result.wall:.2f} x real time" if result.wall > 0 else ""
+    took = f" {'interrupted after ' if result.interrupted else ''}{seconds:.3f} s, {result.ticks} ticks in "
+    took += f"{result.wall:.2f} s{speed}; first tick {result.start:.2f} s after the start"
+    out.print(Text.assemble((name, "bold"), took))
+    if result.health:
+        out.print(table(result))
+    if outcome.verdict is not None:
+        _judge(outcome)
+    for node, reason in outcome.plan.skipped.items():
+        say(f"skipped {node}: {reason}", "dim", wrap=True)
+    for note in (*outcome.plan.graph.notes, *result.notes):
+        say(note, "yellow", wrap=True)
+    if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
+        say(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)", wrap=True)
+    for picture in drawn:
+        say(f"picture   {picture}", wrap=True)
+
+
+def _judge(outcome: RunOutcome) -> None:
+    """Whether the run kept its rate, what its counters mean, and what would help."""
+    from palpate.launch.load.placement import AUTO
+    from palpate.launch.run.result import TROUBLES
+
+    verdict = outcome.verdict
+    assert verdict is not None
+    say(verdict, "green" if verdict.kept else "bold yellow", wrap=True)
+    for key, meaning in TROUBLES.items():
+        if any(health[key] for health in outcome.result.health.values()):
+            say(meaning, "dim", wrap=True)
+    if not verdict.kept:
+        place = f"try --place {AUTO} (force path in one process); " if outcome.placed != AUTO else ""
+        say(f"{place}`palpate doctor` shows what slows this machine", wrap=True)
+
+
+def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
+    result, verdict = outcome.result, outcome.verdict
+    return {
+        "ok": outcome.ok,
+        "ticks": result.ticks,
+        "rate": outcome.plan.graph.rate,
+        "start": result.start,
+        "origin": result.origin,
+        "wall": result.wall,
+        "interrupted": result.interrupted,
+        "verdict": verdict and {**dataclasses.asdict(verdict), "kept": verdict.kept},
+        "recording": str(outcome.recording) if outcome.recording else None,
+        "nodes": result.health,
+        "skipped": outcome.plan.skipped,
+        "notes": [*outcome.plan.graph.notes, *result.notes],
+        "deaths": [dataclasses.asdict(death) for death in result.deaths],
+        "pictures": [str(picture) for picture in drawn],
+    }
+
+
+def _pictures(outcome: RunOutcome, folder: Path, silent: bool) -> list[Path]:
+    """Draw the pictures of a run; why there are none becomes a note of it."""
+    from palpate.records.stored import RecordingError
+    from palpate.views.pictures import draw
+
+    if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
+        return []
+    try:
+        return draw(outcome.recording, folder, console=None if silent else console())
+    except (RecordingError, OSError) as error:
+        outcome.result.notes.append(f"no pictures: {error}")
+    except KeyboardInterrupt:
+        outcome.result.notes.append("no pictures: interrupted")
+        outcome.result.signal = signal.SIGINT
+    return []

@@ -1,0 +1,120 @@
+"""`palpate bench stability`: table, picture, and options that describe no device."""
+
+import csv
+import json
+
+import pytest
+from pytest import approx
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.physics.device.wall_loop import WallDevice
+from palpate.studies.stability import walls
+
+SHORT = ["bench", "stability", "--rate", "1000", "--delay", "1", "--damping", "0", "--json"]
+
+
+def call(*options):
+    return CliRunner().invoke(app, [*SHORT, *options])
+
+
+def test_the_table_holds_theory_and_the_loop_of_the_users_own_device(tmp_path):
+    told = json.loads(call("-o", str(tmp_path), "--drag", "0.4", "--coulomb", "0.003").stdout)
+    (row,) = told["rows"]
+    assert row["passive"] == approx(2 * 0.4 / 1e-3 / 3, rel=1e-5)
+    assert row["quantised"] == approx(100.0)
+    assert 0.85 * row["stable"] < row["bare"] < 1.05 * row["stable"] < row["controlled"] < row["commanded"]
+    assert row["given_out"] < 5e-3
+    with open(told["table"], encoding="utf-8") as file:
+        (line,) = csv.DictReader(file)
+    assert float(line["stable [N/m]"]) == approx(row["stable"], rel=1e-5)
+
+
+def test_a_wall_that_swings_on_slowly_does_not_count_as_held():
+    row = walls.row(WallDevice(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
+    assert 0.8 * row["stable"] < row["bare"] <= row["stable"]
+
+
+def test_what_is_felt_with_the_controller_is_the_wall_until_that_is_too_stiff(monkeypatch):
+    monkeypatch.setattr(walls, "HIGH", 300.0)
+    soft = walls.row(WallDevice(), 4000.0, 0, 0.0, 1, 0.0, 0.0, 0)
+    assert soft["controlled"] == approx(soft["commanded"], rel=0.02) and 200.0 < soft["commanded"] <= 300.0
+    monkeypatch.undo()
+    late = walls.row(WallDevice(), 1000.0, 5, 0.0, 1, 0.0, 0.0, 0)
+    assert late["commanded"] >= 1e7 and 0.5 * late["stable"] < late["controlled"] < 5.0 * late["stable"]
+
+
+def test_the_answer_comes_first_and_columns_that_say_nothing_do_not(tmp_path):
+    told = CliRunner().invoke(app, [*SHORT[:-1], "-o", str(tmp_path)], env={"COLUMNS": "200"}).output
+    first = next(line for line in told.splitlines() if line.startswith("At "))
+    assert "1000 Hz and 1 samples of delay" in first and "without the controller (theory: 133)" in first
+    table = told[told.index(first) :]
+    assert "injected" in table and "[mJ]" in table and "stability.csv" in table
+    assert "quantised" not in table[: table.index("without dry friction")]
+
+
+def test_no_legend_lies_on_a_curve(tmp_path, monkeypatch):
+    pictures, drawn = pytest.importorskip("palpate.studies.stability.pictures"), []
+    blank = pictures.figure
+    monkeypatch.setattr(pictures, "figure", lambda *size: drawn.append(blank(*size)) or drawn[-1])
+    same = {"rate": 1000.0, "delay": 0, "stable": 400.0, "bare": 380.0, "controlled": 4000.0}
+    pictures.draw_walls([{**same, "damping": 0.1 * k, "passive": 300.0} for k in range(3)], tmp_path / "walls.png")
+    pictures.draw_bodies([{**same, "body": "deformation.MassSpring"}], tmp_path / "bodies.png")
+    for figure in drawn:
+        (legend,) = figure.legends
+        box = legend.get_window_extent()
+        assert not any(box.overlaps(axes.get_window_extent()) or axes.get_legend() for axes in figure.axes)
+        assert box.x0 >= 0.0 and box.x1 <= figure.bbox.x1
+
+
+@pytest.mark.parametrize("wrong", [("--drag", "0"), ("--mass", "nan"), ("--lost", "2"), ("--filter", "0")])
+def test_a_device_that_is_none_is_refused_by_name(tmp_path, wrong):
+    result = call("-o", str(tmp_path), *wrong)
+    assert result.exit_code == 2 and wrong[0] in result.stdout and "expected" in result.stdout
+    assert not (tmp_path / "stability.csv").exists()
+
+
+def test_bodies_and_regions_come_with_tables_and_pictures(tmp_path):
+    options = ("--body", "deformation.MassSpring", "--regions", "--coulomb", "0.05")
+    told = json.loads(call("-o", str(tmp_path), *options).stdout)
+    (row,) = told["bodies"]
+    assert row["body"] == "deformation.MassSpring" and row["stable"] == approx(460, rel=0.05)
+    assert {kind for line in told["regions"]["kinds"] for kind in line} >= {"rests", "rests from near by", "grows"}
+    for name in ("bodies.csv", "bodies.png", "regions.png"):
+        assert (tmp_path / name).stat().st_size > 100
+    with (tmp_path / "bodies.csv").open(encoding="utf-8") as file:
+        (line,) = csv.DictReader(file)
+    assert float(line["stable [N/m]"]) == approx(row["stable"], rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (("--body", "collision.Mesh"), "expected a node that takes Load"),
+        (("--body", "deformation.Nope"), "no class 'Nope'"),
+        (("--regions", "--resolution", "0"), "expected an encoder"),
+    ],
+)
+def test_what_is_no_body_or_has_no_encoder_is_refused(tmp_path, wrong, told):
+    result = call("-o", str(tmp_path), *wrong)
+    assert result.exit_code == 2 and told in " ".join(result.stdout.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--mass", "-1"], "--mass: found -1"),
+        (["--rate", "nan"], "--rate: found nan"),
+        (["--body", "deformation.Nope"], "'deformation' has no class 'Nope'"),
+        (["--regions", "--resolution", "0"], "--regions: found --resolution 0"),
+        (["-o", "{file}/x"], "file/x: Not a directory"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_a_time_is_told(tmp_path, monkeypatch, options, said):
+    monkeypatch.setattr(walls, "row", lambda *given: pytest.fail("it computes first"))
+    (tmp_path / "file").write_text("")
+    given = [text.format(file=tmp_path / "file") for text in options]
+    result = CliRunner().invoke(app, ["bench", "stability", "-o", str(tmp_path / "out"), *given])
+    text = result.output + str(result.exception)
+    assert result.exit_code == 2 and said in " ".join(text.split()) and "roughly" not in text
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,362 @@
+"""The command line: what it prints, its exit codes, and that errors come without traceback."""
+
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+import typer
+from rich.text import Text
+from typer.testing import CliRunner
+
+from palpate.cli import commands
+from palpate.cli.__main__ import app
+from palpate.cli.machine import findings
+from palpate.drivers import discover
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.records.reader import Recording
+
+runner = CliRunner()
+
+
+def run(*args):
+    return runner.invoke(app, [str(a) for a in args], env={"COLUMNS": "200", "NO_COLOR": "1"})
+
+
+def spoken(*args):
+    """What a command says as JSON."""
+    result = run(*args, "--json")
+    return result.exit_code, json.loads(result.stdout)
+
+
+def test_version():
+    assert run("--version").stdout.strip() == f"palpate {version('palpate')}"
+
+
+def test_help_lists_the_verbs():
+    text = run("--help").stdout
+    for verb in ("check", "plan", "nodes", "messages", "doctor", "new"):
+        assert verb in text
+    assert run().exit_code == 2
+
+
+def test_each_file_among_the_commands_is_a_command_and_thin():
+    folder = Path(commands.__file__).parent
+
+    def verbs(command):
+        for name, sub in getattr(command, "commands", {}).items():
+            yield from verbs(sub) if hasattr(sub, "commands") else [name.replace("-", "_")]
+
+    files = [file for file in folder.rglob("*.py") if file.stem != "__init__"]
+    assert sorted(verbs(typer.main.get_command(app))) == sorted(file.stem for file in files)
+    assert {file: n for file in files if (n := len(file.read_text(encoding="utf-8").splitlines())) > 120} == {}
+
+
+def test_brackets_in_what_is_printed_are_no_markup(monkeypatch):
+    hint = "TypeError: needs list[int], pip install 'lab[usb]'"
+    monkeypatch.setattr("palpate.launch.load.classes.catalogue", lambda: ((), {"lab": hint}))
+    assert run("nodes").stdout.strip() == f"lab cannot be loaded. {hint}"
+
+
+@pytest.mark.parametrize(
+    ("said", "args"),
+    [
+        ("--thin: found 'contact=²'", ("run", "kidney", "--fused", "--no-pictures", "--thin", "contact=²")),
+        ("address: found 'tcp://host:²'", ("join", "tcp://host:²", "loop")),
+    ],
+)
+def test_a_digit_that_is_no_number_is_refused_by_name(tmp_path, monkeypatch, said, args):
+    monkeypatch.chdir(tmp_path)
+    refused = run(*args)
+    assert refused.exit_code == 2 and said in refused.stderr
+
+
+def test_help_shows_every_word_of_its_texts():
+    """Units in brackets, such as [s] at the start of a text, are styles to rich, which drops them."""
+
+    def texts(command):
+        yield command.help or ""
+        yield from (option.help or "" for option in command.params if hasattr(option, "help"))
+        for sub in getattr(command, "commands", {}).values():
+            yield from texts(sub)
+
+    every = [text for text in texts(typer.main.get_command(app)) if text]
+    assert len(every) > 100
+    assert [text for text in every if Text.from_markup(text).plain != text] == []
+
+
+def test_check_of_a_right_graph(whole):
+    result = run("check", whole)
+    assert result.exit_code == 0
+    assert "ok" in result.stdout and "nodes 9" in result.stdout and "(2 held)" in result.stdout
+    code, data = spoken("check", whole, "--fused")
+    assert code == 0 and data["ok"] and data["processes"] == 1
+
+
+def test_check_of_a_wrong_graph_tells_all_without_traceback(whole):
+    result = run("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
+    assert result.exit_code == 2 and result.stdout == ""
+    assert "Did you mean 'stiffness'" in result.stderr and "2 faults" in result.stderr
+    assert "Traceback" not in result.stderr
+    code, data = spoken("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
+    assert code == 2 and not data["ok"] and len(data["faults"]) == 2
+    assert {f["setting"] for f in data["faults"]} == {"", "stifness"}
+
+
+def test_check_looks_at_the_placement(whole, write):
+    place = write("place.yaml", "a: {nodes: [nera]}\n")
+    result = run("check", whole, "--place", place)
+    assert result.exit_code == 2 and "Did you mean 'near'" in result.stderr
+
+
+def test_debug_lets_the_traceback_through(whole):
+    result = run("--debug", "check", whole, "--set", "rat=1")
+    assert type(result.exception).__name__ == "GraphError"
+
+
+@pytest.mark.parametrize("args", [["check", "nowhere"], ["plan", "kidny"], ["plan", "x", "--scene", "nowhere"]])
+def test_what_is_not_found_is_told(args):
+    result = run(*args)
+    assert result.exit_code == 2 and "not found" in result.stderr and "Shipped" in result.stderr
+
+
+def test_wrong_usage_is_exit_code_2(whole):
+    assert run("plan").exit_code == 2
+    assert run("plan", whole, "--drow").exit_code == 2
+    assert run("plam", whole).exit_code == 2
+    assert run("plan", whole, "--draw=x.png").exit_code == 2
+
+
+def test_plan_says_what_runs_and_why_the_rest_does_not(whole):
+    result = run("plan", whole, "--set", "scene.tissue.friction=off")
+    assert result.exit_code == 0
+    lines = [line.split() for line in result.stdout.splitlines() if line.strip()]
+    assert [line[1] for line in lines if line[0] == "run"][:3] == ["device", "finger", "near"]
+    skipped = next(line for line in lines if line[0] == "skip")
+    assert skipped[1] == "friction" and "tissue.friction is false" in " ".join(skipped)
+    assert "~tissue" in result.stdout and "every" not in result.stdout
+    assert "graph_nodes.Spring, every 10" in run("plan", whole, "--set", "tissue.every=10").stdout
+
+
+def test_plan_as_data(whole, write):
+    place = write("place.yaml", "a: {nodes: [near, contact], core: 1}\n")
+    code, data = spoken("plan", whole, "--place", place)
+    assert code == 0 and data["order"][0] == "device"
+    group = {"name": "a", "nodes": ["near", "contact"], "core": [1], "priority": None, "host": None, "why": ""}
+    assert data["groups"][0] == group
+
+
+def test_plan_draws(whole, tmp_path):
+    for args in (["--draw"], ["--draw", "--fused"], ["--draw", "mermaid"]):
+        result = run("plan", whole, *args)
+        assert result.exit_code == 0 and result.stdout.startswith("flowchart LR"), result.output
+    assert run("plan", "--draw", whole).stdout.startswith("flowchart LR")
+    assert run("plan", whole, "--draw", tmp_path / "a.mmd").exit_code == 0
+    assert (tmp_path / "a.mmd").read_text().startswith("flowchart")
+
+
+def test_one_node_class_is_shown_with_ports_and_units():
+    result = run("nodes", "graph_nodes.Near")
+    for word in ("The nearest point", "pose", "Pose", "drives", "Proximity", "offset", "count", ">= 1"):
+        assert word in result.stdout
+    code, data = spoken("nodes", "graph_nodes.Needy")
+    assert code == 0
+    assert data["settings"] == [
+        {"name": "mass", "unit": "kg", "type": "float", "limits": "", "default": None, "required": True}
+    ]
+    result = run("nodes", "graph_nodes.Neer")
+    assert result.exit_code == 2 and "Did you mean 'Near'" in result.stderr
+
+
+def test_the_catalogue_lists_every_class_that_ships():
+    code, data = spoken("nodes")
+    assert code == 0
+    for entry in data["nodes"]:
+        assert entry["about"], f"{entry['use']} has no docstring"
+        for setting in entry["settings"]:
+            assert setting["unit"] and "typing" not in setting["type"]
+
+
+def test_a_setting_of_a_few_words_lists_them():
+    code, data = spoken("nodes", "tactile.Flow")
+    assert code == 0 and data["settings"][0]["type"] == "steel or silicone"
+
+
+def test_messages_have_units_and_shapes():
+    result = run("messages", "Contact")
+    assert "compression_rate" in result.stdout and "[m/s]" in result.stdout and "(3)" in result.stdout
+    code, data = spoken("messages")
+    assert code == 0 and {"Message", "Surface"} <= {m["name"] for m in data["messages"]}
+    result = run("messages", "Contakt")
+    assert result.exit_code == 2 and "Did you mean 'Contact'" in result.stderr
+
+
+def test_new_nodes_come_with_tests_that_run(tmp_path):
+    ports = {
+        "my drag": [],
+        "my body": ["--takes", "Load", "--sends", "Surface"],
+        "my hand": ["--takes", "DeviceState", "--sends", "Load"],
+    }
+    for name, args in ports.items():
+        result = run("new", "node", name, "--folder", tmp_path, *args)
+        word = name.removeprefix("my ")
+        assert result.exit_code == 0 and f"my_{word}.My{word.title()}" in result.stdout
+    files = sorted(path.name for path in tmp_path.glob("test_*.py"))
+    assert files == ["test_my_body.py", "test_my_drag.py", "test_my_hand.py"]
+    command = [sys.executable, "-m", "pytest", "-q", *files]
+    test = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert test.returncode == 0, test.stdout
+    again = run("new", "node", "MyDrag", "--folder", tmp_path)
+    assert again.exit_code == 2 and "exists" in again.stderr
+
+
+def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
+    run("new", "node", "Mine", "--folder", tmp_path, "--takes", "Load", "--sends", "Surface")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert run("check", whole, "--set", "tissue.use=mine.Mine", "--set", "tissue.with=null").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("node", "takes", "sends", "sets"),
+    [
+        ("tissue", "Load", "Surface", []),
+        ("spread", "Contact", "Load", ["spread.in.friction=null"]),
+        ("friction", "Contact", "Friction", ["friction.in.proximity=null"]),
+        ("contact", "Proximity", "Contact", ["contact.in.body=null", "wanted=[controller]"]),
+        ("collision", "Pose", "Proximity", []),
+        (
+            "controller",
+            "Contact",
+            "Force",
+            [f"controller.in.{port}=null" for port in ("friction", "pose", "ledger", "device")],
+        ),
+        ("statics", "Force", "Torque", ["statics.in.pose=null"]),
+    ],
+)
+def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets):
+    run("new", "node", "Mine", "--folder", tmp_path, "--takes", takes, "--sends", sends)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.delitem(sys.modules, "mine", raising=False)
+    swap = [f"{node}.use=mine.Mine", "scene.surface.vertices=600", *sets]
+    outcome = execute(find("kidney").but(place="fused", duration=0.02, overrides=swap))
+    assert outcome.ok and outcome.result.ticks == 20
+
+
+QUICK = ["--fused", "-q", "--set", "scene.surface.vertices=600", "--set", "scene.hand.begin=[0, 0, 0.107]"]
+
+
+def test_a_graph_of_ones_own_is_recorded_and_drawn_and_pictures_are_beside_the_recording(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text("extends: kidney\nnodes: {tissue: {stiffness: 2e3}}\n")
+    few = ["--set", "log.in=[contact, collision]"]  # whose pictures are soon drawn
+    assert run("run", "mine.yaml", "--duration", "0.05", *QUICK, *few).exit_code == 0
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert {"mine.mcap", "compression.png"} <= {file.name for file in folder.iterdir()}
+    assert run("run", "kidney", "--duration", "0.05", *QUICK, *few, "--record", "here/x.mcap").exit_code == 0
+    assert {"x.mcap", "compression.png"} <= {file.name for file in (tmp_path / "here").iterdir()}
+    assert len(list((tmp_path / "runs").iterdir())) == 1
+
+
+def test_a_start_that_fails_leaves_no_folder_and_takes_away_nothing_else(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    failing = ["--fused", "-q", "--set", "bad.how=start raise"]
+    (tmp_path / "g.yaml").write_text(
+        "nodes:\n  src: {use: nodes_that_misbehave.Source}\n  bad: {use: nodes_that_misbehave.Bad, in: {pose: src}}\n"
+        "  log: {use: logger.Mcap, in: all}\n"
+    )
+    ended = run("run", "g.yaml", "--duration", "0.1", "--out", "a/b", *failing)
+    assert ended.exit_code == 1 and not (tmp_path / "a").exists()
+    (tmp_path / "kept.mcap").write_bytes(b"an older one")
+    assert run("run", "g.yaml", "--duration", "0.1", "--record", "kept.mcap", *failing).exit_code == 1
+    assert (tmp_path / "kept.mcap").exists()
+
+
+def test_a_recording_of_few_streams_starts_and_a_failed_start_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    few = ["--set", "log.in=[contact, controller]", "--out", "out"]
+    assert run("run", "kidney", "--duration", "0.05", *QUICK, *few).exit_code == 0
+    assert set(Recording(tmp_path / "out" / "kidney.mcap").streams) == {"contact", "controller"}
+    (tmp_path / "half.py").write_text(
+        "from palpate.nodes.logger import Mcap\n\n\nclass Half(Mcap):\n"
+        "    def start(self):\n        raise ValueError('half way')\n\n"
+        "    def stop(self):\n        self.never_made.close()\n"
+    )
+    ended = run("run", "kidney", "--duration", "0.05", *QUICK, "--set", "log.use=half.Half", "--out", "out2")
+    assert ended.exit_code == 1 and "ValueError: half way" in ended.stderr and "never_made" not in ended.stderr
+
+
+def test_required_fields_of_a_message_are_marked():
+    lines = run("messages", "Friction").stdout.splitlines()
+    assert any(line.startswith("* force") for line in lines) and any(line.startswith("  stored") for line in lines)
+    _, data = spoken("messages", "Friction")
+    assert [f["name"] for f in data["messages"][0]["fields"] if f["required"]] == ["force", "bristle", "stick"]
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["1st"], ["'1st' cannot name a class"]),
+        (["--", "-"], ["cannot name a class"]),
+        (["Mine", "--takes", "Lod"], ["'Lod'", "Did you mean 'Load'"]),
+    ],
+)
+def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):
+    result = run("new", "node", "--folder", tmp_path, *args)
+    assert result.exit_code == 2
+    for word in words:
+        assert word in result.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_doctor_looks_at_the_machine():
+    code, data = spoken("doctor", "--no-pictures", "--seconds", "0.2")
+    findings = {f["what"]: f for f in data["diagnostics"]}
+    assert code == 0 and data["ok"]
+    assert {"python", "pyzmq", "extra view", "cores", "SCHED_RR", "locked memory", "wake-ups"} <= set(findings)
+    assert "p99.9" in findings["wake-ups"]["found"]
+    assert "ZeroMQ" in findings["pyzmq"]["found"]
+    for finding in findings.values():
+        assert finding["state"] == "ok" or finding["cure"]
+
+
+def test_doctor_finds_a_device(tmp_path, monkeypatch):
+    monkeypatch.setattr(discover, "USB", tmp_path)
+    assert [f.found for f in findings._usb()] == ["none on USB"]
+    folder = tmp_path / "1-1"
+    folder.mkdir()
+    for name, text in {"idVendor": "0403", "idProduct": "cb48", "busnum": "999", "devnum": "7"}.items():
+        (folder / name).write_text(f"{text}\n")
+    (finding,) = findings._usb()
+    assert finding.what == "Novint Falcon"
+    if "devices" not in finding.cure or "pip" not in finding.cure:
+        assert "/dev/bus/usb/999/007" in finding.found and "--install-udev" in finding.cure
+
+
+def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
+    monkeypatch.setattr(findings, "package_version", lambda name: None if name == "msgspec" else "1.0")
+    result = run("doctor", "--no-pictures", "--seconds", "0")
+    assert result.exit_code == 1 and "pip install msgspec" in result.stdout
+
+
+def test_doctor_needs_none_of_the_packages_that_it_looks_for():
+    words = "sys.argv[1:] = ['doctor', '--no-pictures', '--seconds', '0']"
+    gone = "sys.modules |= dict.fromkeys(['msgspec', 'numpy'])"
+    code = f"import sys; {gone}; {words}; from palpate.cli.__main__ import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "msgspec" in done.stdout and done.stderr == "" and done.returncode == 0
+
+
+def test_trouble_that_nobody_foresaw_is_one_line(monkeypatch, whole):
+    def burst(self):
+        raise RuntimeError("the pipe burst")
+
+    monkeypatch.setattr("palpate.launch.load.launchfile.LaunchFile.plan", burst)
+    result = run("check", whole)
+    assert result.exit_code == 1
+    assert "RuntimeError: the pipe burst" in result.stderr and "--debug" in result.stderr
+    assert "Traceback" not in result.stderr
