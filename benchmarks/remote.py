@@ -20,10 +20,10 @@ import numpy as np
 from rich.progress import track
 from tables import parser, tell
 
-from palpate.launch.calling import described
-from palpate.launch.stepping import Stepper
+from palpate.calling import described
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Simulated
+from palpate.stepping import Stepper
 
 DELAYS = (0, 1, 2, 5, 10, 20, 30, 50, 70, 100)
 """[ms] each way."""

@@ -7,9 +7,9 @@ import numpy as np
 from gymnasium.spaces import Box
 
 from palpate.gym.touch import SPEED, Changes, Touch
-from palpate.launch.stepping import Tick
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.errors import ArgumentError
+from palpate.stepping import Tick
 
 FIELD = 0.012
 """[m] The nodule lies within this of the middle of the field along x and y."""

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from palpate.gym.touch import Changes, Touch
-from palpate.launch.stepping import Tick
 from palpate.messages import Surface
 from palpate.physics.errors import ArgumentError
+from palpate.stepping import Tick
 
 FORCES = 0.5, 2.5
 """[N] Range of the wanted force."""

@@ -9,14 +9,14 @@ import gymnasium
 import numpy as np
 from gymnasium.spaces import Box, Dict, Space
 
+from palpate.calling import described
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
-from palpate.launch.calling import described
-from palpate.launch.stepping import Stepper, Tick
 from palpate.messages import Contact, Force, Friction, Pose
 from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
+from palpate.stepping import Stepper, Tick
 
 SPEED = 0.25
 """[m/s] at most of the hand's goal along each axis."""

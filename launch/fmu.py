@@ -13,12 +13,12 @@ from typing import Any
 
 from palpate.engine.plan import Plan
 from palpate.launch.load.launchfile import find
-from palpate.launch.stepping import Stepper, Tick, planned
 from palpate.messages import fields
 from palpate.nodes.base import settings
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import missing
+from palpate.stepping import Stepper, Tick, planned
 
 PLAN = "plan.json"
 AXES = "xyz"

@@ -90,9 +90,9 @@ def survives(tree: Path, tests: list[str]) -> bool:
     if child == 0:
         os.setsid()
         os.chdir(tree)
-        os.environ.update(PYTHONPATH=str(tree / "typings"), PYTHONDONTWRITEBYTECODE="1")
+        os.environ.update(PYTHONPATH=str(tree / "src"), PYTHONDONTWRITEBYTECODE="1")
         sys.dont_write_bytecode = True
-        sys.path[0] = str(tree / "typings")
+        sys.path[0] = str(tree / "src")
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 1)
         os.dup2(silence, 2)

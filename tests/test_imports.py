@@ -24,12 +24,10 @@ import palpate.nodes
 import palpate.physics
 import palpate.physics.extras
 import palpate.records
-import palpate.registry
 import palpate.studies
 import palpate.views
 
 PACKAGES = (
-    palpate.registry,
     palpate.physics,
     palpate.drivers,
     palpate.models.build,
@@ -47,7 +45,7 @@ PACKAGES = (
 )
 FOLDERS = {package.__name__.removeprefix("palpate."): Path(next(iter(package.__path__))) for package in PACKAGES}
 GOLDEN = Path(__file__).parent / "golden" / "plane.mcap"
-LINKS = Path(__file__).parent.parent / "typings" / "palpate"
+LINKS = Path(__file__).parent.parent / "src" / "palpate"
 FOLDERS["models.scan"] = FOLDERS["models.fe"].parent / "scan"  # imports libraries of its extra: not imported here
 LOW = ("registry", "messages", "physics", "records.format", "drivers", "nodes")
 MIDDLE = (*LOW, "engine", "launch.load")
@@ -72,9 +70,12 @@ MAY = {
     "views": HIGH,
     "studies": HIGH,
     "launch": HIGH,
-    "gym": (*HIGH, "launch"),
-    "cli": (*HIGH, "launch", "cli.machine", "studies"),
-    "public": (*HIGH, "launch", "studies"),
+    "launch.fmu": (*HIGH, "launch", "stepping"),
+    "calling": (*HIGH, "launch"),
+    "stepping": (*HIGH, "launch"),
+    "gym": (*HIGH, "calling", "stepping"),
+    "cli": (*HIGH, "launch", "launch.fmu", "cli.machine", "studies", "calling", "stepping"),
+    "__init__": (*HIGH, "studies", "calling", "stepping"),
 }
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
 a room of their own. Nothing but the command line imports commands."""
@@ -86,8 +87,8 @@ THEIRS = {
 }
 OF_AN_EXTRA = {"tetwild.py": {"pytetwild"}, "read.py": {"meshio"}}
 """What a file of models.fe imports when it is called, and asks for where it is missing."""
-ROOTS = FOLDERS | {"public": FOLDERS["physics"].parent / "public"}
-FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folder.rglob("*.py"))]
+ROOTS = FOLDERS | {"": LINKS}
+FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folder.glob("**/*.py" if name else "*.py"))]
 
 
 def imported(file):
@@ -101,6 +102,11 @@ def imported(file):
             yield from (f"{node.module}.{alias.name}" for alias in node.names if node.module.startswith("palpate"))
 
 
+def module_of(name, file):
+    """A file of a room as a module, named without the package."""
+    return ".".join((*filter(None, [name]), *file.relative_to(ROOTS[name]).with_suffix("").parts))
+
+
 def room(module):
     """The room that a module, named without the package, is part of."""
     while module not in MAY and "." in module:
@@ -112,7 +118,7 @@ def room(module):
 def test_imports_go_one_way(name):
     wrong = []
     for file in (file for one, file in FILES if one == name):
-        own = room(".".join((name, *file.relative_to(ROOTS[name]).with_suffix("").parts)))
+        own = room(module_of(name, file))
         for module in imported(file):
             top, _, inner = module.partition(".")
             if top == "palpate":
@@ -143,8 +149,7 @@ def needed(file, files):
 
 def test_no_files_import_one_another_in_a_circle():
     """Imports inside functions, those for types, and `__init__.py` included."""
-    paths = {file: ("palpate", name, *file.relative_to(ROOTS[name]).with_suffix("").parts) for name, file in FILES}
-    files = {".".join(parts).removesuffix(".__init__"): file for file, parts in paths.items()}
+    files = {f"palpate.{module_of(name, file)}".removesuffix(".__init__"): file for name, file in FILES}
     needs = {module: set(needed(file, files)) for module, file in files.items()}
     while free := {module for module, others in needs.items() if not others}:
         needs = {module: others - free for module, others in needs.items() if module not in free}
@@ -160,7 +165,8 @@ def test_the_wheel_holds_every_folder():
     """setuptools takes the packages that it finds in this folder: each folder is linked there, and none has lost its
     `__init__.py`."""
     linked = {path.name for path in LINKS.iterdir()} - {"__pycache__"}
-    assert linked == {*(name.partition(".")[0] for name in FOLDERS), "graphs", "__init__.py", "py.typed"}
+    own = {file.name for file in LINKS.glob("*.py")} | {"py.typed"}
+    assert linked == {*(name.partition(".")[0] for name in FOLDERS), "graphs"} | own
     for name, folder in FOLDERS.items():
         assert LINKS.joinpath(*name.split(".")).resolve() == folder.resolve()
         for file in folder.rglob("*.py"):
@@ -170,7 +176,7 @@ def test_the_wheel_holds_every_folder():
 def test_a_folder_of_the_same_name_does_not_hide_the_package(tmp_path):
     """As the clone itself does in the folder above it, where a notebook is likely to lie."""
     clone = tmp_path / "palpate"
-    for name in ("physics", "nodes", "public"):
+    for name in ("physics", "nodes", "src"):
         (clone / name).mkdir(parents=True)
         (clone / name / "__init__.py").touch()
     (clone / "README.md").touch()

@@ -21,8 +21,8 @@ from rich.table import Table
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = (
-    "registry", "messages", "nodes", "physics", "models", "drivers", "graphs", "engine", "launch", "records", "views",
-    "studies", "public", "gym", "cli",
+    "src", "messages", "nodes", "physics", "models", "drivers", "graphs", "engine", "launch", "records", "views",
+    "studies", "gym", "cli", "registry", "public",
     "fe", "fit", "scan", "bench",  # of commits before decision 14
 )  # fmt: skip
 MANY = 12

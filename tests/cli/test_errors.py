@@ -17,8 +17,8 @@ from palpate.physics import errors
 from palpate.physics.errors import PalpateError
 
 FOLDERS = (
-    "registry", "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
-    "gym",
+    "physics", "models", "messages", "drivers", "nodes", "engine", "launch", "records", "views", "studies",
+    "gym", "cli",
 )  # fmt: skip
 INSIDE = {
     "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",

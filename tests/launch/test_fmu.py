@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 import palpate
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
-from palpate.launch.stepping import Stepper
+from palpate.stepping import Stepper
 
 TIME = 0.55  # [s] the finger is in the kidney
 OUTPUT = ["contact.force", "contact.indentation", "controller.force.z", "statics.torques.x"]

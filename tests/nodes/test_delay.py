@@ -4,13 +4,12 @@ organ over a bad network."""
 import numpy as np
 import pytest
 
+from palpate.calling import described
 from palpate.engine.faults import GraphError
 from palpate.engine.imports import UntrustedError, full_name, load_class, recorded_class
-from palpate.launch.calling import described
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.launch.stepping import Stepper
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Force, Pose, Surface
 from palpate.nodes.base import Node, SettingError, inputs, outputs
@@ -18,6 +17,7 @@ from palpate.nodes.transport import Delay
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.verify import verify
+from palpate.stepping import Stepper
 
 REMOTE = ("scene.network.delay=10 ms", "scene.network.jitter=5 ms", "scene.network.loss=0.2", "controller.delay=20")
 

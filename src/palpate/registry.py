@@ -1,6 +1,6 @@
 """What lies in folders and is listed nowhere: nodes, messages, laws, materials and commands, each by its file.
 
-This folder imports nothing of ours, so that every other one may use it.
+This file imports nothing of ours, so that every room may use it.
 """
 
 import importlib

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from palpate.launch.calling import run
-    from palpate.launch.stepping import Tick
+    from palpate.calling import run
     from palpate.physics.errors import PalpateError
     from palpate.records.samples import RecordedStream, Samples
+    from palpate.stepping import Tick
     from palpate.studies.sweeps.study import Study
     from palpate.views.run import Comparison, Run
 
@@ -39,8 +39,8 @@ _HOMES = {
     "Samples": "palpate.records.samples",
     "RecordedStream": "palpate.records.samples",
     "Study": "palpate.studies.sweeps.study",
-    "Tick": "palpate.launch.stepping",
-    "run": "palpate.launch.calling",
+    "Tick": "palpate.stepping",
+    "run": "palpate.calling",
 }
 
 
@@ -63,8 +63,8 @@ def steps(
 
     PalpateError: what is wrong with the graph, or which node failed.
     """
-    from palpate.launch.calling import described
-    from palpate.launch.stepping import Stepper, ticks
+    from palpate.calling import described
+    from palpate.stepping import Stepper, ticks
 
     return ticks(Stepper(described(graph, duration=duration, scene=scene, sets=sets, nodes=nodes)))
 

@@ -1,1 +1,0 @@
-../../public/__init__.py
