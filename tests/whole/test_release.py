@@ -1,4 +1,4 @@
-"""release/release.py: what it refuses, and a whole release that is not brought home."""
+"""docs/release/release.py: what it refuses, and a whole release that is not brought home."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def test_a_version_that_cannot_be_is_refused(version, words):
 def test_the_version_is_written_wherever_it_stands(tmp_path):
     (tmp_path / "release").mkdir()
     (tmp_path / "docs").mkdir()
-    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "release/recipe.yaml", "docs/install.md"):
+    for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "docs/release/recipe.yaml", "docs/install.md"):
         (tmp_path / name).write_text((ROOT / name).read_text())
     release.write_version(tmp_path, "7.8.9")
     assert 'version = "7.8.9"' in (tmp_path / "pyproject.toml").read_text()
@@ -98,7 +98,7 @@ def test_the_recipe_can_be_rendered(tmp_path):
 def test_a_dry_run_builds_and_checks_and_changes_nothing(tmp_path):
     clone = tmp_path / "palpate"
     subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
-    command = [sys.executable, "release/release.py", "99.0.0", "--dry-run"]
+    command = [sys.executable, "docs/release/release.py", "99.0.0", "--dry-run"]
     done = subprocess.run(command, cwd=clone, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "palpate-99.0.0-py3-none-any.whl" in done.stdout and "would tag v99.0.0" in done.stdout

@@ -1,7 +1,7 @@
 """Make a release: version, notes, build, check, tag.
 
-    python release/release.py 0.2.0 --dry-run    # everything but the commit and the tag in this repository
-    python release/release.py 0.2.0
+    python docs/release/release.py 0.2.0 --dry-run    # everything but the commit and the tag in this repository
+    python docs/release/release.py 0.2.0
 
 It works in a clone, so that what is built is what is committed, and brings commit and tag home at the end; what is to
 be uploaded lies in dist/ then. Needs `build` and a network.
@@ -18,7 +18,7 @@ import tempfile
 import zipfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 UNRELEASED = "## [Unreleased]\n"
 HOLDS = (
     "palpate/graphs/kidney.yaml",
@@ -56,7 +56,7 @@ def write_version(folder: Path, version: str) -> None:
     for name, pattern, new in (
         ("pyproject.toml", r'^version = ".*"$', f'version = "{version}"'),
         ("CITATION.cff", r"^version: .*$", f"version: {version}\ndate-released: {today}"),
-        ("release/recipe.yaml", r'^  version: ".*"$', f'  version: "{version}"'),
+        ("docs/release/recipe.yaml", r'^  version: ".*"$', f'  version: "{version}"'),
         ("docs/install.md", r"palpate-\d+\.\d+\.\d+-py3", f"palpate-{version}-py3"),
         ("CHANGELOG.md", r"^## \[Unreleased\]$", f"## [Unreleased]\n\n## [{version}] - {today}"),
     ):
