@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).parents[2]
-SPEC = spec_from_file_location("release", ROOT / "release" / "release.py")
+SPEC = spec_from_file_location("release", ROOT / "docs" / "release" / "release.py")
 release = module_from_spec(SPEC)
 SPEC.loader.exec_module(release)
 
