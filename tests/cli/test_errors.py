@@ -34,7 +34,7 @@ def declared() -> dict[str, list[str]]:
     """The first base of every class of an error in the sources, by its name: one for each declaration."""
     bases: dict[str, list[str]] = {}
     for folder in FOLDERS:
-        for file in sorted((Path(__file__).parents[3] / folder).rglob("*.py")):
+        for file in sorted((Path(__file__).parents[2] / folder).rglob("*.py")):
             for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.ClassDef) and node.bases:
                     bases.setdefault(node.name, []).append(ast.unparse(node.bases[0]))

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import palpate
 from palpate.cli.__main__ import app
-from palpate.launch import calling
+from palpate import calling
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 

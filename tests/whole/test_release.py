@@ -32,8 +32,7 @@ def test_a_version_that_cannot_be_is_refused(version, words):
 
 
 def test_the_version_is_written_wherever_it_stands(tmp_path):
-    (tmp_path / "release").mkdir()
-    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "release").mkdir(parents=True)
     for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "docs/release/recipe.yaml", "docs/install.md"):
         (tmp_path / name).write_text((ROOT / name).read_text())
     release.write_version(tmp_path, "7.8.9")
@@ -54,7 +53,7 @@ def test_a_wheel_without_its_graphs_is_refused(tmp_path):
 
 def test_the_recipe_asks_for_what_the_project_asks_for():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    recipe = yaml.safe_load((ROOT / "release" / "recipe.yaml").read_text())
+    recipe = yaml.safe_load((ROOT / "docs" / "release" / "recipe.yaml").read_text())
     wanted = {one.replace(">=", " >=").lower() for one in project["dependencies"]}
     assert set(recipe["requirements"]["run"]) == wanted | {"python >=${{ python_min }}", "__linux"}
     assert f">={recipe['context']['python_min']}" == project["requires-python"]
@@ -83,7 +82,7 @@ def test_the_recipe_can_be_rendered(tmp_path):
         "python",
     ]
     done = subprocess.run(
-        [*uv, tmp_path / "render.py", ROOT / "release" / "recipe.yaml"], capture_output=True, text=True
+        [*uv, tmp_path / "render.py", ROOT / "docs" / "release" / "recipe.yaml"], capture_output=True, text=True
     )
     if "Failed to fetch" in done.stderr:
         pytest.skip("no package index here")

@@ -125,8 +125,7 @@ def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
         many.step([load(body, (0.010, 0.001), 0.0), load(body, (-0.004, 0.0), 0.8)], 1e3)
 
     def indented(x, y, force=0.0):
-        many.step([load(body, (x, y), force), load(body, (-0.004, 0.0), 0.8)], 1e3)
-        return many._aside[0]
+        return many.step([load(body, (x, y), force), load(body, (-0.004, 0.0), 0.8)], 1e3)[0][2]
 
     expected = [
         (indented(0.010 + step, 0.001) - indented(0.010 - step, 0.001)) / (2 * step),

@@ -87,7 +87,7 @@ def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("worst", "code"), [(0.4, 1), (0.2, 0)])
 def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst, code):
-    given = Basis(np.zeros((4, 3)), np.zeros((1, 3), dtype=np.int32), np.eye(12), np.zeros((4, 0)))
+    given = Basis(np.zeros((4, 3)), np.zeros((1, 3), dtype=np.int32), np.eye(12))
     missed = {"mean": worst / 4, "worst": worst}
     monkeypatch.setattr(builder, "built", lambda node, stages: (given, missed))
     made = run("reduce", "--set", "surface=plane", "--set", "coarse=120", "--to", str(tmp_path))
