@@ -121,7 +121,7 @@ class ReducedFE(WithNodule):
     def nodule_centre(self) -> Vector3:
         """Of the nodule [m], in the surface's own frame, to `GRID`."""
         turn, origin = self._placing()
-        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID)).tolist()
+        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID) + 0.0).tolist()  # no -0, which is another key
         return x, y, z
 
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:

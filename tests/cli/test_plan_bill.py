@@ -21,8 +21,8 @@ def test_each_effect_of_the_graph_is_told_with_the_rule_that_decided():
     bill_items = items()
     assert bill_items["friction"].on and bill_items["friction"].rule.startswith("tissue.friction holds (")
     assert not bill_items["band"].on and bill_items["band"].rule.startswith("finger.band is false (")
-    assert bill_items["relaxation"].on and bill_items["relaxation"].rule == "tissue.damping is 5.0"
-    assert not bill_items["coupling"].on and bill_items["shape"].on and "read by log" in bill_items["shape"].rule
+    assert bill_items["relaxation"].on and bill_items["relaxation"].rule == "contact.finger_damping is 8.0"
+    assert bill_items["shape"].on and "read by log" in bill_items["shape"].rule
     switched = items("effects.friction=off", "effects.band=on")
     assert switched["friction"].rule == "effects: friction is off (--set effects.friction=off)"
     assert switched["band"].on and switched["band"].nodes == ["band"]
@@ -49,7 +49,7 @@ def test_the_price_is_that_of_the_nodes_that_run_for_it_alone_by_their_divisors(
     times = {"friction": 4e-6, "band": 30e-6}
     bill_items = items("effects.band=on", times=times)
     assert bill_items["friction"].price == 4e-6 and bill_items["band"].price == pytest.approx(3e-6)
-    assert bill_items["deformation"].price is None and bill_items["coupling"].price is None
+    assert bill_items["deformation"].price is None
 
 
 def command(*args):

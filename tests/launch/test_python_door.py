@@ -9,8 +9,8 @@ from short_touch import QUICK
 from typer.testing import CliRunner
 
 import palpate
-from palpate.cli.__main__ import app
 from palpate import calling
+from palpate.cli.__main__ import app
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 

@@ -97,7 +97,6 @@ MESSAGES = {
     ),
 }
 VARIANTS = {
-    "tissue with neighbours": ("tissue", {"coupling": 200.0, "damping": 0.0}),
     "undamped tissue": ("tissue", {"damping": 0.0, "exponent": 1.0, "tangential_damping": 0.0}),
     "coulomb": ("friction", "friction.Coulomb"),
     "mesh": ("collision", "collision.Mesh"),

@@ -165,7 +165,7 @@ def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypa
     assert ready(node) == seconds
     node.start()
     with pytest.raises(UnsupportedError, match="palpate reduce"):
-        ready(ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), coarse=50))
+        ready(ReducedFE(model="sampled", surface="sphere", coarse=50))
 
 
 def test_what_condensing_smears_falls_with_the_square_of_the_distance_of_its_vertices():

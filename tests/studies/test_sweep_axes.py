@@ -109,7 +109,7 @@ GRID = {"ball.young": [1e4, 2e4]}
         ({"over": {"tissue": [1, 2]}}, "over tissue: expected a setting"),
         ({"over": {"tissue.use": ["deformation.MassSprin"]}}, "deformation.MassSpring"),
         ({"over": {"tissue.use": ["deformation.Rigid"], "tissue.exponent": [1.5]}}, "over tissue.exponent"),
-        ({"over": {"tissue.stiffness": {"uniform": ["1 mm", "2 mm"]}}, "samples": 2}, "1 mm"),
+        ({"over": {"tissue.stiffness": {"uniform": ["1 mm", "2 mm"]}}, "samples": 2}, "mm'; expected a plain number"),
         ({"over": {"tissue.stiffness": {"uniform": [1, 2]}}}, "samples: found 0"),
         ({"over": {"tissue.stiffness": [1, 2]}, "samples": 4}, "samples: found 4"),
         ({"over": {"tissue.stiffness": [1, 2]}, "sensitivity": "sobol"}, "no distribution"),

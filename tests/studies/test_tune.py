@@ -155,7 +155,8 @@ def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "bodies", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
-    given = ["tune", "nodule", "--duration", "1 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml")]
+    given = ["tune", "nodule", "--duration", "1 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml"),
+             "--set", "scene.nodule.nodule_radius=3 mm"]  # fmt: skip
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 0, ran.output
     text = " ".join(ran.output.split())

@@ -48,7 +48,7 @@ def main():
         seen = env.step(np.array([0.0, 0.0, -0.03], np.float32))[0]
     assert np.isfinite(seen["force"]).all()
     env.close()
-    fitted = fit_curve(MODELS["linear"], np.array([[0.0], [1e-3], [2e-3], [3e-3]]), np.array([0.1, 0.6, 1.1, 1.6]))
+    fitted = fit_curve(MODELS["linear"], np.array([0.0, 1e-3, 2e-3, 3e-3]), np.array([0.1, 0.6, 1.1, 1.6]))
     assert np.allclose(fitted.parameters, [500.0, 0.1])
     study = palpate.Study(sys.argv[1], {"tissue.stiffness": [2e3, 4e3]}, ["peak contact.force"])
     assert len(study.points) == 2

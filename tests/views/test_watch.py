@@ -70,7 +70,7 @@ def test_the_shape_is_computed_where_a_body_can_and_the_pace_is_the_worlds():
     assert launch.pace == 1.0 and "effects.shape=on" in launch.overrides
     assert watchable(find("kidney").but(pace=0.2)).pace == 0.2
     assert watchable(find("kidney").but(clock="real")).pace is None
-    assert "effects.shape=on" not in watchable(find("fingertip-slide")).overrides
+    assert "effects.shape=on" in watchable(find("fingertip-slide")).overrides
 
 
 def test_a_run_in_one_process_cannot_be_seen():

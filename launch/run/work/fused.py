@@ -2,7 +2,6 @@
 
 import contextlib
 import faulthandler
-import resource
 import signal
 import sys
 import time
@@ -118,6 +117,8 @@ def death(fault: NodeError) -> Death:
     """A fault as the result tells it."""
     cause = fault.cause
     if isinstance(cause, MemoryError):  # whoever asks last is not to blame
+        import resource  # POSIX; this module is imported where there is none, too
+
         most = resource.getrlimit(resource.RLIMIT_AS)[0]
         limit = "" if most == resource.RLIM_INFINITY else f"; the limit is {most / 1e6:.0f} MB (`ulimit -v`)"
         during = f"while node {fault.node!r} had its turn ({fault.where})"

@@ -122,7 +122,7 @@ def test_a_run_that_starts_while_another_is_about_to_lock_its_folder_leaves_it_a
             others.append(addresses.RunFolder(second))
         lock(number, how)
 
-    monkeypatch.setattr(addresses.fcntl, "flock", flock)
+    monkeypatch.setattr("fcntl.flock", flock)
     made = addresses.RunFolder(first)
     assert made.path.is_dir() and {first, second} <= dict(addresses.runs()).keys()
     made.close()
