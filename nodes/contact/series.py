@@ -69,7 +69,7 @@ class Series(Node):
         self._in_step = True
         self._withheld = 0.0
         self._heard: Heard | None = None
-        self._usual, self._depth, self._rate = math.inf, 0.0, 0.0
+        self._usual, self._depth, self._before = math.inf, 0.0, (0.0, 0.0)
         self._finger_law = self._finger()
         self._law = laws.kernel_form(self._finger_law, self.finger_damping)
         self._series = entry_point(laws.series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -89,17 +89,18 @@ class Series(Node):
         came nearer.
 
         An implicit step over a gap meets its mean rate at its full depth, although a finger that hits the tissue in it
-        may rest by now. So the rate at its end is extrapolated from the rate v before it, v_end = 2 v_mean - v within
-        [0, v_mean], and the step is as long as the same motion takes at v_end. A gap that begins before contact, where
-        v is unknown because this node may sleep, ends at rest.
+        may rest by now. So the rate at its end is extrapolated from the mean rates v, v_0 of this step and the one
+        before, of lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step is as long as the same
+        motion takes at v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends
+        at rest.
         """
         depth = proximity.approach - proximity.separation
-        mean, before = (depth - self._depth) / dt, self._rate
-        self._usual, self._depth, self._rate = min(self._usual, dt), depth, mean
-        if dt <= LATE * self._usual or not mean > 0.0:
+        rate, (rate_before, dt_before) = (depth - self._depth) / dt, self._before
+        self._usual, self._depth, self._before = min(self._usual, dt), depth, (rate, dt)
+        if dt <= LATE * self._usual or not rate > 0.0:
             return dt
-        self._rate = 0.0 if self._idle else min(max(2.0 * mean - before, 0.0), mean)
-        return min(dt * mean / self._rate, REST) if self._rate > 0.0 else REST
+        end = 0.0 if self._idle else min(rate + (rate - rate_before) * dt / (dt + dt_before), rate)
+        return min(dt * rate / end, REST) if end > 0.0 else REST
 
     def _law_now(self, body: Heard, time: int, dt: float, length: float) -> Law:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns], taken as `length`.
