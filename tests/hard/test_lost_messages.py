@@ -217,7 +217,9 @@ def test_an_impact_in_a_gap_presses_no_harder_than_one_that_is_seen(motion, gap,
     law = {"stiffness": 1e6, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     body = Surface(nodes=np.zeros(0, int), displacement=np.zeros((0, 3)), **law)
     if count > 1:
-        body = replace(body, laws=np.tile([*law.values()], (count, 1)), slopes=np.zeros((count, 12)), coupling=np.eye(count))
+        body = replace(
+            body, laws=np.tile([*law.values()], (count, 1)), slopes=np.zeros((count, 12)), coupling=np.eye(count)
+        )
 
     def forces(gone: set[int]) -> dict[int, float]:
         node, last, found = (Joint if count > 1 else Series)(), -1, {}
