@@ -69,7 +69,7 @@ class Series(Node):
         self._in_step = True
         self._withheld = 0.0
         self._heard: Heard | None = None
-        self._usual, self._depth, self._before = math.inf, 0.0, (0.0, 0.0)
+        self._usual, self._depth, self._motion = math.inf, 0.0, (0.0, 0.0)
         self._finger_law = self._finger()
         self._law = laws.kernel_form(self._finger_law, self.finger_damping)
         self._series = entry_point(laws.series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -95,8 +95,8 @@ class Series(Node):
         at rest.
         """
         depth = proximity.approach - proximity.separation
-        rate, (rate_before, dt_before) = (depth - self._depth) / dt, self._before
-        self._usual, self._depth, self._before = min(self._usual, dt), depth, (rate, dt)
+        rate, (rate_before, dt_before) = (depth - self._depth) / dt, self._motion
+        self._usual, self._depth, self._motion = min(self._usual, dt), depth, (rate, dt)
         if dt <= LATE * self._usual or not rate > 0.0:
             return dt
         end = 0.0 if self._idle else min(rate + (rate - rate_before) * dt / (dt + dt_before), rate)
