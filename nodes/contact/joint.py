@@ -64,7 +64,8 @@ class Joint(Series):
         for i, finger in enumerate(self._fingers):
             pressing = finger.pressing(proximity[i], seen[i], dt)
             if pressing is not None:
-                self._approach[i], length, self._terminal[i] = pressing
+                self._approach[i], own, self._terminal[i] = pressing
+                length = max(own, length or 0.0)  # after a gap the softest answer, see `Series._length`
             self._before[i] = finger.compression
         if length is not None:
             joint_step(

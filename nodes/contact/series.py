@@ -16,7 +16,7 @@ from palpate.physics.entry_point import entry_point
 
 FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
-LATE = 1.5  # [1] steps of the contact after which a law is an old one
+LATE = 1.5  # [1] steps of the contact after which a law is an old one, and usual steps after which a step spans a gap
 AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
 GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
 REST = 1e3  # [s] a step after which any body is at rest
@@ -69,6 +69,7 @@ class Series(Node):
         self._in_step = True
         self._withheld = 0.0
         self._heard: Heard | None = None
+        self._usual, self._depth, self._motion = math.inf, 0.0, (0.0, 0.0)
         self._finger_law = self._finger()
         self._law = laws.kernel_form(self._finger_law, self.finger_damping)
         self._series = entry_point(laws.series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -83,8 +84,26 @@ class Series(Node):
             )
         return laws.exponential(self.finger_stiffness, self.finger_hardening)
 
-    def _law_now(self, body: Heard, time: int, dt: float) -> Law:
-        """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns].
+    def _length(self, proximity: Proximity, dt: float) -> float:
+        """Length [s] of the step over which the damping takes the motion: `dt`, except after a gap in which the finger
+        came nearer.
+
+        An implicit step over a gap meets its mean rate at its full depth, although a finger that hits the tissue in it
+        may rest by now. So the rate at its end is extrapolated from the mean rates v, v_0 of this step and the one
+        before, of lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step is as long as the same
+        motion takes at v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends
+        at rest.
+        """
+        depth = proximity.approach - proximity.separation
+        rate, (rate_before, dt_before) = (depth - self._depth) / dt, self._motion
+        self._usual, self._depth, self._motion = min(self._usual, dt), depth, (rate, dt)
+        if dt <= LATE * self._usual or not rate > 0.0:
+            return dt
+        end = 0.0 if self._idle else min(rate + (rate - rate_before) * dt / (dt + dt_before), rate)
+        return min(dt * rate / end, REST) if end > 0.0 else REST
+
+    def _law_now(self, body: Heard, time: int, dt: float, length: float) -> Law:
+        """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns], taken as `length`.
 
         InputError: a law out of its range.
         """
@@ -98,9 +117,9 @@ class Series(Node):
         age = (time - body.time) * 1e-9 if time >= 0 and body.time >= 0 else dt
         fresh = age <= LATE * dt and step <= LATE * dt and (dt <= LATE * step or step == 0.0)
         self._in_step = fresh and (self._in_step or own is None or abs(own - previous) <= AGREE)
-        if self._in_step or own is None:
+        if own is None or (self._in_step and length == dt):
             return law
-        k, free = law_at(dt, own, Terminal(*law), step, body.relaxation)
+        k, free = law_at(length, own, Terminal(*law), step, body.relaxation)
         return k, n, c, free, own
 
     def _feel(self, proximity: Proximity, previous: float, dt: float) -> float:
@@ -128,11 +147,12 @@ class Series(Node):
     def pressing(self, proximity: Proximity, body: Heard | None, dt: float) -> tuple[float, float, Law] | None:
         """Approach [m], length of the step [s] and the body's law, which determine the force of this step; None where
         there is nothing to press on."""
+        length = self._length(proximity, dt)
         if body is not None:
             self._heard = body
-            law = self._law_now(body, proximity.time, dt)
+            law = self._law_now(body, proximity.time, dt, length)
             self._previous = law[-1]
-            return self._feel(proximity, self._previous, dt), dt, law
+            return self._feel(proximity, self._previous, dt), length, law
         self.indentation, self._in_step = None, True
         self._withheld += max(proximity.approach, 0.0) * dt / GONE
         felt = proximity.approach - self._withheld
