@@ -76,6 +76,25 @@ def test_the_stiffest_slope_is_that_of_its_formula():
     assert SHARE == 0.01 and LEAP == 0.1
 
 
+@pytest.mark.parametrize("turned", [0.0, 0.7, 2.0])
+def test_a_swing_in_the_plane_does_not_raise_the_force_and_a_slide_does(turned):
+    """A wall of 20 kN/m is shown softer. A finger that swings sideways by a few counts keeps its force; one that slides
+    comes closer to the force of the wall, by at most LEAP per count."""
+    deep = np.full(300, 1e-3)
+    deep[:100] = np.linspace(0.0, 1e-3, 100)
+    along = np.array([math.cos(turned), math.sin(turned), 0.0])
+    t = np.arange(200) * T
+    for side, rises in ((4 * COUNT * np.sin(2 * math.pi * 30 * t), False), (0.1 * t, True)):
+        path = np.outer(deep, (0.0, 0.0, -1.0))
+        path[100:] += np.outer(side, along)
+        force = run(path, 20_000.0, resolution=COUNT)[0][:, 2]
+        assert LEAP / COUNT * 1e-3 == approx(force[99], rel=0.1)
+        if rises:
+            assert force[-1] == approx(20.0) and np.diff(force[100:]).max() < 1.01 * LEAP / COUNT * 0.1 * T
+        else:
+            assert force[101:] == approx(force[100], rel=1e-9)
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_way_back_of_one_count_is_not_booked_and_a_longer_one_is(axis, way):
