@@ -4,7 +4,7 @@ each other. In each the force keeps to its limits, and the display gives out no 
 import numpy as np
 import pytest
 
-from palpate.stepping import steps
+from palpate import steps
 
 LIMIT, SLEW, LEAK = 9.0, 5000.0, 2e-3  # [N], [N/s], [J]
 SMALL = "scene.surface.vertices=1500"

@@ -77,22 +77,27 @@ def test_the_stiffest_slope_is_that_of_its_formula():
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.7, 2.0])
-def test_a_swing_in_the_plane_does_not_raise_the_force_and_a_slide_does(turned):
-    """A wall of 20 kN/m is shown softer. A finger that swings sideways by a few counts keeps its force; one that slides
-    comes closer to the force of the wall, by at most LEAP per count."""
-    deep = np.full(300, 1e-3)
-    deep[:100] = np.linspace(0.0, 1e-3, 100)
-    along = np.array([math.cos(turned), math.sin(turned), 0.0])
-    t = np.arange(200) * T
-    for side, rises in ((4 * COUNT * np.sin(2 * math.pi * 30 * t), False), (0.1 * t, True)):
-        path = np.outer(deep, (0.0, 0.0, -1.0))
-        path[100:] += np.outer(side, along)
-        force = run(path, 20_000.0, resolution=COUNT)[0][:, 2]
-        assert approx(force[99], rel=0.1) == LEAP / COUNT * 1e-3
-        if rises:
-            assert force[-1] == approx(20.0) and np.diff(force[100:]).max() < 1.01 * LEAP / COUNT * 0.1 * T
+def test_a_swing_in_the_plane_does_not_raise_a_limited_force_and_a_slide_does(turned):
+    """Pressed 1 mm deep, from 0.9 mm on against 20 N, of which it feels 0.6. A finger that swings sideways by a few
+    counts keeps that force; one that slides gains at most LEAP per count of motion, up to LEAP per count of the
+    approach."""
+    t = np.arange(-150, 150) * T
+    most = LEAP / COUNT
+    for side, slides in ((4 * COUNT * np.sin(2 * math.pi * 30 * t), False), (0.1 * t, True)):
+        state, past = buffers(0)
+        force = []
+        for k, s in enumerate(side):
+            depth = min(1e-5 * k, 1e-3)
+            s *= k >= 150
+            place = (s * math.cos(turned), s * math.sin(turned), -depth)
+            push = 500.0 * depth if k < 90 else 20.0
+            force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, place, STILL, T)[2])
+        assert force[149] == approx(0.45 + 0.1e-3 * most, rel=0.02)
+        if slides:
+            assert force[-1] == approx(most * 1e-3)
+            assert np.diff(force[150:]).max() < 1.01 * most * 0.1 * T
         else:
-            assert force[101:] == approx(force[100], rel=1e-9)
+            assert force[150:] == approx(np.full(150, force[149]), rel=1e-6)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
