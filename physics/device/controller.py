@@ -31,7 +31,7 @@ from palpate.physics.kernel import kernel
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
 """Places in the gains."""
-PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY = range(13)
+PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY, DRAGGED = range(14)
 """Rows of the state."""
 FREE, CONTACT = 0.0, 1.0
 SPEED = 3  # state[WAY] = last way booked [m], speed out of the surface [m/s]
@@ -48,8 +48,8 @@ PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
 
 
 def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fresh state (13,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s]."""
-    return np.zeros((13, 4)), np.zeros((delay + 1, 7))
+    """Fresh state (14,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s]."""
+    return np.zeros((14, 4)), np.zeros((delay + 1, 7))
 
 
 @kernel
@@ -91,6 +91,22 @@ def observe(state, before, x, y, z, dt, resolution):
 
 
 @kernel(error_model="numpy")
+def dragged(point, n, place, play):
+    """How far [m] a finger at `place` [m] drags a point in the plane of normal n [1], as on a string of the length
+    `play` [m]: one that slides drags it by its whole motion, one that swings by less than that does not.
+
+    point  (4)  [m] the point; changed in place
+    """
+    wx, wy, wz = place[0] - point[0], place[1] - point[1], place[2] - point[2]
+    along = wx * n[0] + wy * n[1] + wz * n[2]
+    wx, wy, wz = wx - along * n[0], wy - along * n[1], wz - along * n[2]
+    length = math.sqrt(wx * wx + wy * wy + wz * wz)
+    slack = min(play / length, 1.0) if length > 0.0 else 0.0
+    point[0], point[1], point[2] = place[0] - slack * wx, place[1] - slack * wy, place[2] - slack * wz
+    return (1.0 - slack) * length
+
+
+@kernel(error_model="numpy")
 def render(gains, state, before, force, n, approach, place, lag, dt):
     """Normal force [N] to show for a contact force [N]: no stiffer than the lag [s] allows, damped for what it lags.
 
@@ -98,7 +114,7 @@ def render(gains, state, before, force, n, approach, place, lag, dt):
     """
     wx, wy, wz = place[0] - state[PLACE, 0], place[1] - state[PLACE, 1], place[2] - state[PLACE, 2]
     along = wx * n[0] + wy * n[1] + wz * n[2]
-    sideways = math.sqrt(max(wx * wx + wy * wy + wz * wz - along * along, 0.0))
+    sideways = dragged(state[DRAGGED], n, place, SPAN * gains[RESOLUTION])
     most = stiffest(gains[MASS], gains[DRAG], gains[RESOLUTION], lag)
     if state[ENERGY, RISE] > 0.0:  # after an outage the force also rises while the finger rests
         state[WALL, LINE] += RECOVERY * dt
@@ -181,7 +197,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     if state[MODE, STARTED] == 0.0:
         state[MODE, STARTED] = 1.0
         for i in range(3):
-            state[ANCHOR, i] = state[PLACE, i] = state[BOOKED, i] = position[i]
+            state[ANCHOR, i] = state[PLACE, i] = state[BOOKED, i] = state[DRAGGED, i] = position[i]
         for row in range(len(past)):
             for i in range(3):
                 past[row, STAND + i] = position[i]

@@ -44,7 +44,9 @@ def soften(wall, force, approach, way, sideways, most, step, dt):
     wall      (4)  the line [N] that bounds the force, the last contact force [N], whether the line holds, and for how
                    long [s] the force has been below it; changed in place
     approach  [m]  since first contact
-    way       [m]  into the surface since the last step; sideways [m]: in its plane
+    way       [m]  into the surface since the last step
+    sideways  [m]  in its plane since then, without the swing of a finger that holds still: under a law far above the
+                   line each swing would raise the force, and drive the next one
     dt        [s]
     """
     least = max(wall[LAW] + most * (way - sideways), 0.0) if -1.5 * step < way < 0.0 < force else 0.0

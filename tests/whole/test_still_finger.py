@@ -50,3 +50,22 @@ def test_measured_exactly_it_rests(tmp_path, body):
 def test_beams_come_to_rest_under_a_finger_that_is_measured_exactly(tmp_path, point):
     """They relax for seconds, and the finger goes on with them; that is a slow motion, not an oscillation."""
     assert noise(force(tmp_path, point, "tissue.use=deformation.BeamBundle", *EXACT), trend=True) < 5e-3
+
+
+HELD = [  # body, height of the hand over the kidney's middle [m], rate [Hz]; the finger touches at 0.109
+    ("BeamBundle", 0.0935, 1000),
+    ("Rigid", 0.0955, 1000),
+    *(
+        pytest.param(body, height, rate, marks=pytest.mark.long)
+        for body in ("MassSpring", "ReducedFE", "BeamBundle", "Rigid")
+        for height in (0.098, 0.0955, 0.0935)
+        for rate in (500, 1000, 5000)
+    ),
+]
+
+
+@pytest.mark.parametrize(("body", "height", "rate"), HELD)
+def test_every_body_lets_a_finger_hold_still_under_the_encoder(tmp_path, body, height, rate):
+    """Without a filter, about a parabola: beams go on relaxing."""
+    held = force(tmp_path, (0.0, 0.0, height), f"tissue.use=deformation.{body}", f"rate={rate}")
+    assert noise(held, rate, trend=True) < 0.03
