@@ -51,7 +51,8 @@ def plateau(press: Press, relaxes: bool) -> int | None:
 
     Two signs: rows of exactly the greatest force over some indentation, as of a converter at its limit, and more than a
     step of the force explains; and, unless the law relaxes, a last part whose slope, a line by least squares, is less
-    than `FLAT` of the mean slope with two standard errors, which no law here has.
+    than `FLAT` of the mean slope with two standard errors, which no law here has. Parts where the indenter slows down
+    to less than half of its mean speed do not count: there the force of a damped tissue falls.
     """
     top = int(np.argmax(press.depth))
     s, force = press.depth[: top + 1], press.force[: top + 1]
@@ -62,10 +63,13 @@ def plateau(press: Press, relaxes: bool) -> int | None:
         return int(equal[0])
     air = force[s < press.touch - press.slack]
     air = air - air.mean() if len(air) > 8 else np.zeros(1)
+    time, ramp = press.elapsed[: top + 1], s > press.touch
     for share in () if relaxes else SHARES:
         last = s > s[-1] - share * reach
         if last.sum() < 6:
             break
+        if np.ptp(time[last]) > 2.0 * share * np.ptp(time[ramp]):
+            continue
         across, level = s[last] - s[last].mean(), float(force[last].mean())
         slope = float(across @ force[last]) / float(across @ across)
         noise = max(float((force[last] - level - slope * across).std()), float(air.std()))

@@ -99,9 +99,9 @@ def fit_tissue(
     problem = made(loaded)
     best = estimate(problem)
     slack = max(2.0 * best.number(f"touch, {p.name}")[1] * p.slack for p in loaded)
-    reach = max(float(p.depth.max()) - t for p, t in zip(whole, best.touches, strict=True))
-    if reach - slack > 1.02 * law.reach:
-        notes.append(f"pressed {1e3 * reach:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm "
+    found = max(float(p.depth.max()) - t for p, t in zip(whole, best.touches, strict=True))
+    if min(reach, found - slack) > 1.02 * law.reach:  # by the force alone, and by the touch point that was fitted
+        notes.append(f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm "
                      f"({law.remark}): the deeper rows are left out")  # fmt: skip
         loaded = [p.part(p.depth - t <= law.reach) for p, t in zip(whole, best.touches, strict=True)]
         problem = made(loaded)
