@@ -96,8 +96,8 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
         uncertain = best.number(f"touch, {press.name}")[1] * press.slack
         if not press.air and touch - 2.0 * uncertain < first - 0.02 * reach:
             said.append(
-                f"{press.name}: no rows before contact show the zero of the force: it seems to touch "
-                f"{1e3 * (first - touch):.2g} mm (± {2e3 * uncertain:.1g}) before the first row. Zero and touch point "
+                f"{press.name}: no rows before contact show the zero of the force: it may touch up to "
+                f"{1e3 * (first - touch + 2.0 * uncertain):.2g} mm before the first row. Zero and touch point "
                 "were found from the curve alone, which widens the intervals; begin the press above the surface"
             )
     return said
