@@ -1,21 +1,24 @@
-"""How often the 95 % intervals of `palpate fit-tissue` hold the truth, and
-how often a press without a flaw gets a
-note: synthetic presses, white and correlated noise.
+"""Coverage of the 95 % intervals of `palpate fit-tissue`, its false alarms, and how often it detects a flaw of a press.
 
-A ball of 8 mm on a layer of 20 mm, E = 10 kPa, bonded; noise of 1 % of the peak, the touch point 0.1 mm off
-what the file says; once white, once with a correlation of 0.9 from row to row, and a press and hold where it relaxes.
+Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak, touch point 0.1 mm off the
+file; without relaxation, and a press and hold with one Prony term.
 
-python benchmarks/fit_coverage.py [trials]
+Flaws: a ball of 8 mm on a half-space, pressed by 0.3 to 0.8 mm in 2 s; modulus, sampling rate, length of the approach,
+noise (0.1 to 2 % of the peak) and size of the flaw are drawn at random.
+
+python benchmarks/fit_coverage.py [trials] [first seed]
 """
 
 from __future__ import annotations
 
+import math
 import sys
+from typing import Any
 
 import numpy as np
 
 from palpate.models.fit.tissue import relaxing
-from palpate.models.fit.tissue.fit import fit_tissue
+from palpate.models.fit.tissue.fit import Fit, fit_tissue
 from palpate.models.fit.tissue.measured import Press, prepared
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
@@ -23,25 +26,40 @@ RIG = Rig("ball", 8e-3, 20e-3)
 TRUTH = {"young": 1e4, "share_1": 0.5, "time_1": 2.0}
 OFFSET = 1e-4
 """[m] How far the indentation of the file is off."""
+FLAWS = {
+    "none": ("",),
+    "drift, 3 to 10 % of the peak": ("drift",),
+    "begins at 10 to 40 % of the depth": ("no rows before contact",),
+    "saturates at 40 to 80 % of the peak": ("saturated",),
+    "same, noise after the limit": ("saturated",),
+    "bonded layer of 5 to 8 mm": ("misfits",),
+    "stiffens exponentially, 2 to 4 times": ("misfits",),
+}
+"""Flaw of a press -> words of the note that reports it."""
 
 
-def trial(seed: int, kind: str = "none", correlation: float = 0.0, noise: float = 0.01, rows: int = 300) -> Press:
+def noise(count: int, correlation: float, rng: np.random.Generator) -> np.ndarray:
+    """(count,) of variance 1, with this correlation from row to row."""
+    white = rng.standard_normal(count)
+    for k in range(1, count):
+        white[k] = correlation * white[k - 1] + math.sqrt(1.0 - correlation**2) * white[k]
+    return white
+
+
+def trial(seed: int, kind: str = "none", correlation: float = 0.0, size: float = 0.01, rows: int = 300) -> Press:
     """A press of 10 s: 2 s in, then held where something relaxes; 1 s of free motion before."""
     rng = np.random.default_rng(seed)
     time = np.linspace(-1.0, 9.0 if kind != "none" else 2.0, rows)
     depth = np.clip(time / 2.0, -0.5, 1.0) * 2e-3
     ideal = Press("synthetic", time, depth, np.zeros(rows), 0.0, 1e-4, 0.0)
     force = relaxing.force(kind, closed_form(RIG, "layer"), TRUTH, ideal, 0.0)
-    step = rng.standard_normal(rows)
-    for k in range(1, rows):
-        step[k] = correlation * step[k - 1] + np.sqrt(1.0 - correlation**2) * step[k]
-    return prepared("synthetic", time, depth + OFFSET, force + noise * force.max() * step)
+    return prepared("synthetic", time, depth + OFFSET, force + size * force.max() * noise(rows, correlation, rng))
 
 
-def covered(trials: int, kind: str = "none", correlation: float = 0.0) -> dict[str, float]:
+def covered(trials: int, kind: str, correlation: float, first: int = 0) -> dict[str, float]:
     """Share of the trials whose interval holds the truth, for each parameter; and of those with a false alarm."""
     held: dict[str, list[bool]] = {}
-    for seed in range(trials):
+    for seed in range(first, first + trials):
         fit = fit_tissue([trial(seed, kind, correlation)], RIG, "layer", kind)
         for name, own in fit.estimate.intervals.items():
             held.setdefault(name, []).append(own.low <= TRUTH[name] <= own.high)
@@ -49,13 +67,62 @@ def covered(trials: int, kind: str = "none", correlation: float = 0.0) -> dict[s
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
+def flawed(flaw: str, correlation: float, seed: int) -> tuple[Fit, float]:
+    """A press with a flaw, fitted by Hertz's law, and its modulus [Pa]."""
+    rng = np.random.default_rng(seed)
+    young, reach = 10 ** rng.uniform(3.0, 4.7), rng.uniform(0.3e-3, 0.8e-3)
+    rate, air, size = 10 ** rng.uniform(1.6, 2.3), rng.uniform(0.4, 1.0), 10 ** rng.uniform(-3.0, -1.7)
+    large = rng.uniform()
+    time = np.arange(0.0, air + 2.0, 1.0 / rate)
+    depth = (time - air) / 2.0 * reach
+    s = np.maximum(depth, 0.0)
+    force = 16 / 9 * young * math.sqrt(RIG.radius) * s**1.5
+    if "layer" in flaw:  # E. K. Dimitriadis et al., Biophys. J. 82 (2002) 2798
+        chi = np.sqrt(RIG.radius * s) / ((5.0 + 3.0 * large) * 1e-3)
+        force *= 1.0 + 1.133 * chi + 1.283 * chi**2 + 0.769 * chi**3 + 0.0975 * chi**4
+    if "stiffens" in flaw:
+        force *= np.exp(math.log(2.0 + 2.0 * large) * s / reach)
+    peak = force.max()
+    limit = peak * (0.4 + 0.4 * large if "limit" in flaw or "saturates" in flaw else math.inf)
+    error = size * peak * noise(len(time), correlation, rng)
+    force = np.minimum(force, limit) + error if "limit" in flaw else np.minimum(force + error, limit)
+    if "drift" in flaw:
+        force = force + rng.choice((-1.0, 1.0)) * (0.03 + 0.07 * large) * peak * time / time[-1]
+    kept = depth >= ((0.1 + 0.3 * large) * reach if "begins" in flaw else -1.0)
+    force = force - (force[kept][:3].mean() if "begins" in flaw else 0.0)
+    return fit_tissue([prepared("press.csv", time[kept], depth[kept], force[kept])], RIG, "hertz"), young
+
+
+def detected(flaw: str, correlation: float, trials: int, first: int = 0) -> dict[str, float]:
+    """Shares of the trials: with the note of this flaw, with another one; with an interval that holds the truth, with
+    one withheld."""
+    rows: list[dict[str, Any]] = []
+    words = FLAWS[flaw]
+    for seed in range(first, first + trials):
+        fit, young = flawed(flaw, correlation, seed)
+        own = fit.estimate.intervals["young"]
+        found = [bool(words[0]) and any(word in note for word in words) for note in fit.notes]
+        rows.append({
+            "noted": any(found), "another note": not all(found), "withheld": fit.estimate.withheld,
+            "holds the truth": not fit.estimate.withheld and own.low <= young <= own.high,
+            "wrong without a note": not fit.notes and not own.low <= young <= own.high,
+        })  # fmt: skip
+    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+
 def main() -> None:
-    trials = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    trials, first = (int(text) for text in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
     for kind in ("none", "prony:1"):
         for correlation in (0.0, 0.9):
-            shares = covered(trials, kind, correlation)
-            text = ", ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items())
-            print(f"{trials} trials, relaxation {kind}, correlation {correlation:g}: {text}", flush=True)
+            _say(f"relaxation {kind}", correlation, covered(trials, kind, correlation, first))
+    for flaw in FLAWS:
+        for correlation in (0.0, 0.9):
+            _say(flaw, correlation, detected(flaw, correlation, trials, first))
+
+
+def _say(what: str, correlation: float, shares: dict[str, float]) -> None:
+    text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
+    print(f"{what}, correlation {correlation:g}: {text}", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ from palpate.models.fit.tissue.measured import RARE, Press
 from palpate.models.fit.tissue.residuals import inflation, inflation_limit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
-BINS = (10, 20, 40)
-"""Parts of the indentation, of which the last two are compared."""
-FLAT = 0.2
+SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
+"""[1] Of the indentation: the last parts that are searched for a plateau."""
+FLAT = 0.3
 """[1] Slope of the force at the end of the loading over its mean, below which the force has stopped rising."""
 TIES = 4
 """Rows of exactly the greatest force, from which on it is a limit of the sensor."""
@@ -36,7 +36,9 @@ HARMLESS = 0.02
 EXACT = 3e-4
 """[1] RMS misfit over the peak that is none: no law and no sensor is that exact."""
 FEW = 20
-"""Rows before contact below which they do not show the noise."""
+"""Rows below which changes of sign are too few to count."""
+LEAST_FREE = 4
+"""Degrees of freedom of the noise before contact below which it does not show the size of the noise."""
 SMOOTH = 1.5
 """[1] Least RMS residual over the noise, of a misfit whose residuals count as few."""
 WITHHELD = 3.0
@@ -48,8 +50,9 @@ def plateau(press: Press, relaxes: bool) -> int | None:
     """The row from which on the force stays the same while the indentation rises; None: there is none.
 
     Two signs: rows of exactly the greatest force over some indentation, as of a converter at its limit, and more than a
-    step of the force explains; and, unless the law relaxes, a slope at the end that is less than `FLAT` of the mean
-    one, which no law here has.
+    step of the force explains; and, unless the law relaxes, a last part whose slope, a line by least squares, is less
+    than `FLAT` of the mean slope with two standard errors, which no law here has. Parts where the indenter slows down
+    to less than half of its mean speed do not count: there the force of a damped tissue falls.
     """
     top = int(np.argmax(press.depth))
     s, force = press.depth[: top + 1], press.force[: top + 1]
@@ -59,17 +62,20 @@ def plateau(press: Press, relaxes: bool) -> int | None:
     if len(equal) >= TIES and np.ptp(s[equal]) > max(WIDE * reach, 3.0 * step):
         return int(equal[0])
     air = force[s < press.touch - press.slack]
-    for bins in () if relaxes else BINS:
-        last = s > s[-1] - reach / bins
-        before = (s > s[-1] - 2.0 * reach / bins) & ~last
-        count = min(int(last.sum()), int(before.sum()))
-        if count < 3:
+    air = air - air.mean() if len(air) > 8 else np.zeros(1)
+    time, ramp = press.elapsed[: top + 1], s > press.touch
+    for share in () if relaxes else SHARES:
+        last = s > s[-1] - share * reach
+        if last.sum() < 6:
             break
-        noise = max(float(air.std()) * math.sqrt(inflation([air - air.mean()], 1)) if len(air) > 8 else 0.0,
-                    float(force[last].std()))  # fmt: skip
-        rise = float(force[last].mean() - force[before].mean()) + 2.0 * noise * math.sqrt(2.0 / count)
-        if rise < FLAT * peak * float(s[last].mean() - s[before].mean()) / reach:
-            return int(np.argmax(force >= force[last].mean() - 2.0 * noise))
+        if np.ptp(time[last]) > 2.0 * share * np.ptp(time[ramp]):
+            continue
+        across, level = s[last] - s[last].mean(), float(force[last].mean())
+        slope = float(across @ force[last]) / float(across @ across)
+        noise = max(float((force[last] - level - slope * across).std()), float(air.std()))
+        error = noise * math.sqrt(inflation([air], 1) / float(across @ across))
+        if max(slope, 0.0) + 2.0 * error < FLAT * peak / reach:
+            return int(np.argmax(force >= level - 2.0 * noise))
     return None
 
 
@@ -90,8 +96,8 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
         uncertain = best.number(f"touch, {press.name}")[1] * press.slack
         if not press.air and touch - 2.0 * uncertain < first - 0.02 * reach:
             said.append(
-                f"{press.name}: no rows before contact show the zero of the force: it seems to touch "
-                f"{1e3 * (first - touch):.2g} mm (± {2e3 * uncertain:.1g}) before the first row. Zero and touch point "
+                f"{press.name}: no rows before contact show the zero of the force: it may touch up to "
+                f"{1e3 * (first - touch + 2.0 * uncertain):.2g} mm before the first row. Zero and touch point "
                 "were found from the curve alone, which widens the intervals; begin the press above the surface"
             )
     return said
@@ -100,27 +106,11 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
 def bent(law: Law, reach: float) -> Law:
     """The law times exp(a sqrt(x) + b x), x = s/reach."""
 
-    def shape(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def force(values: Values, s: np.ndarray) -> np.ndarray:
         x = s / reach
-        return np.sqrt(x), x
+        return law.force(values, s) * np.exp(values["bend_1"] * np.sqrt(x) + values["bend_2"] * x)
 
-    def factor(values: Values, s: np.ndarray) -> np.ndarray:
-        root, x = shape(s)
-        return np.exp(values["bend_1"] * root + values["bend_2"] * x)
-
-    def slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        assert law.slopes is not None
-        more = factor(v, s)
-        along, by = law.slopes(v, s, force / more)
-        root, x = shape(s)
-        bend = (0.5 * v["bend_1"] / np.maximum(root, 1e-9) + v["bend_2"]) / reach
-        columns = {name: column * more for name, column in by.items()}
-        return along * more + force * bend, columns | {"bend_1": force * root, "bend_2": force * x}
-
-    return replace(
-        law, parameters=(*law.parameters, *BEND), force=lambda v, s: law.force(v, s) * factor(v, s),
-        slopes=None if law.slopes is None else slopes,
-    )  # fmt: skip
+    return replace(law, parameters=(*law.parameters, *BEND), force=force, slopes=None)
 
 
 def widen(problem: Problem, best: Estimate) -> list[str]:
@@ -140,7 +130,7 @@ def widen(problem: Problem, best: Estimate) -> list[str]:
         for p in problem.parameters:
             own, its = best.intervals[p.name], free.intervals[p.name]
             if max(given[p.name].low - its.low, its.high - given[p.name].high) > HARMLESS * abs(own.value):
-                moved.append(f"{p.name} {its.value:.4g} ({its.low:.4g} to {its.high:.4g})")
+                moved.append(f"{p.name} {its.value:.4g}")
             own.low, own.high = min(own.low, its.low), max(own.high, its.high)
         lost = lost and _fewer_runs(problem.presses, free)
         if moved:
@@ -150,9 +140,7 @@ def widen(problem: Problem, best: Estimate) -> list[str]:
         return []
     text = "; ".join(said) or "its residuals in contact change sign more rarely than those before it"
     if first.low <= 0.0 or first.high / first.low > WITHHELD or lost:
-        best.withheld = True
-        for p in best.parameters:
-            best.intervals[p.name].low, best.intervals[p.name].high = p.low, p.high
+        best.withhold()
         text += ". No interval is given: no one value belongs to all of this curve"
     else:
         text += ". The intervals were widened to hold these"
@@ -186,13 +174,16 @@ def _alternative(other: Problem, problem: Problem, best: Estimate) -> Estimate |
 
 
 def _noise(problem: Problem, best: Estimate) -> float:
-    """What the weighted noise of the force is at most, with 99 % confidence: of the residuals before contact, or where
-    these are few of the second differences."""
+    """What the weighted noise of the force is at most, with 99 % confidence: of the residuals before contact, whose
+    variance has n (1 - rho²)/(1 + rho²) degrees of freedom; or where these are few, of the second differences."""
     noise = []
     for press, off, touch, w in zip(problem.presses, best.residuals, best.touches, problem.weight, strict=True):
         before = off[: int(np.argmax(press.depth > touch))]
-        if len(before) >= FEW:
-            count = max(len(before) / inflation_limit([before - before.mean()], 1) - 1.0, 1.0)
+        before = before - before.mean() if len(before) else before
+        tau = inflation([before], 1)
+        rho = (tau - 1.0) / (tau + 1.0)
+        count = len(before) * (1.0 - rho**2) / (1.0 + rho**2) - 1.0
+        if count >= LEAST_FREE:
             size = float(before.std()) * math.sqrt(count / chi2.ppf(0.01, count))
         else:  # 4: of noise with a correlation of 0.9 from row to row
             size = 4.0 * float(np.median(np.abs(np.diff(press.force, 2)))) / 0.6745 / math.sqrt(6.0)

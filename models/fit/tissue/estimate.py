@@ -80,6 +80,12 @@ class Estimate:
             return 0.0, 0.0
         return float(self.at[self.names.index(name)]), float(self.errors[self.names.index(name)])
 
+    def withhold(self) -> None:
+        """Give no intervals: they become the whole range of the search."""
+        self.withheld = True
+        for p in self.parameters:
+            self.intervals[p.name].low, self.intervals[p.name].high = p.low, p.high
+
     @property
     def values(self) -> dict[str, float]:
         return {name: interval.value for name, interval in self.intervals.items()}

@@ -90,18 +90,30 @@ def fit_tissue(
     reach = max(float(p.depth.max()) - p.touch for p in loaded)
     law, more = _law(rig, name, relaxation, loaded, touch, relative, reach, report)
     notes += more
-    if reach > 1.02 * law.reach:
-        notes.append(f"pressed {1e3 * reach:.3g} mm, the law holds to {1e3 * law.reach:.3g} mm ({law.remark}): the "
-                     "deeper rows are left out")  # fmt: skip
-        loaded = [p.part(p.depth - p.touch <= law.reach) for p in loaded]
+    whole = loaded
 
     def made(some: Sequence[Press]) -> Problem:
         return Problem(some, law, relaxation, touch, relative)
 
+    loaded = [p.part(p.depth - p.touch <= 1.02 * law.reach) for p in whole]
     problem = made(loaded)
     best = estimate(problem)
+    slack = max(2.0 * best.number(f"touch, {p.name}")[1] * p.slack for p in loaded)
+    found = max(float(p.depth.max()) - t for p, t in zip(whole, best.touches, strict=True))
+    if min(reach, found - slack) > 1.02 * law.reach:  # by the force alone, and by the touch point that was fitted
+        notes.append(f"pressed {1e3 * found:.3g} mm, law {law.name} is valid to {1e3 * law.reach:.3g} mm "
+                     f"({law.remark}): the deeper rows are left out")  # fmt: skip
+        loaded = [p.part(p.depth - t <= law.reach) for p, t in zip(whole, best.touches, strict=True)]
+        problem = made(loaded)
+        best = estimate(problem)
     between(problem, made, best)
     notes += checks.baselines(problem, best) + checks.widen(problem, best)
+    if rig.kind == "fingertip" and relaxation != "none":
+        best.withhold()
+        notes.append(
+            "the law that relaxes is not that of a fingertip and a tissue in series, each with its own damping: no "
+            "interval is given. Fit the recording's indentation of the tissue: --rig ball"
+        )
     kept = [_kept(press, relaxation, min(deepest, law.reach + press.touch))[0] for press in held_out]
     fitted = Fit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
     fitted.held_out = [_predicted(problem, best, press) for press in kept]
@@ -149,11 +161,11 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
     notes = []
     limit = checks.plateau(press, relaxation != "none")
     if limit is not None:
-        top = float(press.depth.max())
+        begin, end = 1e3 * press.depth[limit], 1e3 * press.depth.max()
         notes.append(
             f"{press.name}: the force stays near {press.force[limit] + press.zero:.3g} N while the indentation rises "
-            f"from {1e3 * press.depth[limit]:.3g} to {1e3 * top:.3g} mm: a saturated sensor, or a material that yields. The "  # noqa: E501
-            "rows from there on are left out"
+            f"from {begin:.3g} to {end:.3g} mm: a saturated sensor, or a material that yields. The rows from there on "
+            "are left out"
         )
         keep &= np.arange(len(keep)) < limit
     top = int(np.argmax(np.where(keep, press.depth, -np.inf)))
@@ -264,9 +276,6 @@ def _open(fit: Fit) -> list[str]:
         said.append(f"young and poisson: only E/(1 - nu²) shows in a press; nu was fixed at {fit.rig.poisson:g}")
     if fit.law.name == "hertz" and fit.rig.kind == "ball":
         said.append(_thickness(fit.rig, reach))
-    if fit.rig.kind == "fingertip" and fit.relaxation != "none":
-        said.append("what relaxes, finger or tissue: the damping found is that of both in series; the recording's own "
-                    "indentation of the tissue, --rig ball, has that of the tissue alone")  # fmt: skip
     if fit.rig.kind == "cylinder":
         said.append("young and the friction of the plates: fit with --plates frictionless and bonded; the truth lies "
                     "between")  # fmt: skip

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from palpate.models.fit.tissue.fit import Fit
+from palpate.models.fit.tissue.measured import Press
 
 
 def draw_fit(fit: Fit, folder: Path) -> list[Path]:
@@ -18,10 +19,10 @@ def _forces(fit: Fit, path: Path) -> Path:
     timed = all(p.time is not None for p in fit.presses)
     figure = Figure(figsize=(14 if timed else 10, 4), layout="constrained")
     axes = figure.subplots(1, 3 if timed else 2)
-    for k, (press, given, touch) in enumerate(zip(fit.presses, fit.given, fit.estimate.touches, strict=True)):
-        out = ~np.isin(given.depth + 1j * given.force, press.depth + 1j * press.force)
-        axes[0].plot(1e3 * (given.depth[out] - touch), given.force[out], "o", ms=4, mfc="none", color="0.6",
-                     label="left out" if out.any() and k == 0 else None)  # fmt: skip
+    pairs = zip(fit.presses, fit.given, fit.estimate.touches, strict=True)
+    out = np.concatenate([np.setdiff1d(_points(given, touch), _points(press, touch)) for press, given, touch in pairs])
+    if len(out):
+        axes[0].plot(out.real, out.imag, "o", ms=4, mfc="none", color="0.6", label="left out")
     for k, (press, force, touch) in enumerate(zip(fit.presses, fit.estimate.fitted, fit.estimate.touches, strict=True)):
         colour, depth, off = f"C{k % 10}", 1e3 * (press.depth - touch), force - press.force
         axes[0].plot(depth, press.force, ".", ms=3, color=colour, label=press.name)
@@ -40,6 +41,11 @@ def _forces(fit: Fit, path: Path) -> Path:
         axis.axhline(0.0, color="k", lw=0.5)
         axis.set(xlabel=label, ylabel="fit less force [N]")
     return _saved(figure, path)
+
+
+def _points(press: Press, touch: float) -> np.ndarray:
+    """(n,) Indentation [mm] as real part and force [N] as imaginary part."""
+    return 1e3 * (press.depth - touch) + 1j * press.force
 
 
 def _profiles(fit: Fit, path: Path) -> Path:
