@@ -218,6 +218,25 @@ def test_predictions_hold_on_motions_that_nothing_was_chosen_by(tmp_path, error)
     assert came.worst <= 1.2 * found.promised.worst, came
 
 
+def test_motions_that_predict_decide_nothing_but_whether_the_error_is_kept(tmp_path, monkeypatch):
+    """Each motion is run once, and a miss in the last twelve raises no rate."""
+    launch, file, runs = find("kidney").but(**TAP), tmp_path / "slow.yaml", []
+
+    def ran(motion, picked, folder):
+        runs.append((str(motion.overrides), picked[0].every))
+        return rates.Trial({}, error=0.02 if len(runs) in (3, 15) else 0.001, worst=0.1, own=(0.0,))
+
+    start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force=0.01)]
+    monkeypatch.setattr(rates, "touched", lambda motion, path: path)
+    monkeypatch.setattr(rates, "chosen", lambda *given: start)
+    monkeypatch.setattr(rates, "together", lambda seen, picked, error: (list(picked), rates.Trial({}, own=(0.0,))))
+    monkeypatch.setattr(rates, "ran", ran)
+    found = rates.rates(launch, 0.01, file, speeds=(1.0, 2.0))
+    assert [every for _, every in runs] == [20] * 3 + [10] * (6 + 2 + 12)
+    assert len({motion for motion, _ in runs}) == len(runs)
+    assert not found.kept and found.promised.error == 0.02 and not file.exists()
+
+
 def test_a_motion_without_a_scripted_hand_has_one_speed(write):
     launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", "2"))))
     assert at_speeds(launch, (0.5, 2.0)) == {1.0: launch}
