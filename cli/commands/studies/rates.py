@@ -45,6 +45,7 @@ def rates(
     """
     from palpate.physics.writable import check_file
     from palpate.studies import rates as study
+    from palpate.studies.motions import at_speeds, reached
     from palpate.studies.search import read_error
 
     share, _ = read_error(error)
@@ -55,8 +56,8 @@ def rates(
     length = launch.duration or 0.0
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
     check_file(file)
-    moves = study.at_speeds(launch, fast)
-    took = sum((motion.duration or 0.0) for motion in moves.values()) * (3 if study.reached(launch, fast)[1] else 1)
+    moves = at_speeds(launch, fast)
+    took = sum((motion.duration or 0.0) for motion in moves.values()) * (3 if reached(launch, fast)[1] else 1)
     title = f"rates: a touch of {length:g} s, then again at other rates"
     with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
         found = study.rates(launch, share, file, done, fast)
