@@ -195,6 +195,8 @@ def _hold_against(variant: Variant, own: list[Any], other: list[Any], draw: bool
 def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
     """RMS difference [m] over the vertices that move in one of both, and the largest displacement in `b` [m]."""
     peak = float(np.sqrt((b.displacement**2).sum(1).max())) if len(b.nodes) else 0.0
+    if a is b:
+        return 0.0, peak
     return apart(a.nodes, a.displacement, b.nodes, b.displacement), peak
 
 

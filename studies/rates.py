@@ -10,41 +10,31 @@ has not seen.
 """
 
 import itertools
-import json
 import math
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from palpate.engine.plan import Plan, force_path
-from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
-from palpate.messages import Field, Message, Surface, fields
-from palpate.nodes.base import inputs
-from palpate.nodes.device.hand import SimulatedOperator
 from palpate.physics.errors import ArgumentError
 from palpate.records.changed import changed
-from palpate.records.compare import apart, compare
+from palpate.records.compare import Variant, compare
 from palpate.records.player import Player
 from palpate.records.reader import Recording
+from palpate.studies.motions import at_speeds, others, reached
+from palpate.studies.outputs import Outputs
 from palpate.studies.search import Found, Show, Trial, off_by, touched, write
 
 SPEEDS = (0.5, 1.0, 2.0)
 """Of the hand, over that of the graph's own path."""
 DIVISORS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 """Divisors of the graph's rate that are tried."""
-SEARCHED, HELD_OUT = 2, 12
-"""Other motions that the search uses, and others that only the predictions come from."""
-STROKES = 8  # of another motion
-SLOWEST = 0.2
-"""[1] Speed of the slowest of these, over that of the fastest."""
-PEAK = 1.875
-"""[1] Greatest over mean speed of a minimum-jerk move."""
-AFTER = 0.1  # [s] of another motion, after its last stroke
+SEARCHED, ACCEPTED, HELD_OUT = 2, 6, 12
+"""Other motions that the search uses, those that accept its rates, and those that only the predictions come from."""
+MARGIN = 0.8
+"""[1] Share of the error that other motions may reach for the rates to be accepted: more motions have a worse worst."""
 
 
 @dataclass(frozen=True)
@@ -90,32 +80,41 @@ class Slowed(Found):
 def rates(
     launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None, speeds: Sequence[float] = SPEEDS
 ) -> Slowed:
-    """Each effect as seldom as an error [1] allows at each speed, more often until a run at each keeps it; then written
-    as a launch file."""
-    effects_of(launch.plan())  # tells what has none before anything runs
+    """The lowest rates that keep an error [1] on the fastest path and some motions, raised until runs of the path at
+    each speed and of new motions keep it. Others then give the prediction and decide nothing but whether it is kept;
+    if so, a launch file is written."""
+    effects_of(launch.plan())  # reports a graph without any before anything runs
     motions, drawn, reach = at_speeds(launch, speeds), itertools.count(), reached(launch, speeds)
-    seen = [*motions.values(), *others(launch, reach, itertools.islice(drawn, SEARCHED))]
-    with tempfile.TemporaryDirectory() as folder:
-        recordings = [touched(motion, Path(folder) / f"{number}.mcap") for number, motion in enumerate(seen)]
+
+    def fresh(count: int) -> Iterator[LaunchFile]:
+        return others(launch, reach, itertools.islice(drawn, count))
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        searched = [motions[max(motions)], *fresh(SEARCHED)]
+        recordings = [touched(motion, folder / f"{number}.mcap") for number, motion in enumerate(searched)]
         show("the touch")
-        found = [list(chosen(recording, error, show)) for recording in recordings]
-        picked, promised = together(recordings, strictest(found), error)
-        while True:
-            at = {speed: ran(motion, picked, Path(folder)) for speed, motion in motions.items()}
-            came = worst_of(list(at.values()))
-            unseen: list[Trial] = []
-            if came.error <= error:  # each time on motions that nothing was chosen by
-                fresh = others(launch, reach, itertools.islice(drawn, HELD_OUT))
-                unseen = [ran(motion, picked, Path(folder)) for motion in fresh]
-            show("a run at these rates")
-            most = max(one.error for one in (came, *unseen))
-            finer = None if most <= error else oftener(picked)
-            if finer is None:
-                break
-            picked, promised = together(recordings, finer, error)
+        picked, promised = together(recordings, chosen(recordings[0], error), error)
+        show("the search")
+        finer: list[Rate] | None = picked
+        while finer:
+            at, finer = dict[float, Trial](), None
+            for speed, motion in [*((0.0, other) for other in fresh(ACCEPTED)), *motions.items()]:
+                at[speed] = ran(motion, picked, folder)
+                finer = oftener(picked, at[speed], error if speed else MARGIN * error)
+                if finer:
+                    picked, promised = together(recordings, finer, error)
+                    break
+        show("runs that accept the rates")
+        at.pop(0.0, None)
+        came = worst_of(list(at.values()))
+        unseen = [ran(motion, picked, folder) for motion in fresh(HELD_OUT)] if came.most <= error else []
+        show("runs that predict")
     if unseen:
         promised = worst_of(unseen)
-    if most <= error:
+    picked = [replace(rate, own=own) for rate, own in zip(picked, worst_of([came, *unseen]).own, strict=True)]
+    kept = max(one.most for one in (came, *unseen)) <= error
+    if kept:
         told = [
             f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %.",
             f"Measured on the path of this graph at {spread(at)}:",
@@ -124,17 +123,18 @@ def rates(
         if unseen:
             told.append(f"Predicted from {len(unseen)} other motions: force error {percents(promised)}")
         write(launch, promised.overrides, [*told, valid(reach)], file)
-    return Slowed(picked, promised, came, most <= error, at, tuple(unseen), reach)
+    return Slowed(picked, promised, came, kept, at, tuple(unseen), reach)
 
 
 def ran(motion: LaunchFile, rates: Sequence[Rate], folder: Path) -> Trial:
-    """What a run at these rates is off by, from the same motion with each effect at each tick."""
+    """Errors of a run at these rates, compared with the same motion of the device with each effect at each tick."""
     return tried(touched(motion.but(overrides=[rate.override() for rate in rates]), folder / "slow.mcap"), rates)
 
 
 def worst_of(trials: Sequence[Trial]) -> Trial:
-    """The one with the greatest error, and the greatest peak error of all."""
-    return replace(max(trials, key=lambda one: one.error), worst=max(one.worst for one in trials))
+    """The one with the greatest error, with the greatest peak error and the greatest of each output of all."""
+    own = tuple(max(each) for each in zip(*(one.own for one in trials), strict=True))
+    return replace(max(trials, key=lambda one: one.error), worst=max(one.worst for one in trials), own=own)
 
 
 def valid(reach: tuple[float, float]) -> str:
@@ -158,101 +158,6 @@ def spread(speeds: Iterable[float]) -> str:
     return f"{', '.join(f'{speed:g}' for speed in sorted(speeds))} times its speed"
 
 
-def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, LaunchFile]:
-    """The run with its hand at each of these speeds, as long as its path then takes; as it is where no hand follows a
-    path."""
-    hands = hands_of(launch)
-    if not hands:
-        return {1.0: launch}
-    return {
-        speed: launch.but(
-            overrides=[f"{name}.speed_factor={hand.speed_factor * speed}" for name, hand in hands.items()],
-            duration=launch.duration and launch.duration / speed,
-        )
-        for speed in speeds
-    }
-
-
-def hands_of(launch: LaunchFile) -> dict[str, SimulatedOperator]:
-    """The simulated hands that follow a path."""
-    return {
-        name: spec.cls(**spec.settings)
-        for name, spec in launch.load().nodes.items()
-        if issubclass(spec.cls, SimulatedOperator) and not spec.cls.hardware and spec.settings.get("path")
-    }
-
-
-def reached(launch: LaunchFile, speeds: Sequence[float]) -> tuple[float, float]:
-    """[m/s] Speed of the slowest and of the fastest move of the hands at these speeds, each at its fastest moment."""
-    found = list[float]()
-    for hand in hands_of(launch).values():
-        lengths = np.linalg.norm(np.diff(hand.points(), axis=0), axis=1)
-        peaks = [1.0 if segment.shape == "linear" else PEAK for segment in hand.path]
-        own = lengths / np.diff(hand.ends(), prepend=0.0) * peaks
-        found += own[_moves(hand, launch.duration)].tolist()
-    return min(found, default=0.0) * min(speeds), max(found, default=0.0) * max(speeds)
-
-
-def others(launch: LaunchFile, reach: tuple[float, float], seeds: Iterable[int]) -> Iterator[LaunchFile]:
-    """The run with other motions of its hands: straight strokes between random places on its path. The first and the
-    last have the fastest speed of `reach` [m/s]. None where no hand moves."""
-    hands = hands_of(launch) if reach[1] else {}
-    free = replace(launch, overrides=tuple(each for each in launch.overrides if not _sets_path(each)))
-    for seed in seeds if hands else ():
-        draw, texts, longest = np.random.default_rng(seed), list[str](), 0.0
-        for name, hand in hands.items():
-            path = _strokes(hand, _moves(hand, launch.duration), reach[1], draw)
-            texts += [f"{name}.path={json.dumps(path)}", f"{name}.speed_factor=1"]
-            longest = max(longest, sum(step.get("time", 0.0) + step.get("hold", 0.0) for step in path))
-        yield free.but(overrides=texts, duration=longest + AFTER)
-
-
-def _sets_path(override: str | Override) -> bool:
-    """Whether it sets a path of the scene, which reaches no node once the node's path is set."""
-    keys = override.keys if isinstance(override, Override) else override.partition("=")[0].split(".")
-    return keys[0] == "scene" and keys[-1] == "path"
-
-
-def _moves(hand: SimulatedOperator, duration: float | None) -> np.ndarray:
-    """Segments of a path that move the hand and begin within a time [s]."""
-    begins = hand.ends() - np.diff(hand.ends(), prepend=0.0)
-    return np.flatnonzero(np.diff(hand.points(), axis=0).any(axis=1) & (begins < (duration or math.inf)))
-
-
-def _strokes(
-    hand: SimulatedOperator, moves: np.ndarray, fastest: float, draw: np.random.Generator
-) -> list[dict[str, Any]]:
-    """A path of one hand, between places on these segments of its own path; at rest where it has none."""
-    points = hand.points() + np.array(hand.origin)
-    here, path = points[0], list[dict[str, Any]]()
-    for number in range(STROKES if len(moves) else 0):
-        k, share = draw.choice(moves), draw.uniform()
-        there = points[k] + share * (points[k + 1] - points[k])
-        speed = fastest * (1.0 if number in (0, STROKES - 1) else SLOWEST ** draw.uniform())
-        straight = bool(draw.integers(2))
-        time = float(np.linalg.norm(there - here)) / speed * (1.0 if straight else PEAK)
-        if time > 1e-3:
-            shape = "linear" if straight else "minimum-jerk"
-            path += [{"to": there.tolist(), "time": time, "shape": shape}, {"hold": float(draw.uniform(0.01, 0.1))}]
-            here = there
-    return path or [{"hold": AFTER}]
-
-
-def strictest(found: Sequence[Sequence[Rate]]) -> list[Rate]:
-    """Of each effect the rate that it needs at all speeds: the shortest time constant, the most frequent, the largest
-    errors at the rates of each. What nowhere changes keeps its rate."""
-    picked = []
-    for same in zip(*found, strict=True):
-        busy = [rate for rate in same if not rate.idle]
-        if not busy:
-            picked.append(same[0])
-            continue
-        worst = {name: max(getattr(rate, name) for rate in busy) for name in ("own", "force")}
-        least = {name: min(getattr(rate, name) for rate in busy) for name in ("constant", "every")}
-        picked.append(replace(busy[0], **worst, **least))
-    return picked
-
-
 def effects_of(plan: Plan) -> list[Rate]:
     """Each running node that is an effect as a whole. ArgumentError: there is none."""
     path = force_path(plan)
@@ -270,145 +175,93 @@ def effects_of(plan: Plan) -> list[Rate]:
     return told
 
 
-def chosen(recording: Recording, error: float, show: Show = lambda what: None) -> Iterator[Rate]:
-    """Each effect of the recorded graph at the lowest rate that keeps `error` [1]; the others run at each tick."""
+def chosen(recording: Recording, error: float) -> Iterator[Rate]:
+    """Each effect of the recorded graph at the lowest rate that keeps `error` [1], while the others run at each tick.
+
+    The error grows with the divisor, so the divisors are bisected; a pass over the recording serves all effects.
+    """
     plan = changed(recording)
-    effects = effects_of(plan)
-    for rate in effects:
-        yield _lowest(recording, plan, rate, [other.override(1) for other in effects], error)
-        show(rate.node)
-
-
-def together(recordings: Sequence[Recording], rates: Sequence[Rate], error: float) -> tuple[list[Rate], Trial]:
-    """All of them at once: where the force is then off by more than `error` [1] on one of the touches, the one that has
-    most part in it runs more often, until it is not; and what the worst touch is with these, against that at full
-    rates."""
-    picked = list(rates)
+    kept = [replace(rate, every=1) for rate in effects_of(plan)]
+    change = [Outputs(plan, rate.node, without=set()) for rate in kept]
+    missed, watched = [len(DIVISORS)] * len(kept), change
     while True:
-        overrides = [rate.override() for rate in picked]
-        one = max((tried(recording, picked, overrides) for recording in recordings), key=lambda one: one.error)
-        finer = None if one.error <= error else oftener(picked)
-        if finer is None:
-            return picked, one
-        picked = finer
+        middle = [(DIVISORS.index(rate.every) + limit) // 2 for rate, limit in zip(kept, missed, strict=True)]
+        trials = {k: replace(kept[k], every=DIVISORS[m]) for k, m in enumerate(middle) if DIVISORS[m] > kept[k].every}
+        if not trials:
+            break
+        tries = [
+            ([rate.override(), *(other.override(1) for other in kept if other.node != rate.node)], [rate])
+            for rate in trials.values()
+        ]
+        (_, *variants), own = _computed(recording, kept, tries, watched)
+        watched = []  # the reference is the same in each pass
+        for (k, rate), variant, (output,) in zip(trials.items(), variants, own, strict=True):
+            one = replace(rate, own=output.error, force=off_by(variant))
+            if max(one.own, one.force) <= error:
+                kept[k] = one
+            else:
+                missed[k] = middle[k]
+    for rate, one in zip(kept, change, strict=True):
+        constant = 1.0 / (plan.graph.rate * one.error) if one.error > 0.0 else math.inf
+        yield replace(rate, constant=constant, every=rate.before if math.isinf(constant) else rate.every)
 
 
-def oftener(rates: Sequence[Rate]) -> list[Rate] | None:
-    """The same, but that the one with the most part in the force's error runs more often; None where all of them do so
-    at each tick."""
-    slow = [k for k, rate in enumerate(rates) if rate.every > 1 and rate.force > 0.0]
-    if not slow:
+def together(recordings: Sequence[Recording], rates: Iterable[Rate], error: float) -> tuple[list[Rate], Trial]:
+    """All of them at once: while one of the touches misses `error` [1], an effect runs more often. Returns the rates
+    and the touch with the greatest error."""
+    picked, done = list(rates), list[Trial]()
+    while len(done) < len(recordings):
+        done.append(tried(recordings[len(done)], picked, [rate.override() for rate in picked]))
+        finer = oftener(picked, done[-1], error)
+        if finer:
+            picked, done = finer, []
+    return picked, worst_of(done)
+
+
+def oftener(rates: Sequence[Rate], one: Trial, error: float) -> list[Rate] | None:
+    """The next higher rate for the effect with the largest share in an error [1] that a trial misses: one whose output
+    misses it, or else that with the largest part in the force. None: the trial keeps it, or all run at each tick."""
+    slow = [k for k, rate in enumerate(rates) if rate.every > 1]
+    if one.most <= error or not slow:
         return None
-    worst = max(slow, key=lambda k: rates[k].force)
-    every = DIVISORS[DIVISORS.index(rates[worst].every) - 1]
-    return [replace(rate, every=every) if k == worst else rate for k, rate in enumerate(rates)]
+    worst = max(slow, key=lambda k: (one.own[k] if one.own[k] > error else 0.0, rates[k].force, one.own[k]))
+    every = max(n for n in DIVISORS if n < rates[worst].every)
+    force = rates[worst].force * every / rates[worst].every
+    return [replace(rate, every=every, force=force) if k == worst else rate for k, rate in enumerate(rates)]
 
 
 def tried(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Trial:
-    """What a touch is off by, from itself with each effect at each tick, with these overrides of the run; without any,
-    as it was run at these rates."""
-    base, variant = compare(recording, [texts], reference=[rate.override(1) for rate in rates])
-    return Trial({f"{rate.node}.every": rate.every for rate in rates}).measured(base, variant)
+    """Errors of a touch compared with itself with each effect at each tick, with these overrides of the run; without
+    any, as it was run at these rates."""
+    (base, variant), (own,) = _computed(recording, rates, [(texts, rates)])
+    overrides = {f"{rate.node}.every": rate.every for rate in rates}
+    return Trial(overrides, own=tuple(output.error for output in own)).measured(base, variant)
 
 
-def _lowest(recording: Recording, plan: Plan, rate: Rate, full: list[str], error: float) -> Rate:
-    """At the lowest rate that keeps the error, all others at each tick; with its time constant."""
+def _computed(
+    recording: Recording,
+    effects: Sequence[Rate],
+    tries: Sequence[tuple[Sequence[str], Sequence[Rate]]],
+    change: Sequence[Outputs] = (),
+) -> tuple[list[Variant], list[list[Outputs]]]:
+    """The touch with all effects at each tick and with the overrides of each of `tries`: the variants, and of each the
+    error in the outputs of its effects. `change` receives the change of the former from tick to tick."""
+    plan = changed(recording)
     path = force_path(plan)
-    slower = DIVISORS[1:]
-    watched = [_Outputs(plan, rate, without=path if rate.felt else set()) for _ in slower]
-    change = _Outputs(plan, rate, without=set())
-    before = change.seen(None)
+    own = [[Outputs(plan, rate.node, without=path if rate.felt else set()) for rate in watched] for _, watched in tries]
+    before = [one.seen(None) for one in change]
 
     def on_tick(players: Sequence[Player]) -> None:
-        nonlocal before
-        now = change.seen(players[0])
-        change.add(now, before)
-        before = now
-        base = watched[0].seen(players[0])
-        for own, player in zip(watched, players[1:], strict=True):
-            own.add(own.seen(player), base)
+        for k, one in enumerate(change):
+            now = one.seen(players[0])
+            one.add(now, before[k])
+            before[k] = now
+        for watched, player in zip(own, players[1:], strict=True):
+            for one in watched:
+                one.add(one.seen(player), one.seen(players[0]))
 
-    sets = [[*(text for text in full if text != rate.override(1)), rate.override(every)] for every in slower]
-    _, *variants = compare(recording, sets, reference=full, on_tick=on_tick)
-    if not change.error > 0.0:
-        return replace(rate, every=rate.before)
-    rate = replace(rate, constant=1.0 / (plan.graph.rate * change.error))
-    kept = [rate] + [
-        replace(rate, every=every, own=own.error, force=off_by(variant))
-        for every, own, variant in zip(slower, watched, variants, strict=True)
-        if max(own.error, off_by(variant)) <= error
-    ]
-    return kept[-1]
-
-
-class _Outputs:
-    """The numbers in a node's messages that somebody reads, of a body's law `without` those that these nodes read, and
-    how far two runs are apart in them."""
-
-    def __init__(self, plan: Plan, rate: Rate, without: set[str]) -> None:
-        self.node = rate.node
-        self.shown: list[tuple[int, Field]] = []
-        for index, (stream, kind) in enumerate(plan.graph.nodes[rate.node].streams.items()):
-            left: set[str] = set()
-            for reader in without:
-                ports = {port.name: port for port in inputs(plan.graph.nodes[reader].cls)}
-                if kind is Surface:
-                    left.update(*(ports[e.port].wants for e in plan.edges[reader] if e.stream == stream))
-            shown = plan.wanted[stream] - left
-            self.shown += [(index, f) for f in fields(kind) if f.name in shown and _measured(f)]
-        self.squares, self.peaks, self.count = [0.0] * len(self.shown), [0.0] * len(self.shown), 0
-
-    def seen(self, player: Player | None) -> list[Any]:
-        """What others read of it now; None for each where there is nothing yet."""
-        last = player.last(self.node) if player else []
-        return [_values(last[index], f) if last else None for index, f in self.shown]
-
-    def add(self, now: list[Any], base: list[Any]) -> None:
-        """One tick of both."""
-        self.count += 1
-        for k, (own, other) in enumerate(zip(now, base, strict=True)):
-            off, size = _apart(own, other)
-            self.squares[k] += off * off
-            self.peaks[k] = max(self.peaks[k], size)
-
-    @property
-    def error(self) -> float:
-        """[1] rms over the touch of what is furthest off, over its own peak."""
-        shares = [math.sqrt(s / self.count) / p for s, p in zip(self.squares, self.peaks, strict=True) if p > 0.0]
-        return max(shares, default=0.0)
-
-
-def _measured(field: Field) -> bool:
-    """Whether it is a quantity that changes bit by bit: no count, index or word."""
-    if field.dtype is not None:
-        return field.dtype.kind == "f"
-    return field.type is float or float in getattr(field.type, "__args__", ())
-
-
-def _values(message: Message | None, field: Field) -> tuple[np.ndarray, np.ndarray | None] | None:
-    """Rows of numbers, and the vertices that they are of, where the message names them."""
-    if message is None:
-        return None
-    values = np.array(getattr(message, field.name), dtype=float)
-    nodes = getattr(message, "nodes", None)
-    of_nodes = nodes is not None and values.ndim > 0 and len(values) == len(nodes)
-    rows = (values[:, None] if values.ndim == 1 else values) if of_nodes else values.reshape(1, -1)
-    return rows, np.array(nodes) if of_nodes else None
-
-
-def _apart(own: Any, other: Any) -> tuple[float, float]:
-    """How far one is from another: of a number or a vector its length, of many vertices the rms of those in one of
-    both; and the size of the other, of vertices the largest."""
-    if other is None:
-        return 0.0, 0.0
-    rows, nodes = other
-    size = float(np.sqrt((rows**2).sum(axis=1)).max()) if rows.size else 0.0
-    if own is None:
-        return size, size
-    if nodes is None or own[1] is None:
-        fits = own[0].shape == rows.shape
-        return (float(np.linalg.norm(own[0] - rows)) if fits else size), size
-    return apart(own[1], own[0], nodes, rows), size
+    full = [rate.override(1) for rate in effects]
+    return compare(recording, [texts for texts, _ in tries], reference=full, on_tick=on_tick), own
 
 
 def read_speeds(text: str) -> tuple[float, ...]:

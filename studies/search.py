@@ -39,6 +39,7 @@ class Trial:
     slowest    the node beside the body that takes longest of those that run in at least one tick of a hundred, and the
                p50 [s] of its steps
     reference  [s] mean of a tick with the settings of the reference
+    own        [1] error of the output of each effect (`rates`)
     wall       [s] p50 and p99 of a tick by the clock: longer than processor time where other programs run
     """
 
@@ -51,12 +52,18 @@ class Trial:
     mean: float = math.inf
     reference: float = math.inf
     worst: float = math.inf
+    own: tuple[float, ...] = ()
     wall: tuple[float, float] = (math.inf, math.inf)
 
     @property
     def texts(self) -> list[str]:
         """Overrides as `--set` takes them."""
         return [f"{key}={value}" for key, value in self.overrides.items()]
+
+    @property
+    def most(self) -> float:
+        """[1] The greatest of all its errors."""
+        return max((self.error, *self.own))
 
     def measured(self, base: Variant, variant: Variant, quantity: str = "force") -> Trial:
         """With the error of a quantity and the times of what it gave."""

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from palpate.studies.rates import Rate, Slowed
     from palpate.studies.search import Trial
 
-PER_TICK = 3e-3  # [s] that an effect takes for a tick of the touch: it is computed again at all rates side by side
+PER_TICK = 2e-3  # [s] of a run and its replay at two rates
 
 
 def rates(
@@ -45,22 +45,21 @@ def rates(
     """
     from palpate.physics.writable import check_file
     from palpate.studies import rates as study
+    from palpate.studies.motions import at_speeds, reached
     from palpate.studies.search import read_error
 
     share, _ = read_error(error)
     fast = study.read_speeds(speeds)
     launch = chosen(graph, sets, scene).but(duration=duration)
     planned = launch.plan()
-    effects, length = len(study.effects_of(planned)), launch.duration or 0.0
+    study.effects_of(planned)
+    length = launch.duration or 0.0
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
     check_file(file)
-    moves = study.at_speeds(launch, fast)
-    searched = len(moves) + (study.SEARCHED if study.reached(launch, fast)[1] else 0)
-    took = sum((motion.duration or 0.0) for motion in moves.values())
-    title = f"rates: a touch of {length:g} s, then again at other rates of {effects} effects"
-    with steps(
-        title, effects * searched + 2, silent=as_json, seconds=PER_TICK * took * planned.graph.rate * (effects + 2)
-    ) as done:
+    moves = at_speeds(launch, fast)
+    took = sum((motion.duration or 0.0) for motion in moves.values()) * (3 if reached(launch, fast)[1] else 1)
+    title = f"rates: a touch of {length:g} s, then again at other rates"
+    with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
         found = study.rates(launch, share, file, done, fast)
     if as_json:
         assert found.promised is not None and found.came is not None
@@ -115,8 +114,12 @@ def _print(found: Slowed, file: Path) -> None:
     if found.kept:
         say(f"written   {file}: palpate run {file}", wrap=True)
     else:
-        why = "the hand reacts to the force, so the touch itself changed"
-        say(f"No run kept the error: {why}. Nothing is written. Allow a larger --error.", "yellow", wrap=True)
+        why = (
+            "the hand reacts to the force, so the touch itself changed"
+            if not found.unseen
+            else "a new motion missed it"
+        )
+        say(f"The error is not kept: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
 
 
 def _percent(share: float) -> str:
