@@ -1,11 +1,15 @@
 #!/bin/sh
-# Lint, types and tests, in the environment that setup.sh made: ./check.sh [--fast | docs | pytest arguments]
+# Lint, types and tests, in the environment that ./setup.sh dev made: ./check.sh [--fast | docs | pytest arguments]
 # --fast, after each edit: formulas, messages, nodes, and how graphs are loaded.
 # docs: builds the documentation site in docs/_build; a warning is an error.
 set -eu
 cd "$(dirname "$0")"
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 unset PYTHONDONTWRITEBYTECODE # where it is set, each of some hundred processes would compile all sources anew
+if ! { [ -x .venv/bin/ruff ] && [ -x .venv/bin/mypy ] && .venv/bin/python -c "import pytest, xdist, sphinx" 2>/dev/null; }; then
+    echo "check: the packages for tests are missing in .venv; run ./setup.sh dev first" >&2
+    exit 2
+fi
 if [ "${1:-}" = "docs" ]; then
     .venv/bin/python -m sphinx --fail-on-warning --keep-going -q -b html docs docs/_build
     echo "docs/_build/index.html"

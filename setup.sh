@@ -1,8 +1,16 @@
 #!/bin/sh
-# Set palpate up in .venv with everything it can do: ./setup.sh
+# Set palpate up in .venv: ./setup.sh for running, looking and recording; ./setup.sh dev adds all extras and what ./check.sh needs.
 # Needs Python 3.11 or newer. Debian packages are installed where this user may; else they are named.
 set -eu
 cd "$(dirname "$0")"
+case "${1:-}" in
+    "") set -- "-e.[view,page,devices]" "vtk<9.6; python_version < '3.14'" ;; # later wheels of VTK are 120 MB larger
+    dev) set -- "-e.[all,dev]" ;;
+    *)
+        echo "setup: found '$1', expected nothing or 'dev'" >&2
+        exit 2
+        ;;
+esac
 
 python=""
 for found in "${PYTHON:-}" python3 python3.14 python3.13 python3.12 python3.11; do
@@ -39,5 +47,5 @@ if [ -n "$packages" ] && command -v apt-get >/dev/null 2>&1; then
 fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".[all,dev]"
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile "$@"
 echo "palpate is ready: .venv/bin/palpate"

@@ -163,6 +163,7 @@ class Slot:
         self.near = False  # whether all inputs come from nodes of this worker that run at each tick
         self.health = HealthCounters()
         self.due = 0
+        self.missed = -1  # number of the last run, tick // every, that lacked an input
         self.period = 1
         """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
         self.sends = 0  # tick from which on somebody takes what it sends next

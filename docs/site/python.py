@@ -22,11 +22,16 @@ def public() -> str:
         thing = getattr(palpate, name)
         lines += _thing(f"palpate.{name}", thing, "##")
         if inspect.isclass(thing):
-            for key, member in vars(thing).items():
+            for key in dir(thing):  # inherited ones too, by palpate's classes
+                member = next((vars(one)[key] for one in thing.__mro__ if key in vars(one) and _ours(one)), None)
                 member = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
                 if not key.startswith("_") and inspect.isfunction(member) and member.__doc__:
                     lines += _thing(f"{name}.{key}", member, "###")
     return "\n".join(lines)
+
+
+def _ours(kind: type) -> bool:
+    return kind.__module__.partition(".")[0] == "palpate"
 
 
 def library() -> Iterator[tuple[str, str]]:

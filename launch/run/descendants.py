@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
+_PR_SET_PDEATHSIG, _PR_SET_NAME, _PR_SET_CHILD_SUBREAPER = 1, 15, 36
 _ALL = 0x40000000  # __WALL: children that tell their parent of their end by another signal, or by none, too
 PATIENCE = 5.0  # [s] for killed processes to go
 
@@ -21,6 +21,18 @@ def die_with_parent(number: int | None = None) -> None:
 def adopt_orphans() -> None:
     """Processes below this one whose parent ends become its children, whatever session they have opened."""
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
+
+
+def set_title(text: str) -> None:
+    """Name this process for `ps` and `top`: its command line where there is room for it, and 15 letters as its name."""
+    name = text.encode()
+    ctypes.CDLL(None).prctl(_PR_SET_NAME, name)
+    with contextlib.suppress(OSError, IndexError, ValueError):
+        begin, end = map(
+            int, Path("/proc/self/stat").read_text().rpartition(")")[2].split()[45:47]
+        )  # arg_start, arg_end
+        if begin and len(name) < end - begin:  # both are 0 where the kernel hides them
+            ctypes.memmove(begin, name.ljust(end - begin, b"\0"), end - begin)
 
 
 def _state(pid: int) -> str:

@@ -20,7 +20,7 @@ from typing import NoReturn
 
 import msgspec
 
-from palpate.launch.run.descendants import adopt_orphans, awake, die_with_parent, end_descendants
+from palpate.launch.run.descendants import adopt_orphans, awake, die_with_parent, end_descendants, set_title
 from palpate.launch.run.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
 from palpate.physics.arithmetic import environment
 
@@ -144,6 +144,7 @@ def _work(end: socket.socket, request: Start) -> NoReturn:
     code = 1
     try:
         die_with_parent()
+        set_title(f"palpate: {request.job.group}")
         os.setpgid(0, 0)
         signal.set_wakeup_fd(-1)
         for number in (signal.SIGCHLD, signal.SIGTERM):

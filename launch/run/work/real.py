@@ -47,8 +47,9 @@ def run_real(worker: Worker, origin: int) -> None:
             if tick < slot.due or slot.name in worker.blocked:
                 continue
             messages = _gather(worker, slot, tick, deadline, slot is lead)
-            if messages is None:
-                slot.health.lost += 1
+            if messages is None:  # it tries again at the next tick; a run of the divisor is lost once
+                slot.health.lost += tick // slot.every != slot.missed
+                slot.missed = tick // slot.every
                 continue
             slot.due = next_run(tick, slot.every)
             driving = messages[0] if slot.driver is not None else None
@@ -78,7 +79,8 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
 
 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
-    """Wait for the next driving message; of several that wait, the newest counts and the others are lost."""
+    """Wait for the next driving message; of several that wait, the newest counts. Each run of the node's divisor whose
+    messages are passed over is lost; messages between two runs are not."""
     port = lead.inputs[0]
     while port.dead or lead.name in worker.blocked or not port.queue:
         if port.feed is None or port.dead:
@@ -93,11 +95,18 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
     worker.drain()
     newest = port.queue[-1]
     if newest.tick <= worker.tick:  # a duplicate, or out of order
-        lead.health.lost += len(port.queue)
+        if newest.tick >= lead.due:
+            lead.health.lost += _runs(lead, port)
         port.queue.clear()
         return None
-    lead.health.lost += len(port.queue) - 1
+    if len(port.queue) > 1:
+        lead.health.lost += _runs(lead, port) - (newest.tick >= lead.due)
     return newest.tick, newest.time
+
+
+def _runs(slot: Slot, port: Input) -> int:
+    """Number of runs that the messages which wait are for: ticks of one period of the divisor are for the same run."""
+    return len({message.tick // slot.every for message in port.queue if message.tick >= slot.due})
 
 
 def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:

@@ -136,9 +136,54 @@ def test_of_several_driving_messages_the_newest_counts_and_the_others_are_lost()
         put(made, 0, POSE, tick)
     assert real._follow(here, made) == (6, 6 * MS)
     assert made.health.lost == 2
-    here.tick = 6
-    assert real._follow(here, made) is None
-    assert made.health.lost == 5 and not made.inputs[0].queue
+    here.tick, made.due = 6, 7
+    assert real._follow(here, made) is None  # they are of ticks that have run
+    assert made.health.lost == 2 and not made.inputs[0].queue
+
+
+@pytest.mark.parametrize("every", [1, 3, 10])
+def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every):
+    """A tick at a time nothing is lost; after a stall, each run that the messages passed over were for."""
+    made = slot("Drag", ("pose", {}), ("force", {"loop": True, "waits": False}))
+    made.every = every
+    made.begin()
+    put(made, 1, FORCE, 0)
+    arriving = [[tick] for tick in range(1, 41)] + [list(range(41, 61))] + [[tick] for tick in range(61, 101)]
+
+    def follow(worker, lead):
+        if not made.inputs[0].queue:
+            if not arriving:
+                here.last = here.tick
+                return None
+            for tick in arriving.pop(0):
+                put(made, 0, POSE, tick)
+                put(made, 1, FORCE, tick - 1)
+        return original(worker, lead)
+
+    original, steps = real._follow, []
+    monkeypatch.setattr(real, "_follow", follow)
+    here = worker()
+    here.slots, here.send = [made], lambda slot: steps.append(here.tick)
+    here.check_orders = here.housekeep = lambda: None
+    real.run_real(here, 0)
+    runs = {tick // every for tick in range(1, 101)}
+    assert (
+        made.health.lost
+        == len(runs) - len(steps)
+        == len({tick // every for tick in range(41, 60)} - {40 // every, 60 // every})
+    )
+
+
+def test_a_run_that_lacks_an_input_is_lost_once(monkeypatch):
+    made, here = slot("Drag", ("pose", {}), ("force", {"waits": False})), worker()
+    made.every, here.last, here.slots = 10, 25, [made]
+    made.begin()
+    here.send = here.check_orders = here.housekeep = lambda *_: None
+    ticks = iter(range(26))
+    monkeypatch.setattr(real, "_follow", lambda *_: (next(ticks), 0))
+    monkeypatch.setattr(real, "_gather", lambda *_: None)
+    real.run_real(here, 0)
+    assert made.health.lost == 3
 
 
 def test_a_node_that_waits_ends_when_it_is_told():

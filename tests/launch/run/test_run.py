@@ -51,7 +51,10 @@ def processes() -> set[str]:
                 parent = (entry / "stat").read_text().rpartition(")")[2].split()[1]
             except OSError:
                 continue
-            if "palpate.launch.run.forkserver" in line and parent in ("1", str(os.getpid())):
+            if ("palpate.launch.run.forkserver" in line or line.startswith("palpate: ")) and parent in (
+                "1",
+                str(os.getpid()),
+            ):
                 pids.add(entry.name)
     return pids
 
