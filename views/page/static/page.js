@@ -68,7 +68,7 @@ function begin(head, triangles, places, normals) {
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
   $("body").replaceChildren(...names.map((name) => new Option(name.split(".").pop(), name, false, name === head.body)));
   const count = head.fingers.length, kept = $("finger").options.length === count + 1 ? $("finger").value : "-1";
-  $("finger").replaceChildren(new Option("together", -1), ...head.fingers.map((name, k) => new Option(`${k + 1}: ${name}`, k)));
+  $("finger").replaceChildren(new Option("together", -1), ...head.fingers.map((name, k) => new Option(`${k + 1}: ${name.replace(/[-_.]?contact[-_.]?/i, "") || name}`, k)));
   $("finger").value = kept; $("finger").parentElement.hidden = count < 2;
   $("effects").replaceChildren(...Object.entries(head.effects ?? {}).map(([name, on]) => {
     const label = document.createElement("label"), box = Object.assign(document.createElement("input"), { type: "checkbox", checked: on });
