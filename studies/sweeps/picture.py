@@ -52,7 +52,8 @@ def draw(study: Results, name: str, ax: Axes | None = None) -> Figure:
             _shares(study, one, axes)
         else:
             _numbers(study, one, axes)
-    return axes.figure
+    whole: Any = axes.figure
+    return whole
 
 
 def draw_all(study: Results, folder: Path) -> list[Path]:
