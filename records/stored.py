@@ -6,6 +6,7 @@ import json
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,6 +22,7 @@ from palpate.records.format.head import PROFILE, SCHEMA_VERSION
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
 
 _MOST_TICKS = 1 << 31
+BLOCK = 10_000  # messages that are decoded at a time
 M = TypeVar("M", bound=Message)
 
 
@@ -274,17 +276,19 @@ class Stored:
     def columns(self, name: str) -> dict[str, np.ndarray]:
         """Time [s], tick and all numbers and vectors of one stream, one row a message; fields with arrays of
         changing length are left out."""
-        stream_messages = list(self.messages(name))
-        columns: dict[str, np.ndarray] = {
-            "tick": np.array([m.tick for m in stream_messages], dtype=np.int64),
-            "time": np.array([m.time for m in stream_messages], dtype=float) * 1e-9,
-        }
-        for field in fields(self.streams[name].type):
-            if field.dtype is None and field.type is not str:
-                values = [getattr(m, field.name) for m in stream_messages]
-                if len({len(v) if isinstance(v, tuple) else -1 for v in values}) <= 1:
-                    columns[field.name] = np.array(values)
-        return columns
+        stream_messages = self.messages(name)
+        plain = [field.name for field in fields(self.known(name).type) if field.dtype is None and field.type is not str]
+        blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("tick", "time", *plain)}
+        while block := list(islice(stream_messages, BLOCK)):  # a million messages at once would take a gigabyte
+            for name in list(blocks):
+                values = [getattr(m, name) for m in block]
+                if len({len(v) if isinstance(v, tuple) else -1 for v in values}) == 1:
+                    blocks[name].append(np.array(values))
+                else:
+                    del blocks[name]
+        columns = {name: np.concatenate(rows or [np.zeros(0)]) for name, rows in blocks.items()
+                   if len({row.shape[1:] for row in rows}) <= 1}  # fmt: skip
+        return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] * 1e-9}
 
     def decoded(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
         """A message of a stream. RecordingError: bytes that do not fit its type."""

@@ -16,15 +16,24 @@ if TYPE_CHECKING:
     from palpate.views.page.source import FrameSource
 
 
-def show(source: FrameSource, verb: str, port: int, no_open: bool, over: Callable[[], bool] = lambda: False) -> None:
+REMOTE = """\
+warning: --host {host}: whoever has this address, token included, sees and steers the page from other machines.
+It is not encrypted: use it in a network that you trust."""
+
+
+def show(
+    source: FrameSource, verb: str, port: int, host: str, no_open: bool, over: Callable[[], bool] = lambda: False
+) -> None:
     """Serve the page of a source until Ctrl-C, or until it is over."""
     from palpate.launch.run.interrupts import interrupts
-    from palpate.views.page import serve
+    from palpate.views.page import LOOPBACK, serve
 
-    page, signals = serve(source, port), list[int]()
+    page, signals = serve(source, port, host), list[int]()
     try:
         with interrupts(signals.append):
             typer.echo(f"{verb} it at {page.address}\nCtrl-C ends it")
+            if host not in LOOPBACK:
+                typer.echo(REMOTE.format(host=host), err=True)
             if not no_open:
                 threading.Thread(target=webbrowser.open, args=(page.address,), daemon=True).start()
             while not signals and not over():

@@ -52,7 +52,10 @@ RepairOption = Annotated[
     bool, typer.Option("--repair", help="Repair the mesh first; a closed copy is written next to the file.")
 ]
 File = Annotated[Path, typer.Argument(help="Recording (.mcap).", metavar="FILE")]
-Port = Annotated[int, typer.Option(help="Port of the page on 127.0.0.1; 0: any free port.", min=0, max=65535)]
+Port = Annotated[int, typer.Option(help="Port of the page; 0: any free port.", min=0, max=65535)]
+Host = Annotated[
+    str, typer.Option(help="Address to listen on; 0.0.0.0: a phone or tablet can open the page. Not encrypted.")
+]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open the browser.")]
 ColourOption = Annotated[
     str, typer.Option("--colour", help="displacement, pressure, slip or strain (largest of the surface's triangles).")

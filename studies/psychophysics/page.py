@@ -80,7 +80,8 @@ class ExperimentPage(Live):
         self._left = False
         self._begun: Callable[[float], object] = lambda moment: None
         self._error: BaseException | None = None
-        self._shown = 0
+        self._shown, self._since = 0, 0.0
+        self._reloaded = False  # a page was left since the panel is shown: no page knows since when
         self._trials = threading.Thread(target=self._live, name="experiment", daemon=True)
 
     # -- as a source of the page ---------------------------------------------------------------------------------
@@ -120,11 +121,14 @@ class ExperimentPage(Live):
                 self.stopping.set()
             else:
                 _check_answer(panel, order.answer)
+                if self._reloaded:
+                    order.seconds = time.monotonic() - self._since
                 self._done.put(order)
         return []
 
     def leave(self, page: object) -> None:
         self._pages.discard(page)
+        self._reloaded = True
         self._pointers.leave(page)
         if not self._pages and (self.panel or {}).get("interval"):
             self._left = True
@@ -151,7 +155,7 @@ class ExperimentPage(Live):
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
         self._tell(trial)
         if trial is None or not text:
-            self._cover(title=title, text=text)
+            self._cover(title=title, text=text, over=trial is None)
             self._closed.wait(MOMENT)
         else:
             self._cover(title=title, text=text, wait=pause, buttons=[{"label": "go on", "key": "Enter", "answer": ""}])
@@ -200,7 +204,7 @@ class ExperimentPage(Live):
             pass
         except Exception as error:  # the command raises it
             self._error = error
-            self._cover(title="The experiment has stopped", text=str(error))
+            self._cover(title="The experiment has stopped", text=str(error), over=True)
         finally:
             self._closed.wait(MOMENT)
             self._ended.set()
@@ -225,7 +229,7 @@ class ExperimentPage(Live):
 
     def _cover(self, **panel: Any) -> None:
         """Cover the picture with a panel."""
-        self._shown += 1
+        self._shown, self._since, self._reloaded = self._shown + 1, time.monotonic(), False
         self.panel = {"shown": self._shown, **panel}
         self.on_news()
 

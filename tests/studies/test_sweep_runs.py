@@ -393,6 +393,12 @@ def test_pictures_of_numbers_and_curves(ball, client, tmp_path):
     assert len({(line.get_color(), line.get_linestyle()) for line in axes.lines}) == 6
     with pytest.raises(PalpateError, match=r"Did you mean 'ball\.force'"):
         study.plot("ball.forze")
+    from matplotlib import pyplot
+
+    given, (left, right) = pyplot.subplots(1, 2)
+    assert study.plot("peak ball.force", ax=right) is given and right.lines and not left.lines
+    assert study.plot("peak ball.force") is pyplot.gcf() is not given
+    pyplot.close("all")
 
 
 def test_what_varies_has_its_unit():

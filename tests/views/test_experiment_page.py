@@ -193,6 +193,34 @@ def test_what_the_hand_of_the_pointer_lacks_is_said_before_the_first_trial(begun
         begun(text=text)
 
 
+def test_the_time_of_an_answer_is_that_since_the_question_where_the_page_was_loaded_again(begun):
+    sitting, page, server = begun(text=TEXT.replace("repeats: 2", "repeats: 1"))
+    client = Client(server)
+    client.go_on()
+    client.until(lambda panel: panel.get("title") == "Which was stiffer?")
+    asked = time.monotonic()
+    client.close()
+    wait_for(lambda: not page._pages)
+    time.sleep(0.5)
+    client = Client(server)
+    client.answer("first")  # says 0.25 s
+    waited = time.monotonic() - asked
+    wait_for(lambda: page.ended)
+    (row,) = sitting.table.rows
+    assert 0.5 < float(row["response_time"]) < waited + 1.0
+    assert row["repeats"] == "0"  # both intervals were felt once
+    client.close()
+
+
+@pytest.mark.parametrize("mark", [pytest.param("", marks=NEEDED)])
+def test_who_takes_part_is_told_when_the_server_ends_and_not_after_the_end(begun, mark):
+    _, _, server = begun()
+    with browsed(server.address, "document.querySelector('#panel button')") as window:
+        server.close()
+        window.wait_for_function("document.getElementById('panel').innerText.includes('The connection is lost')")
+        assert "experimenter" in window.inner_text("#panel")
+
+
 @pytest.mark.long
 def test_closing_the_server_in_a_trial_leaves_it_to_the_next_time(begun):
     sitting, page, server = begun()

@@ -2,14 +2,17 @@
 
 import contextlib
 import json
+import re
 import struct
 import time
 import urllib.error
 import urllib.request
+from importlib import resources
 
 import numpy as np
 import pytest
 
+from palpate.cli.terminal.browser import show
 from palpate.launch.load.launchfile import find
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
@@ -149,3 +152,38 @@ def test_another_body_takes_a_run_of_its_own_and_what_was_touched_can_be_replaye
     report = verify(recording, changed(recording))
     assert report.ok
     assert report.nodes["device"].checked > 100
+
+
+def test_a_page_for_other_machines_takes_their_token_and_no_other_origin(capsys):
+    source, host = FrameSource(), "127.0.0.2"  # stands for the address of a network
+    page = PageServer(source, host=host)
+    try:
+        assert page.address == f"http://{host}:{page.port}/?token={page.token}"
+        address = f"ws://{host}:{page.port}/socket?token="
+        with connect(address + page.token, origin=f"http://{host}:{page.port}"):
+            pass
+        for token, origin in (("wrong", f"http://{host}:{page.port}"), (page.token, "http://192.0.2.7")):
+            with pytest.raises(InvalidStatus) as refused, connect(address + token, origin=origin):
+                pass
+            assert refused.value.response.status_code == 403
+    finally:
+        page.close()
+    show(source, "see", 0, host, True, over=lambda: True)
+    said = capsys.readouterr()
+    assert f"http://{host}:" in said.out and "not encrypted" in said.err
+    show(source, "see", 0, "127.0.0.1", True, over=lambda: True)
+    assert not capsys.readouterr().err
+
+
+def test_an_address_of_no_network_here_is_told():
+    with pytest.raises(PageError, match=r"192\.0\.2\.7.*--host 0\.0\.0\.0"):
+        PageServer(FrameSource(), host="192.0.2.7")
+
+
+@pytest.mark.parametrize("name", ["index.html", "view.html"])
+def test_no_two_parts_of_a_page_have_one_id_and_each_force_has_its_name(name):
+    text = resources.files("palpate.views.page").joinpath("static", name).read_text(encoding="utf-8")
+    ids = re.findall(r'\bid="([^"]+)"', text)
+    assert len(ids) == len(set(ids))
+    names = re.findall(r"<label>([^<]+)</label><output", text)
+    assert {"force on the hand", "normal force"} <= set(names) and "force" not in names

@@ -16,14 +16,15 @@ from typer.testing import CliRunner
 from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.messages import Contact, DeviceState, Force, Friction, Proximity, Surface, pack
+from palpate.messages import Contact, DeviceState, Force, Friction, Pose, Proximity, Surface, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.physics.geometry.mesh import plane
+from palpate.records import stored
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.bodies import Bodies
-from palpate.views.pictures import PictureError, deformation, draw, force
+from palpate.views.pictures import PictureError, compression, deformation, draw, force
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
@@ -368,6 +369,39 @@ def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(touch_file, tmp
     made, _ = drawn(cut, tmp_path)
     assert "force.png" in made
     assert not Recording(cut).complete
+
+
+def test_a_short_touch_in_a_long_recording_fills_the_pictures(tmp_path):
+    depths = [*[0.0] * 3000, *[1e-3] * 500, *[0.0] * 3000]
+    touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"a": [press(depth) for depth in depths]})))
+    begin, end = touch.shown
+    assert 2.85 < begin < 3.0 and 3.5 < end < 3.65
+    drawn = compression.draw(touch)
+    assert drawn.axes[1].get_xlim() == (begin, end) and "0 to 6 s" in drawn.axes[1].get_xlabel()
+    part = record(tmp_path / "s.mcap", {"a": [press(depth) for depth in depths[2800:3700]]})
+    assert TouchStreams(Recording(part)).shown is None
+
+
+def test_columns_are_the_same_in_blocks(tmp_path, monkeypatch):
+    file = record(tmp_path / "r.mcap", {"a": [press(1e-3 * k) for k in range(25)]})
+    whole = Recording(file).columns("a")
+    monkeypatch.setattr(stored, "BLOCK", 10)
+    blocks = Recording(file).columns("a")
+    assert list(whole) == list(blocks)
+    for name, values in whole.items():
+        assert values.dtype == blocks[name].dtype and np.array_equal(values, blocks[name])
+
+
+def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth(tmp_path):
+    depths = [0.0] * 5 + [1e-4 * k for k in range(20)]
+    felt = [press(0.0, 300.0 * depth) for depth in depths]
+    poses = [Pose(position=(0.0, 0.0, 0.1 - depth), velocity=(0.0, 0.0, 0.0), dt=1e-3) for depth in depths]
+    made, _ = drawn(record(tmp_path / "r.mcap", {"sensor": felt, "finger": poses}), tmp_path)
+    assert made == ["force.png"]
+    figure = force.draw(TouchStreams(Recording(tmp_path / "r.mcap")))
+    way, size = figure.axes[0].lines[0].get_data()
+    assert way == pytest.approx(1e3 * size / 300.0, abs=1e-9) and way.max() == pytest.approx(1.9)
+    assert "depth of the probe" in figure.axes[0].get_xlabel()
 
 
 @pytest.mark.parametrize(

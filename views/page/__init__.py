@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from palpate.views.page.server import PageServer
     from palpate.views.page.source import FrameSource
 
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
+
 
 def check() -> None:
     """PageError: the package that serves the pages is missing, with what to type."""
@@ -20,9 +22,9 @@ def check() -> None:
         raise PageError(missing("the page", error.name, "page")) from None
 
 
-def serve(source: FrameSource, port: int = 0) -> PageServer:
+def serve(source: FrameSource, port: int = 0, host: str = "127.0.0.1") -> PageServer:
     """Show a source to whoever opens the address. PageError."""
     check()
     from palpate.views.page.server import PageServer
 
-    return PageServer(source, port)
+    return PageServer(source, port, host)

@@ -20,6 +20,7 @@ from palpate.views.fingers import fingers, links_of
 from palpate.views.page.feed import Curve, frame, kinds_of, picture, surface_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of
+from palpate.views.surface.colour import able
 
 POINTS = 4000
 """Of force and indentation over the whole recording: more than a screen has."""
@@ -130,8 +131,17 @@ class RecordingSource:
     def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
         return surface_frame(self.bodies.mesh, {
-            "reel": number, "name": name, "body": self.use, **self.curves[0], "others": self.curves[1:],
+            "reel": number, "name": name, "body": self.use, "colours": self._colours(), **self.curves[0],
+            "others": self.curves[1:],
         })  # fmt: skip
+
+    def _colours(self) -> list[str]:
+        """The colours that the surface can have, as it is where the force is greatest."""
+        time = max((f, t) for curve in self.curves for t, f in zip(curve["t"], curve["f"], strict=True))[1]
+        newest = self.last(time)
+        surface = self.bodies.surface({name: one for name, one in newest.items() if isinstance(one, Surface)})
+        loads = ["load"] if any(name in self.bodies.loads for name in newest) else []
+        return loads + (able(surface) if surface is not None else ["displacement", "strain"])
 
     def frame(self, time: float, number: int) -> bytes:
         """The picture at a time [s], clipped to the recording."""

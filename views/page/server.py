@@ -1,4 +1,4 @@
-"""The server of the pages: static files and a socket on loopback, for programs of this user that have the token."""
+"""The server of the pages: static files and a socket, for those who have the token; on loopback for this user alone."""
 
 import asyncio
 import contextlib
@@ -25,11 +25,11 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
+from palpate.views.page import LOOPBACK
 from palpate.views.page.renderers import RATE, binary
 from palpate.views.page.source import FrameSource
 
-HOST = "127.0.0.1"
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
+HOST, ANY = "127.0.0.1", "0.0.0.0"
 RENDERERS = "/frames"
 PATIENCE = 30.0  # [s] for the server to open or to close
 RELOAD = 2.0  # [s] for a page to be loaded anew, before it counts as closed
@@ -39,12 +39,13 @@ class PageServer:
     """Serves one source to any number of pages, from a thread of its own, until it is closed.
 
     port  0 for any
+    host  address of this machine to listen on; 0.0.0.0: all of them
 
-    PageError: the port is taken.
+    PageError: the port is taken, or the address is none of this machine.
     """
 
-    def __init__(self, source: FrameSource, port: int = 0) -> None:
-        self.source, self.port = source, port
+    def __init__(self, source: FrameSource, port: int = 0, host: str = HOST) -> None:
+        self.source, self.port, self.host = source, port, host
         self.token = secrets.token_urlsafe(24)
         page, script = source.files
         self._files = {"/": (page, "text/html"), f"/{script}": (script, "text/javascript")} | {
@@ -68,8 +69,8 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """What to open in a browser of this machine."""
-        return f"http://{HOST}:{self.port}/?token={self.token}"
+        """What to open in a browser."""
+        return f"http://{_outward() if self.host == ANY else self.host}:{self.port}/?token={self.token}"
 
     @property
     def deserted(self) -> bool:
@@ -104,10 +105,11 @@ class PageServer:
 
     async def _start(self, port: int) -> None:
         try:
-            self._server = await serve(self._talk, HOST, port, process_request=self._answer, max_size=4096,
-                                       compression=None, ping_interval=20)  # fmt: skip
+            self._server = await serve(self._talk, self.host, port, process_request=self._answer, max_size=4096,
+                                       compression=None, ping_interval=20, family=socket.AF_INET)  # fmt: skip
         except OSError as error:
-            raise PageError(f"port {port} of {HOST}: {error.strerror}; --port 0 takes any free port") from None
+            cure = f"--port 0 takes any free port; --host {ANY} listens on all addresses of this machine"
+            raise PageError(f"port {port} of {self.host}: {error.strerror}; {cure}") from None
         self.port = next(iter(self._server.sockets)).getsockname()[1]
         self.source.on_news = lambda: asyncio.run_coroutine_threadsafe(self._notify(), self._loop)
 
@@ -182,8 +184,9 @@ class PageServer:
             parts = urlsplit(request.path)
             given = parse_qs(parts.query).get("token", [""])[0]
             origin = request.headers.get("Origin")
-            strange = origin is not None and urlsplit(origin).hostname not in LOOPBACK
-            strange |= _user(connection.remote_address, self.port) not in (None, 0, os.getuid())
+            here = (*LOOPBACK, connection.local_address[0])  # by which the page was opened
+            strange = origin is not None and urlsplit(origin).hostname not in here
+            strange |= _user(connection.remote_address, connection.local_address) not in (None, 0, os.getuid())
             known = hmac.compare_digest(given.encode(), self.token.encode())
         except (ValueError, MultipleValuesError):  # what no browser sends: http://[::1, two origins
             return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")
@@ -202,10 +205,18 @@ class PageServer:
         return _reply(HTTPStatus.OK, body, kind)
 
 
-def _user(peer: tuple[str, int], port: int) -> int | None:
-    """User at the other end of a connection to a port of loopback; None: the kernel does not list it. The token alone
+def _outward() -> str:
+    """The address by which other machines reach this one; that of loopback where it has no network."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.connect(("192.0.2.1", 9))  # an address of documentation (RFC 5737); a datagram socket sends nothing yet
+        return str(probe.getsockname()[0])
+    return HOST
+
+
+def _user(peer: tuple[str, int], here: tuple[str, int]) -> int | None:
+    """User at the other end of a connection of this machine; None: the kernel does not list it. The token alone
     does not tell users apart: a browser that is started with the address shows it in the list of processes."""
-    ends = [f"{int.from_bytes(socket.inet_aton(ip), sys.byteorder):08X}:{own:04X}" for ip, own in (peer, (HOST, port))]
+    ends = [f"{int.from_bytes(socket.inet_aton(ip), sys.byteorder):08X}:{own:04X}" for ip, own in (peer, here)]
     with contextlib.suppress(OSError):
         for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]:
             row = line.split()

@@ -22,14 +22,20 @@ def draw(touch: TouchStreams) -> Figure | None:
     if contact is None or not (slices := touches(contact["time"], contact["force"])):
         return None
     approach = contact["compression"] + contact["indentation"]
-    if not approach.any():
-        return None
+    measured = not approach.any()
+    if measured:
+        if touch.pose is None:
+            return None
+        contact = _depths(contact, touch.pose, slices)
+        approach = contact["indentation"]
     chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
     ways = [
         ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
         ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
     ]
-    if contact["indentation"].max() < NOTHING * approach.max():
+    if measured:
+        ways = [("the sample", approach, "depth of the probe from where it touched  [mm]")]
+    elif contact["indentation"].max() < NOTHING * approach.max():
         ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
     band = beside(touch)
     count = len(ways) + (band is not None)
@@ -51,6 +57,17 @@ def draw(touch: TouchStreams) -> Figure | None:
     if band is not None:
         _band(every[-1], band, touch.settings(touch.stream_of(ForceBand)).get("depth", "compression"))
     return out
+
+
+def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:
+    """The contact of a force sensor, which knows no depth, with that of the probe: how far it has moved against the
+    normal since each touch began."""
+    place = [np.interp(contact["time"], pose["time"], x) for x in pose["position"].T]
+    way = -np.einsum("in,ni->n", place, contact["normal"])
+    depth = np.zeros(len(way))
+    for part in slices:
+        depth[part] = np.maximum(way[part] - way[part.start], 0.0)
+    return contact | {"indentation": depth}
 
 
 def beside(touch: TouchStreams) -> tuple[Columns, Columns] | None:

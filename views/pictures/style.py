@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -57,9 +58,17 @@ LOOK: Any = {
 }
 
 
-def figure(width: float, height: float, title: str) -> Figure:
-    """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook."""
-    fig = _shown()(figsize=(width, height), layout="constrained")
+def figure(width: float, height: float, title: str, current: bool = False) -> Figure:
+    """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook.
+
+    current  where the program uses pyplot, it is pyplot's current figure, too; not in a notebook, which would show it
+             twice
+    """
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if current and pyplot is not None and "inline" not in pyplot.get_backend():
+        fig: Figure = pyplot.figure(figsize=(width, height), layout="constrained", FigureClass=_shown())
+    else:
+        fig = _shown()(figsize=(width, height), layout="constrained")
     entitle(fig, title)
     return fig
 
@@ -105,9 +114,20 @@ def noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
 
 
-def over_time(axes: Axes, time: np.ndarray) -> None:
-    """The axis of times [s] (n) from the first to the last."""
-    axes.set(xlabel="time [s]", xlim=(time[0], max(time[-1], time[0] + 1e-3)))
+def over_time(axes: Axes, time: np.ndarray, shown: tuple[float, float] | None = None) -> None:
+    """The axis of times [s] (n) from the first to the last, or of those that are shown."""
+    part = "" if shown is None else f": the contacts in {time[0]:.0f} to {time[-1]:.0f} s"
+    axes.set(xlabel=f"time [s]{part}", xlim=shown or (time[0], max(time[-1], time[0] + 1e-3)))
+
+
+def log_ticks(axes: Axes) -> None:
+    """A logarithmic abscissa with labels at 1, 2 and 5 in each decade: between them they would overlap."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def deformation_colours() -> Any:

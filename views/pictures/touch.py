@@ -30,6 +30,7 @@ from palpate.records.stored import RecordingError
 from palpate.views.fingers import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
+MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] of the time of the contacts; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
 
 
@@ -88,6 +89,19 @@ class TouchStreams:
         if name is None:
             return None
         return np.array([getattr(m, "state", "") == "contact" for m in self.recording.messages(name)], dtype=bool)
+
+    @cached_property
+    def shown(self) -> tuple[float, float] | None:
+        """Begin and end [s] of the contacts with a margin, where they take less than half of the recording; else None:
+        pictures over time show all of it."""
+        if self.contact is None or not (found := touches(self.contact["time"], self.contact["force"])):
+            return None
+        time = self.contact["time"]
+        begin, end = time[found[0].start], time[found[-1].stop - 1]
+        margin = max(MARGIN * (end - begin), LEAST_MARGIN)
+        if end - begin + 2.0 * margin > 0.5 * (time[-1] - time[0]):
+            return None
+        return max(begin - margin, time[0]), min(end + margin, time[-1])
 
     def settings(self, stream: str | None) -> dict[str, Any]:
         """Settings of the node that sent a stream; empty where the recording does not tell."""

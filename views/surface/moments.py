@@ -52,7 +52,8 @@ class Instant:
         """Time, indentation and normal force of each finger, from left to right as the picture shows them."""
         order = np.argsort(self.tips @ RIGHT, kind="stable")
         deep = ", ".join(f"{depth * 1e3:.1f}" for depth in self.depths[order])
-        return f"{self.time:.2f} s:  {deep} mm deep,  {', '.join(f'{load:.2f}' for load in self.loads[order])} N"
+        loads = ", ".join(f"{load:.2f}" for load in self.loads[order])
+        return f"{self.time:.2f} s:  {deep} mm deep,  normal force {loads} N"
 
 
 def bodies_of(touch: TouchStreams) -> Bodies:

@@ -19,6 +19,7 @@ def touch(
     unit: options.UnitOption = None,
     repair: options.RepairOption = False,
     port: options.Port = 0,
+    host: options.Host = "127.0.0.1",
     no_open: options.NoOpen = False,
     no_record: Annotated[
         bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
@@ -41,7 +42,7 @@ def touch(
     )
     session = Session(launch, folder, list(sets or []))
     session.keep = not no_record
-    show(session, "touch", port, no_open)
+    show(session, "touch", port, host, no_open)
     for file in session.kept:
         typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
     for trouble in session.troubles:

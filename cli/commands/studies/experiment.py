@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, NoOpen, Port, Sets
+from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets
 from palpate.cli.terminal.output import console, drawn, say, table, tell
 from palpate.cli.terminal.progress import steps
 
@@ -34,6 +34,7 @@ def experiment(
     lsl: Annotated[bool, typer.Option("--lsl", help="Send events to the Lab Streaming Layer.")] = False,
     sets: Sets = None,
     port: Port = 0,
+    host: Host = "127.0.0.1",
     no_open: NoOpen = False,
     as_json: Json = False,
 ) -> None:
@@ -63,7 +64,7 @@ def experiment(
                 from palpate.cli.terminal.browser import show
 
                 page = sitting.page()
-                show(page, "do", port, no_open, lambda: page.ended)
+                show(page, "do", port, host, no_open, lambda: page.ended)
                 page.check()
         count = len(sitting.table.rows)
     if as_json:

@@ -6,12 +6,13 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.browser import show
-from palpate.cli.terminal.options import NoOpen, Port, Trust
+from palpate.cli.terminal.options import Host, NoOpen, Port, Trust
 
 
 def view(
     files: Annotated[list[Path], typer.Argument(help="A recording, or two to compare side by side.")],
     port: Port = 0,
+    host: Host = "127.0.0.1",
     no_open: NoOpen = False,
     trust: Trust = None,
 ) -> None:
@@ -28,4 +29,4 @@ def view(
     for reel in reels.reels:
         for text in filter(None, (reel.recording.ending, reel.bodies.left_out)):
             typer.echo(text, err=True)
-    show(reels, "see", port, no_open)
+    show(reels, "see", port, host, no_open)

@@ -152,7 +152,8 @@ class Worker:
         self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
 
     def finish(self) -> None:
-        """The run has ended: send what is left."""
+        """The run has ended: send what is left. Observers first: the last report counts all their messages."""
+        self._flush()
         self.sign_of_life()
         self._flush()
 

@@ -319,3 +319,10 @@ def test_the_recording_tells_of_its_run(tmp_path):
     assert recording.counts["sum"] == {"count": TICKS, "lost": 0}
     assert recording.streams["sum"].type is Torque
     assert recording.columns("sum")["torques"].shape == (TICKS, 3)
+
+
+@pytest.mark.parametrize("ticks", [13, 100])
+def test_a_fused_run_counts_all_messages_of_its_logger(tmp_path, ticks):
+    outcome = go(tmp_path, ticks=ticks, place="fused")
+    messages = sum(len(own) for own in streams(tmp_path / "run.mcap").values())
+    assert outcome.result.health["log"]["steps"] == messages > 0

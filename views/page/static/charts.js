@@ -1,4 +1,6 @@
-// Strips of the last seconds, and the pins of a display as bars.
+// Strips of the last seconds, the pins of a display as bars, and pictures to keep.
+
+import { ramp } from "/scene.js";
 
 const SPAN = 6; // [s]
 const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -11,11 +13,18 @@ function fresh(canvas) {
   return { paint, w: box.width, h: box.height };
 }
 
+// Over a strip: what it shows up to which value, and of which time, as far as there is room.
+function caption(paint, w, left, right) {
+  paint.fillStyle = style("--faint"); paint.fillText(left, 0, 10);
+  paint.textAlign = "right";
+  if (paint.measureText(`${left}  ${right}`).width < w) paint.fillText(right, w, 10);
+}
+
 // Of several fingers the first has a solid line.
 const stroke = (paint, colour, finger) => { paint.strokeStyle = colour; paint.setLineDash(finger ? [4 / finger, 2] : []); paint.beginPath(); };
 
 export class Strip {
-  constructor(canvas, unit, colour, least) { Object.assign(this, { canvas, unit, colour, least, lines: [] }); }
+  constructor(canvas, name, unit, colour, least) { Object.assign(this, { canvas, name, unit, colour, least, lines: [] }); }
 
   clear() { this.lines = []; }
 
@@ -46,14 +55,13 @@ export class Strip {
       }
       paint.stroke();
     });
-    paint.fillStyle = style("--faint"); paint.fillText(`${high.toPrecision(2)} ${this.unit}`, 0, 10);
-    paint.textAlign = "right"; paint.fillText(`last ${SPAN} s`, w, 10);
+    caption(paint, w, `${this.name} to ${high.toPrecision(2)} ${this.unit}`, `last ${SPAN} s`);
   }
 }
 
 // A whole recording, and where one is in it.
 export class Record {
-  constructor(canvas, unit, colour, lines) { Object.assign(this, { canvas, unit, colour, lines }); }
+  constructor(canvas, name, unit, colour, lines) { Object.assign(this, { canvas, name, unit, colour, lines }); }
 
   draw(now, band) {
     const { paint, w, h } = fresh(this.canvas), { times } = this.lines[0], [begin, end] = [times[0], times.at(-1)];
@@ -70,8 +78,7 @@ export class Record {
     paint.setLineDash([]);
     if (band) { paint.fillStyle = this.colour + "33"; paint.fillRect(x(now) - 6, y(band[1]), 12, y(band[0]) - y(band[1])); }
     paint.strokeStyle = style("--ink"); paint.lineWidth = 1; paint.beginPath(); paint.moveTo(x(now), 12); paint.lineTo(x(now), h); paint.stroke();
-    paint.fillStyle = style("--faint"); paint.fillText(`${high.toPrecision(2)} ${this.unit}`, 0, 10);
-    paint.textAlign = "right"; paint.fillText(`${begin.toFixed(1)} to ${end.toFixed(1)} s`, w, 10);
+    caption(paint, w, `${this.name} to ${high.toPrecision(2)} ${this.unit}`, `${begin.toFixed(1)} to ${end.toFixed(1)} s`);
   }
 }
 
@@ -87,4 +94,21 @@ export function bars(canvas, heights) {
     paint.fillRect(left, foot - tall, 0.8 * wide, tall);
   }));
   paint.fillStyle = style("--faint"); paint.fillText(`pins, ${(1e3 * span).toFixed(2)} mm from lowest to highest`, 0, 10);
+}
+
+// Save what a scene shows, as it was just drawn, with lines of text and its colour bar: from 0 to `top`, of `what`.
+export function shot(scene, lines, top, what, name) {
+  const { canvas, labels } = scene, ratio = canvas.width / canvas.clientWidth, paper = document.createElement("canvas"), paint = paper.getContext("2d");
+  const high = canvas.clientHeight, line = 19, scale = document.createElement("canvas");
+  Object.assign(paper, { width: canvas.width, height: canvas.height + Math.round((line * (lines.length + 1) + 14) * ratio) });
+  paint.fillStyle = style("--ground"); paint.fillRect(0, 0, paper.width, paper.height);
+  paint.drawImage(canvas, 0, 0); paint.scale(ratio, ratio);
+  paint.font = "14px system-ui, sans-serif"; paint.fillStyle = style("--ink"); paint.textBaseline = "middle";
+  for (const { textContent, style: { left, top: at } } of labels) paint.fillText(textContent, parseFloat(left) + 17, parseFloat(at));
+  lines.forEach((text, k) => paint.fillText(text, 12, high + 12 + k * line));
+  Object.assign(scale, { width: 180, height: 12 }); ramp(scale);
+  const y = high + 12 + lines.length * line;
+  paint.fillText("0", 12, y); paint.drawImage(scale, 26, y - 6); paint.fillText(`${top}  ${what}`, 212, y);
+  const link = document.createElement("a");
+  link.download = `${name.replace(/^.*\//, "").replace(/\.mcap$/, "")}.png`; link.href = paper.toDataURL("image/png"); link.click();
 }

@@ -1,15 +1,16 @@
 // What the page does: frames in, samples of the pointer out, switches.
 
-import { Scene, each, figures, fingers, painted, ramp } from "/scene.js";
-import { Strip, bars } from "/charts.js";
+import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends } from "/scene.js";
+import { Strip, bars, shot } from "/charts.js";
 import { panel } from "/panel.js";
 
 const $ = (id) => document.getElementById(id);
 const HOVER = 0.006; // [m] above the surface while nothing is pressed
+const LOST = "Please tell the experimenter. Your answers up to now are stored.";
 const ENOUGH = 27; // [1/s] pictures; at most 30 come
-const strips = [new Strip($("forces"), "N", "#2f7fb8", 0.5), new Strip($("depths"), "mm", "#c2506a", 2)];
+const strips = [new Strip($("forces"), "normal force", "N", "#2f7fb8", 0.5), new Strip($("depths"), "indentation", "mm", "#c2506a", 2)];
 const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
-let scene, socket, about, newest, experiment, paused = false, sample = 0, dirty = true, sent = new Map();
+let scene, socket, about, newest, experiment, status = "connecting", paused = false, sample = 0, dirty = true, sent = new Map();
 
 try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
 const page = { frames: 0, latency: 0, get newest() { return newest?.head; }, scene };
@@ -20,15 +21,24 @@ function connect() {
   socket = new WebSocket(`${scheme}://${location.host}/socket${location.search}`);
   socket.binaryType = "arraybuffer";
   socket.onmessage = ({ data }) => (typeof data === "string" ? say(JSON.parse(data)) : take(data));
-  socket.onclose = () => { $("status").textContent = experiment ? "closed" : "the run has ended: start palpate touch again"; };
+  socket.onclose = () => {
+    state(experiment ? "closed" : "the run has ended: start palpate touch again");
+    if (experiment && !experiment.over) panel({ shown: -1, title: "The connection is lost", text: LOST }, order);
+  };
+}
+
+// What goes on; that it is paused is said of a run that goes on.
+function state(text) {
+  status = text;
+  $("status").textContent = paused && text === "running" ? "paused: the run continues" : text;
 }
 
 function say(told) {
   if (told.kind === "status") {
-    $("status").textContent = told.text;
+    state(told.text);
     $("keep").setAttribute("aria-pressed", String(told.keep));
     experiment = told.panel; panel(experiment, order);
-  } else $("status").textContent = told.text;
+  } else state(told.text);
 }
 
 function take(data) {
@@ -58,7 +68,7 @@ function begin(head, triangles, places, normals) {
   const names = head.bodies.includes(head.body) ? head.bodies : [head.body, ...head.bodies];
   $("body").replaceChildren(...names.map((name) => new Option(name.split(".").pop(), name, false, name === head.body)));
   const count = head.fingers.length, kept = $("finger").options.length === count + 1 ? $("finger").value : "-1";
-  $("finger").replaceChildren(new Option("together", -1), ...head.fingers.map((name, k) => new Option(`${k + 1}: ${name}`, k)));
+  $("finger").replaceChildren(new Option("together", -1), ...head.fingers.map((name, k) => new Option(`${k + 1}: ${name.replace(/[-_.]?contact[-_.]?/i, "") || name}`, k)));
   $("finger").value = kept; $("finger").parentElement.hidden = count < 2;
   $("effects").replaceChildren(...Object.entries(head.effects ?? {}).map(([name, on]) => {
     const label = document.createElement("label"), box = Object.assign(document.createElement("input"), { type: "checkbox", checked: on });
@@ -79,6 +89,7 @@ function show() {
     const { most, text, what } = painted([[scene, newest]], $("colour").value);
     scene.full = most; $("top").textContent = text; $("what").textContent = what;
     const { head } = newest;
+    if (newest.nodes.length) offer($("colour"), sends(newest));
     tell(head);
   }
   draw();
@@ -218,12 +229,12 @@ $("colour").addEventListener("change", () => { dirty = true; });
 $("pause").addEventListener("click", () => {
   if (!paused) { aim.down = false; point(); }
   paused = !paused; $("pause").setAttribute("aria-pressed", String(paused));
+  $("pause").textContent = paused ? "resume" : "pause"; state(status);
 });
 $("shot").addEventListener("click", () => {
   const sharp = scene.sharp;
   scene.sharp = 1; draw(); scene.sharp = sharp; // what was drawn before is gone once it is shown
-  const link = document.createElement("a");
-  link.download = "palpate.png"; link.href = view.toDataURL("image/png"); link.click();
+  if (newest) shot(scene, lines(newest.head, about), $("top").textContent, $("what").textContent || $("colour").value, `${about.recording ?? "palpate"}`.replace(/\.mcap$/, "") + `-${newest.head.time.toFixed(3)}s`);
 });
 window.addEventListener("resize", () => { scene.sharp = 1; dirty = true; });
 ramp($("scale"));

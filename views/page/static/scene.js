@@ -40,15 +40,22 @@ export const each = (head) => [head, ...(head.others ?? [])];
 // What of a picture is drawn of the fingers: where each is, and the force on it.
 export const fingers = (newest) => (newest ? each(newest.head).filter(({ tip }) => tip) : []);
 
-// Figures of the fingers as a text: force, indentation, contact and energy.
+// Figures of the fingers as a text: force on the hand, normal force, indentation, contact and energy.
 export function figures(head) {
   const joined = (of) => each(head).map(of).join(" · ");
   return {
-    force: joined(({ force, load }) => Math.hypot(...(force ?? [0, 0, load ?? 0])).toFixed(2)),
+    force: joined(({ force }) => (force ? Math.hypot(...force).toFixed(2) : "–")),
+    load: joined(({ load }) => (load ?? 0).toFixed(2)),
     depth: joined(({ depth }) => (1e3 * (depth ?? 0)).toFixed(1)),
     stick: joined(({ load, stick }) => (load > 0 ? (stick === undefined ? "touches" : stick ? "sticks" : "slips") : "apart")),
     energy: joined(({ energy }) => (energy === undefined ? "–" : (1e3 * energy).toFixed(1))),
   };
+}
+
+// The same in words, for a picture that is kept.
+export function lines(head, about) {
+  const { force, load, depth } = figures(head);
+  return [`${about.name ?? ""} ${about.body.split(".").pop()}, ${head.time.toFixed(3)} s`.trim(), `force on the hand ${force} N, normal force ${load} N, indentation ${depth} mm`];
 }
 
 export class Scene {
@@ -298,6 +305,10 @@ const KINDS = {
   slip: { has: ({ head, nodes }) => head.slipped || !nodes.length, least: 1, text: () => "slides" },
   strain: { has: () => true, least: 0.05, text: (v) => `${(100 * v).toFixed(0)} %`, name: "largest strain of the surface" },
 };
+
+// Offer the colours that are sent.
+export function offer(select, sent) { for (const option of select.options) option.hidden = !sent(option.value); }
+export const sends = (newest) => (name) => Boolean(KINDS[name].has(newest));
 
 // Deform and colour scenes by their newest pictures, on one scale: its end, in words with its unit, and what it is of.
 export function painted(pairs, wish) {

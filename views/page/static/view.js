@@ -1,7 +1,7 @@
 // Recordings: the page asks for a time and draws what comes, one picture for each recording.
 
-import { Scene, each, figures, fingers, painted, ramp } from "/scene.js";
-import { Record, bars } from "/charts.js";
+import { Scene, each, figures, fingers, lines, offer, painted, ramp } from "/scene.js";
+import { Record, bars, shot } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
 const STEP = 0.001; // [s]
@@ -38,12 +38,13 @@ function open(head, triangles, places, normals) {
   const scene = new Scene(pick("canvas.scene"));
   scene.mesh(places, normals, triangles);
   pick("h2").textContent = `${head.name} · ${head.body.split(".").pop()}`;
-  const lines = (of) => each(head).map((one) => ({ times: one.t, values: of(one) }));
+  const courses = (of) => each(head).map((one) => ({ times: one.t, values: of(one) }));
   const strips = [
-    new Record(pick(".forces"), "N", "#2f7fb8", lines(({ f }) => f)),
-    new Record(pick(".depths"), "mm", "#c2506a", lines(({ s }) => s.map((x) => 1e3 * x))),
+    new Record(pick(".forces"), "normal force", "N", "#2f7fb8", courses(({ f }) => f)),
+    new Record(pick(".depths"), "indentation", "mm", "#c2506a", courses(({ s }) => s.map((x) => 1e3 * x))),
   ];
   reels[head.reel] = { scene, strips, pick, about: head };
+  offer($("colour"), (name) => reels.every(({ about }) => about.colours.includes(name)));
   handle(pick("canvas.scene"));
   document.title = `${reels.map((r) => r.about.name).join(" | ")}: palpate`;
   begin = Math.min(...reels.map((r) => r.about.t[0])); end = Math.max(...reels.map((r) => r.about.t.at(-1)));
@@ -127,9 +128,9 @@ $("on").addEventListener("click", () => { play(false); seek(time + STEP); });
 $("colour").addEventListener("change", show);
 $("shot").addEventListener("click", () => {
   draw(); // what was drawn before is gone once it is shown
-  for (const { scene, about } of reels) {
-    const link = document.createElement("a");
-    link.download = `${about.name.replace(/\.mcap$/, "").replaceAll("/", "-")}-${time.toFixed(3)}s.png`; link.href = scene.canvas.toDataURL("image/png"); link.click();
+  for (const { scene, about, newest } of reels) {
+    const name = `${about.name.replace(/\.mcap$/, "").replaceAll("/", "-")}-${time.toFixed(3)}s`;
+    shot(scene, lines(newest.head, about), $("top").textContent, $("what").textContent || $("colour").value, name);
   }
 });
 window.addEventListener("resize", show);

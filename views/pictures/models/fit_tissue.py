@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from palpate.models.fit.tissue.fit import Fit
 from palpate.models.fit.tissue.measured import Press
+from palpate.views.pictures.style import log_ticks
 
 
 def draw_fit(fit: Fit, folder: Path) -> list[Path]:
@@ -59,7 +60,9 @@ def _profiles(fit: Fit, path: Path) -> Path:
         axis.axhline(1.0, color="tab:red", lw=1, label="95 %")
         axis.axvspan(interval.low, interval.high, color="0.9", label="interval reported")
         if p.log and at[0] > 0.0 and at[-1] > 4.0 * at[0]:
-            axis.set_xscale("log")
+            log_ticks(axis)
+        else:
+            axis.locator_params(axis="x", nbins=4)  # more would overlap
         axis.set(xlabel=f"{p.name} [{p.unit}]", ylabel="rise of the sum of squares", ylim=(-0.1, 4.0))
         axis.legend(fontsize=8)
     return _saved(figure, path)
