@@ -27,12 +27,12 @@ def ended(
         tell(_data(outcome, drawn))
         return
     if result.ticks or result.ok:
-        _summary(outcome, name, drawn)
+        _summary(outcome, name, drawn, quiet)
     for death in result.deaths:
         fault(death, console(stderr=True, soft_wrap=True))
 
 
-def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
+def _summary(outcome: RunOutcome, name: str, drawn: list[Path], quiet: bool) -> None:
     from rich.text import Text
 
     from palpate.launch.run.screen import table
@@ -43,11 +43,11 @@ def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
     took = f" {'interrupted after ' if result.interrupted else ''}{seconds:.3f} s, {result.ticks} ticks in "
     took += f"{result.wall:.2f} s{speed}; first tick {result.start:.2f} s after the start"
     out.print(Text.assemble((name, "bold"), took))
-    if result.health:
+    if result.health and not quiet:
         out.print(table(result))
     if outcome.verdict is not None:
         _judge(outcome)
-    for node, reason in outcome.plan.skipped.items():
+    for node, reason in () if quiet else outcome.plan.skipped.items():
         say(f"skipped {node}: {reason}", "dim", wrap=True)
     for note in (*outcome.plan.graph.notes, *result.notes):
         say(note, "yellow", wrap=True)

@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.studies.psychophysics.analysis import ALL, Outcome
 from palpate.studies.psychophysics.functions import proportion
+from palpate.views.pictures.plot import PREFIXES
 from palpate.views.pictures.style import FINGER, INK, LOOK, TISSUE, figure
 
 if TYPE_CHECKING:
@@ -46,7 +47,8 @@ def _function(axes: Axes, one: Outcome) -> None:
 
     fitted = one.fitted
     assert fitted is not None
-    x, turned = np.array(one.levels), one.sign
+    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
+    x, turned = np.array(one.levels), one.sign * factor
     ratio = x.min() > 0.0 and x.max() > WIDE * x.min()  # the steps were ratios
     room = 1.3 if ratio else 0.08 * (float(np.ptp(x)) or abs(float(x.max())))
     if ratio:
@@ -67,17 +69,18 @@ def _function(axes: Axes, one: Outcome) -> None:
     axes.plot(ends, [at, at], color=FINGER, linewidth=3.0, zorder=4, solid_capstyle="butt")
     axes.plot([turned * a.value], [at], marker="|", markersize=12, color=FINGER, zorder=4)
     distance = one.reference is not None and one.of != "judged greater"
-    axes.set_xlabel(f"{one.path} [{one.unit}]{', from the reference' * distance}", fontsize=10)
+    axes.set_xlabel(f"{one.path} [{unit}]{', from the reference' * distance}", fontsize=10)
     axes.set_ylabel(NAMES[one.of])
     axes.set_ylim(-0.03, 1.03)
 
 
 def _magnitude(axes: Axes, one: Outcome) -> None:
-    level, mean, n = np.array(one.levels), np.array(one.shares), one.numbers["exponent"].value
+    factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
+    level, mean, n = factor * np.array(one.levels), np.array(one.shares), one.numbers["exponent"].value
     axes.loglog(level, mean, "o", color=TISSUE)
     if math.isfinite(n):
         weights = np.array(one.counts)
         middle = np.average(np.log(mean) - n * np.log(level), weights=weights)
         axes.loglog(level, np.exp(middle) * level**n, color=INK)
-    axes.set_xlabel(f"{one.path} [{one.unit}]")
+    axes.set_xlabel(f"{one.path} [{unit}]")
     axes.set_ylabel("magnitude, geometric mean")

@@ -31,8 +31,9 @@ SHARES = {
 }
 
 
-def draw(study: Results, name: str) -> Figure:
-    """A figure of a quantity or of one thing that is kept. PictureError: it cannot be drawn."""
+def draw(study: Results, name: str, axes: Axes | None = None, *, current: bool = False) -> Figure:
+    """A figure of a quantity or of one thing that is kept, or the one of these axes with it drawn there; `current` as of
+    `style.figure`. PictureError: it cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
         raise PictureError(missing("plots", "matplotlib", "view"))
     found = [one for one in study.keep if name in (one.text, one.quantity)]
@@ -44,15 +45,17 @@ def draw(study: Results, name: str) -> Figure:
     from matplotlib import rc_context
 
     with rc_context(LOOK):
-        fig = figure(9.0, 4.6, f"{study.name}: {one.text}")
-        axes = fig.subplots()
+        if axes is None:
+            axes = figure(9.0, 4.6, f"{study.name}: {one.text}", current=current).subplots()
+        else:
+            axes.set_title(f"{study.name}: {one.text}")
         if one.how == "curve":
             _curves(study, one, axes)
         elif study.sensitivity is not None:
             _shares(study, one, axes)
         else:
             _numbers(study, one, axes)
-    return fig
+    return axes.figure  # type: ignore[return-value]  # of a subfigure its own
 
 
 def draw_all(study: Results, folder: Path) -> list[Path]:

@@ -30,6 +30,7 @@ from palpate.studies.sweeps.results import Results
 
 if TYPE_CHECKING:
     from distributed import Client
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from palpate.studies.sweeps.local import Local
@@ -242,13 +243,13 @@ class Study(Results):
 
         return dataset(self)
 
-    def plot(self, name: str) -> Figure:
+    def plot(self, name: str, ax: Axes | None = None) -> Figure:
         """A quantity, such as "contact.force", or one thing that is kept, such as "peak contact.force": curves over
-        time, a number over the first axis with numbers, or the sensitivity indices. PictureError: what cannot be
-        drawn."""
+        time, a number over the first axis with numbers, or the sensitivity indices; into the axes `ax`, or a
+        figure that becomes the current one of pyplot. PictureError: what cannot be drawn."""
         from palpate.studies.sweeps.picture import draw
 
-        return draw(self, name)
+        return draw(self, name, ax, current=True)
 
     def _described(self) -> dict[str, str]:
         """The values of each path in words."""

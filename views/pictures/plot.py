@@ -38,7 +38,7 @@ def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
     if across is not None and across.values.ndim > 1:
         raise PictureError(f"{over!r} is a vector; expected a number to plot over, such as contact.indentation")
     with rc_context(LOOK):
-        out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name)
+        out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name, current=True)
         panels = out.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, names, strict=True):
             shown = _drawable(run, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -57,9 +58,16 @@ LOOK: Any = {
 }
 
 
-def figure(width: float, height: float, title: str) -> Figure:
-    """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook."""
-    fig = _shown()(figsize=(width, height), layout="constrained")
+def figure(width: float, height: float, title: str, *, current: bool = False) -> Figure:
+    """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook.
+
+    current  make it the current figure of pyplot, where the caller has imported it and it is not that of a notebook
+    """
+    pyplot = sys.modules.get("matplotlib.pyplot") if current else None
+    if pyplot is None or "inline" in pyplot.get_backend():
+        fig = _shown()(figsize=(width, height), layout="constrained")
+    else:
+        fig = pyplot.figure(figsize=(width, height), layout="constrained", FigureClass=_shown())
     entitle(fig, title)
     return fig
 

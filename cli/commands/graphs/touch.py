@@ -23,7 +23,7 @@ def touch(
     no_record: Annotated[
         bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the recordings.")] = None,
 ) -> None:
     """Touch a graph with the mouse: a simulated hand replaces the device and follows the pointer of a browser page.
 
