@@ -14,6 +14,7 @@ from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Mark, markers, resumed, run
 from palpate.studies.psychophysics.stimuli import Stimuli
+from palpate.studies.files import refuse
 from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 
 if TYPE_CHECKING:
@@ -76,7 +77,8 @@ def opened(
     path = find(name)
     experiment, source = load(path)
     stimuli = Stimuli(experiment, source, path, sets)
-    folder = out or Path("runs", path.stem)
+    folder = out or Path("runs", "experiments", path.stem)
+    refuse(folder, "study.json", "the results of a study")
     who, number = _chosen(stimuli, folder, participant, session, resume, sure)
     begin(folder, experiment.task, path.read_bytes(), who, _known(experiment).get(who) or {})
     table = Table(folder, experiment.task, who, number)
