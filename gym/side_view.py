@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 SIZE = 240, 320  # pixels, down and across
+COLUMN = 8  # pixels; in each the highest vertex counts
 MARGIN = 0.01  # [m] around where the hands begin
 SPAN = 0.08  # [m] at least across
 NEAR = 5e-3  # [m] of a finger along y: the slice of tissue that is drawn
@@ -31,13 +32,14 @@ def side_view(
     z = middle[2] + MARGIN - (np.arange(SIZE[0]) + 0.5) / scale
     for vertices in shapes:
         close = np.min([np.abs(vertices[:, 1] - position[1]) for position, _ in fingers], axis=0) < NEAR
-        columns = np.floor((vertices[close, 0] - x[0]) * scale + 0.5).astype(int)
-        inside = (columns >= 0) & (columns < SIZE[1])
-        top = np.full(SIZE[1], -np.inf)
-        np.maximum.at(top, columns[inside], vertices[close, 2][inside])
-        known = np.flatnonzero(np.isfinite(top))
+        columns = np.floor((vertices[close, 0] - x[0]) * scale / COLUMN).astype(int)
+        inside = (columns >= 0) & (columns < SIZE[1] // COLUMN)
+        highest = np.full(SIZE[1] // COLUMN, -np.inf)
+        np.maximum.at(highest, columns[inside], vertices[close, 2][inside])
+        known = np.flatnonzero(np.isfinite(highest))
         if len(known):
-            top = np.interp(np.arange(SIZE[1]), known, top[known], left=-np.inf, right=-np.inf)
+            centres = COLUMN * (known + 0.5)
+            top = np.interp(np.arange(SIZE[1]), centres, highest[known], left=-np.inf, right=-np.inf)
             picture[z[:, None] <= top] = TISSUE
     for position, force in fingers:
         across, up = x - position[0], z[:, None] - position[2] - RADIUS
