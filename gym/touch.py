@@ -174,8 +174,8 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._observed(tick), reward, over, not over and tick.time >= self.duration, info
 
     def render(self) -> np.ndarray | None:
-        """(240,320,3) The scene from the side, see `gym.side_view`; None without a `render_mode`. ArgumentError: no reset
-        before."""
+        """(240,320,3) The scene from the side, see `gym.side_view`; None without a `render_mode`. ArgumentError: no
+        reset before."""
         if self.render_mode is None:
             return None
         if self.tick is None:

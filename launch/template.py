@@ -60,14 +60,14 @@ _BODY = '''    stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e3
         )
 '''
 
-_BODY_TEST = '''
+_BODY_TEST = """
 
 def test_a_force_deforms_the_surface():
     bus = FakeBus({title}(scale=1.0, stiffness=500.0))
     load = Load(nodes=np.array([7]), forces=np.array([[0.0, 0.0, -1.0]]), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
     surface = bus.publish(load)[0]
     assert list(surface.nodes) == [7] and np.allclose(surface.displacement, [[0.0, 0.0, -2e-3]])  # 1 N / (500 N/m)
-'''
+"""
 
 _TEST = '''"""{title} on its own, without graph or network."""
 {numpy}
@@ -113,9 +113,7 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
     is_body = (takes, sends) == (Load, Surface)
     body = (_BODY if is_body else _STEP).format(**names)
     positive = "gt=0" if is_body else "ge=0"
-    node = _NODE.format(
-        **names, body=body, limit=positive, numpy="import numpy as np\n" if "np." in body else ""
-    )
+    node = _NODE.format(**names, body=body, limit=positive, numpy="import numpy as np\n" if "np." in body else "")
     test = (_TEST + _BODY_TEST * is_body).format(**names, numpy="\nimport numpy as np\n" if "np." in given else "")
     return {f"{module}.py": node, f"test_{module}.py": test}
 

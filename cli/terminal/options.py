@@ -108,7 +108,9 @@ def chosen(
         raise typer.BadParameter(
             f"--fused puts everything in one process, --place {place} contradicts it: use one of them"
         )
-    return find(graph).but(overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place))
+    return find(graph).but(
+        overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
+    )
 
 
 def with_own_organ(

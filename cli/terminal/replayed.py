@@ -65,7 +65,9 @@ def summary(player: Replay) -> None:
         (name, str(one.checked), str(one.differing), f"{100 * one.largest:.2g}" if one.differing else "")
         for name, one in player.reports.items()
     )
-    console().print(table(("node that ran", ">messages", ">other than recorded", ">largest difference\n[% of peak]"), rows))
+    console().print(
+        table(("node that ran", ">messages", ">other than recorded", ">largest difference\n[% of peak]"), rows)
+    )
     if player.player and player.player.substituted:
         say(f"{player.player.substituted} lost inputs were replaced by the previous ones", "yellow", wrap=True)
     for note in player.notes:

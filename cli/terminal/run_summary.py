@@ -26,6 +26,8 @@ def ended(
         return
     if result.ticks or result.ok:
         _summary(outcome, name, quiet)
+    for note in (*outcome.plan.graph.notes, *result.notes):
+        say(note, "yellow", wrap=True)
     before = len(result.notes)
     for picture in _pictures(outcome, folder, silent=quiet):
         say(f"picture   {picture}", wrap=True)
@@ -52,8 +54,6 @@ def _summary(outcome: RunOutcome, name: str, quiet: bool) -> None:
         _judge(outcome)
     for node, reason in () if quiet else outcome.plan.skipped.items():
         say(f"skipped {node}: {reason}", "dim", wrap=True)
-    for note in (*outcome.plan.graph.notes, *result.notes):
-        say(note, "yellow", wrap=True)
     if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         say(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)", wrap=True)
 

@@ -11,6 +11,7 @@ from palpate.cli.terminal.output import tell
 
 Name = Annotated[str, typer.Argument(help="Name of the new file, without ending.")]
 Folder = Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")]
+HERE = Path()
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
 
 
@@ -40,7 +41,9 @@ def copied(kind: str, name: str, like: str, folder: Path, force: bool, as_json: 
 
     if not name.replace("-", "_").isidentifier():
         raise GraphError([Fault(f"{name!r} cannot name a {kind}; expected letters, digits, - and _, a letter first")])
-    shipped = {"graph": GRAPHS, "scene": SCENES, "study": GRAPHS / "studies", "experiment": GRAPHS / "experiments"}[kind]
+    shipped = {"graph": GRAPHS, "scene": SCENES, "study": GRAPHS / "studies", "experiment": GRAPHS / "experiments"}[
+        kind
+    ]
     text = find_file(like, shipped, shipped, what=kind).read_text(encoding="utf-8")
     file = write({f"{name}.yaml": text.replace(f"record: {like}.mcap", f"record: {name}.mcap")}, folder, force)[0]
     if as_json:

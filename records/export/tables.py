@@ -20,9 +20,9 @@ TIME, NANOSECONDS = "time [s]", "time [ns]"  # the second is exact, to join tabl
 
 
 def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
-    """A file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then each number in a column of its own.
-    Arrays, whose length changes, stand in a file for each of their lengths, `tissue-k.csv`: one row an element, with
-    the tick of its message."""
+    """A file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then each number in its
+    column. Arrays, whose length changes, stand in a file for each of their lengths, `tissue-k.csv`: one row an element,
+    with the tick of its message."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name in streams:

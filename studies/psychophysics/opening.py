@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.errors import ArgumentError
+from palpate.studies.files import refuse
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
 from palpate.studies.psychophysics.schedule import Trial
 from palpate.studies.psychophysics.session import Mark, markers, resumed, run
 from palpate.studies.psychophysics.stimuli import Stimuli
-from palpate.studies.files import refuse
 from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 
 if TYPE_CHECKING:

@@ -32,8 +32,8 @@ SHARES = {
 
 
 def draw(study: Results, name: str, axes: Axes | None = None, *, current: bool = False) -> Figure:
-    """A figure of a quantity or of one thing that is kept, or the one of these axes with it drawn there; `current` as of
-    `style.figure`. PictureError: it cannot be drawn."""
+    """A figure of a quantity or of one thing that is kept, or the one of these axes with it drawn there; `current`
+    as of `style.figure`. PictureError: it cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
         raise PictureError(missing("plots", "matplotlib", "view"))
     found = [one for one in study.keep if name in (one.text, one.quantity)]

@@ -1,5 +1,6 @@
 """What all commands have in common: options, exit codes, and words that help."""
 
+import io
 import threading
 from pathlib import Path
 
@@ -120,7 +121,7 @@ def test_heads_of_tables_break_between_words_alone():
     heads = ("node that ran", ">messages", ">other than recorded", ">largest difference\n[% of peak]")
     rows = [("a-very-long-name-of-a-node-indeed", "123456", "1", "0.1")]
     for width in (40, 50, 60, 80):
-        console = Console(width=width, record=True, file=open("/dev/null", "w"))
+        console = Console(width=width, record=True, file=io.StringIO())
         console.print(table(heads, rows))
         words = set(console.export_text().split())
         assert {"messages", "recorded", "largest", "difference"} <= words, width
@@ -164,3 +165,10 @@ def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
         thread.start()
         thread.join(60.0)
         assert caught and "key" in str(caught[0]) and str(port) in str(caught[0])
+
+
+def test_a_graph_that_is_emulated_by_half_says_what_is_missing():
+    told = say("check", "indentation", "--set", "device.port=emulator")
+    assert told.exit_code == 0 and "--set sensor.port=emulator" in told.stderr
+    both = say("check", "indentation", "--set", "device.port=emulator", "--set", "sensor.port=emulator")
+    assert "sensor.port" not in both.stderr

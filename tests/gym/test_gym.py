@@ -15,8 +15,8 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
 
 from palpate.gym import FindNodule, Press, Touch  # noqa: E402
-from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.scripted import Approach, Search, score  # noqa: E402
+from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
 from palpate.physics.errors import ArgumentError, PalpateError  # noqa: E402
@@ -68,7 +68,9 @@ def test_a_copy_that_would_share_its_state_is_refused(copied):
 
 @pytest.mark.parametrize("name", ["Touch", "Press", "FindNodule"])
 def test_a_pickled_environment_is_made_again_by_its_arguments_and_does_the_same(name):
-    env = {"Touch": Touch, "Press": Press, "FindNodule": FindNodule}[name](duration=0.7, ticks=7, render_mode="rgb_array")
+    env = {"Touch": Touch, "Press": Press, "FindNodule": FindNodule}[name](
+        duration=0.7, ticks=7, render_mode="rgb_array"
+    )
     env.reset(seed=9)
     env.step(DOWN)
     other = pickle.loads(pickle.dumps(env))

@@ -49,7 +49,9 @@ def run(
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
     reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if the real clock was not kept.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view, no tables: one line and warnings.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="No live view, no tables: one line and warnings.")
+    ] = False,
     as_json: options.Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.

@@ -25,7 +25,5 @@ def film(
     target = out or file.with_suffix(".mp4")
     with Stages(console(stderr=True)) as stages:
         drawn = stages.begin("film", "drawing frames")
-        frames = make(
-            file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn
-        )
+        frames = make(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)
     typer.echo(f"{target}  {frames} frames, {frames / rate:.1f} s")

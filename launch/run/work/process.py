@@ -134,7 +134,9 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             while faults.poll(0):
                 refusals += NO_RETRY if recv_monitor_message(faults)["event"] == MISMATCH else 1
             if refusals >= NO_RETRY:
-                raise RunError(f"{address} refuses the connection: its key is another one, or only one side is encrypted")
+                raise RunError(
+                    f"{address} refuses the connection: its key is another one, or only one side is encrypted"
+                )
             if heard.poll(250):
                 take = _take(heard.recv())
                 if take is not None:

@@ -6,14 +6,14 @@ import typer
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import tell
-from palpate.cli.terminal.templates import Folder, Force, Path, write
+from palpate.cli.terminal.templates import HERE, Folder, Force, write
 
 
 def node(
     name: Annotated[str, typer.Argument(help="Name of the class, such as MyDrag.")],
     takes: Annotated[str, typer.Option(help="Message type that drives it.")] = "Contact",
     sends: Annotated[str, typer.Option(help="Message type that it sends.")] = "Force",
-    out: Folder = Path(),
+    out: Folder = HERE,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

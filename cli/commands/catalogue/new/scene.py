@@ -5,13 +5,13 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.templates import Folder, Force, Name, Path, copied
+from palpate.cli.terminal.templates import HERE, Folder, Force, Name, copied
 
 
 def scene(
     name: Name,
     like: Annotated[str, typer.Option(help="Name of the shipped scene that is copied.")] = "kidney",
-    out: Folder = Path(),
+    out: Folder = HERE,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
