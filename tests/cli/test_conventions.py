@@ -20,6 +20,7 @@ from palpate.launch.template import node_files
 from palpate.messages import Load, Surface
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.files import refuse
+from palpate.views.run import Run
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "kidney.mcap"
 
@@ -82,7 +83,12 @@ def test_new_writes_a_file_that_is_valid_and_overwrites_none(kind, tmp_path):
     assert say("new", kind, "mine", "-o", tmp_path).exit_code == 2
     assert say("new", kind, "mine", "-o", tmp_path, "--force").exit_code == 0
     assert say("new", kind, "9 lives", "-o", tmp_path).exit_code == 2
-    assert "Did you mean" in say("new", kind, "other", "--like", "kidny" if kind in ("graph", "scene") else "kidny-stiffness", "-o", tmp_path).stderr
+    assert (
+        "Did you mean"
+        in say(
+            "new", kind, "other", "--like", "kidny" if kind in ("graph", "scene") else "kidny-stiffness", "-o", tmp_path
+        ).stderr
+    )
     if kind == "graph":
         assert say("check", file).exit_code == 0 and find_graph(str(file)).record == Path("mine.mcap")
     elif kind == "scene":
@@ -172,3 +178,10 @@ def test_a_graph_that_is_emulated_by_half_says_what_is_missing():
     assert told.exit_code == 0 and "--set sensor.port=emulator" in told.stderr
     both = say("check", "indentation", "--set", "device.port=emulator", "--set", "sensor.port=emulator")
     assert "sensor.port" not in both.stderr
+
+
+def test_a_plot_is_the_current_figure_of_pyplot():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    figure = Run(GOLDEN).plot("contact.force")
+    assert pyplot.gcf() is figure
+    pyplot.close(figure)
