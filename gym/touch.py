@@ -1,9 +1,10 @@
 """A graph as an environment: a hand moves by velocity and feels the contact's true force (docs/gym.md)."""
 
+import functools
 import math
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, NoReturn, Self
 
 import gymnasium
 import numpy as np
@@ -12,7 +13,8 @@ from gymnasium.spaces import Box, Dict, Space
 from palpate.calling import described
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
-from palpate.messages import Contact, Force, Friction, Pose
+from palpate.gym.side_view import side_view
+from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
@@ -46,20 +48,28 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     duration  [s] after which an episode is cut off
     scene     in place of the graph's own
     nodes     what other nodes are, as for `palpate.run`: {"tissue": "deformation.ReducedFE"}
+    render_mode  "rgb_array": `render` gives a picture from the side; None: nothing is drawn
 
     action       velocity of the hand's goal [m/s] (3), world frame
     observation  position [m] and velocity [m/s] (3) of the fingertip's bone edge, force [N] (3) that the tissue exerts
                  on the finger, all in the world frame
     Of several hands each has a row, (h,3).
 
+    Pickled, it is made again by its arguments, before its first reset: the state of an episode is not carried.
+
     PalpateError: what is wrong with the graph or an argument.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
     units: ClassVar[dict[str, str]] = {"action": "m/s", "position": "m", "velocity": "m/s", "force": "N"}
     """Of the action and of each part of the observation."""
     wanted: ClassVar[tuple[str, ...]] = ()
     """Forces [N] in the observation beside those, each of one number."""
+
+    def __new__(cls, *args: Any, **given: Any) -> Self:
+        env = super().__new__(cls)
+        env._given = args, given
+        return env
 
     def __init__(
         self,
@@ -68,7 +78,11 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         duration: float = 10.0,
         scene: str | None = None,
         nodes: Mapping[str, str | Mapping[str, Any]] | None = None,
+        render_mode: str | None = None,
     ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ArgumentError(f"render_mode: found {render_mode!r}, expected 'rgb_array' or None")
+        self.render_mode = render_mode
         if isinstance(ticks, bool) or not isinstance(ticks, int) or not 1 <= ticks <= 1_000_000:
             raise ArgumentError(f"ticks: found {ticks!r}, expected a whole number from 1 to 1000000")
         if not 0.0 < duration < math.inf:
@@ -80,6 +94,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.ticks, self.duration = ticks, duration
         self.step_time = ticks / self.stepper.rate
         """[s] of one step of the environment."""
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.step_time) or 1}
         self.tick: Tick | None = None
         """The graph after its last tick: `env.unwrapped.tick.tissue.displacement`."""
         self._shape = (3,) if len(devices) == 1 else (len(devices), 3)
@@ -92,6 +107,18 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         parts |= {name: Box(0.0, BOUNDS["force"], (1,), np.float32) for name in self.wanted}
         self.observation_space: Space[Any] = Dict(parts)
         self.action_space: Space[Any] = Box(-SPEED, SPEED, self._shape, np.float32)
+
+    def __reduce__(self) -> Any:
+        args, given = self._given
+        return functools.partial(type(self), **given), args
+
+    def __copy__(self) -> NoReturn:
+        """ArgumentError: compiled nodes keep their state where a copy would share it."""
+        raise ArgumentError("an environment that runs cannot be copied; make another one like it")
+
+    def __deepcopy__(self, memo: Any) -> NoReturn:
+        """ArgumentError: see `__copy__`."""
+        self.__copy__()
 
     # -- what a task says --------------------------------------------------------------------------------------------
 
@@ -145,6 +172,24 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         reward, over, info = self.judge(tick, action)
         info["time"] = tick.time
         return self._observed(tick), reward, over, not over and tick.time >= self.duration, info
+
+    def render(self) -> np.ndarray | None:
+        """(240,320,3) The scene from the side, see `gym.side_view`; None without a `render_mode`. ArgumentError: no
+        reset before."""
+        if self.render_mode is None:
+            return None
+        if self.tick is None:
+            raise ArgumentError("render: there is no episode; call reset() first")
+        tick, fingers = self.tick, [self._felt(self.tick, hand) for hand in self.hands]
+        shapes = []
+        for name in self.stepper.plan.order:
+            node = self.stepper.node(name)
+            for stream, kind in self.stepper.sends(name):
+                surface = tick[stream]
+                if issubclass(kind, Surface) and isinstance(surface, Surface) and hasattr(node, "mesh"):
+                    shapes.append(np.array(node.mesh().vertices))
+                    shapes[-1][surface.nodes] += surface.displacement
+        return side_view(shapes, [(position, force) for position, _, force in fingers], self._begins)
 
     def close(self) -> None:
         """Stop all nodes."""

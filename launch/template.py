@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from palpate.messages import Field, Message, fields
+from palpate.messages import Field, Load, Message, Surface, fields
 from palpate.registry import snake
 
 _NODE = '''"""{title}: says what it does here."""
@@ -24,8 +24,10 @@ from palpate.nodes import Node
 class {title}(Node):
     """First line: what it computes. It shows in `palpate nodes {module}.{title}`."""
 
-    scale: Annotated[float, "1", msgspec.Meta(ge=0)] = 1.0
+    scale: Annotated[float, "1", msgspec.Meta({limit})] = 1.0
+{body}'''
 
+_STEP = '''
     def start(self) -> None:
         """Make the state here; `start` is also the reset."""
         self.time = 0.0  # [s] time that has passed
@@ -35,6 +37,37 @@ class {title}(Node):
         self.time += dt
         return {answer}
 '''
+
+_BODY = '''    stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e3
+
+    def start(self) -> None:
+        """Make the state here; `start` is also the reset."""
+        self.indentation = 0.0  # [m] at the end of the last step
+
+    def step(self, load: Load, *, dt: float) -> Surface:
+        """A linear spring: the normal force F indents the surface by scale F/stiffness."""
+        force = max(0.0, -float(np.sum(load.forces @ np.array(load.normal))))  # [N]
+        self.indentation = self.scale * force / self.stiffness
+        largest = np.linalg.norm(load.forces, axis=1).max(initial=1e-12)  # [N]
+        return Surface(
+            nodes=load.nodes,
+            displacement=load.forces * (self.indentation / largest),  # [m] the vertex with most load moves furthest
+            stiffness=self.stiffness / self.scale,  # [N/m] of the law that the contact solves until the next step
+            exponent=1.0,
+            damping=0.0,  # [s/m]
+            rest_indentation=0.0,  # [m] indentation without force
+            previous_indentation=self.indentation,  # [m]
+        )
+'''
+
+_BODY_TEST = """
+
+def test_a_force_deforms_the_surface():
+    bus = FakeBus({title}(scale=1.0, stiffness=500.0))
+    load = Load(nodes=np.array([7]), forces=np.array([[0.0, 0.0, -1.0]]), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    surface = bus.publish(load)[0]
+    assert list(surface.nodes) == [7] and np.allclose(surface.displacement, [[0.0, 0.0, -2e-3]])  # 1 N / (500 N/m)
+"""
 
 _TEST = '''"""{title} on its own, without graph or network."""
 {numpy}
@@ -77,8 +110,11 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
         "takes": takes.__name__, "sends": sends.__name__,
         "messages": ", ".join(sorted({takes.__name__, sends.__name__})),
     }  # fmt: skip
-    node = _NODE.format(**names, numpy="import numpy as np\n" if "np." in answer else "")
-    test = _TEST.format(**names, numpy="\nimport numpy as np\n" if "np." in given else "")
+    is_body = (takes, sends) == (Load, Surface)
+    body = (_BODY if is_body else _STEP).format(**names)
+    positive = "gt=0" if is_body else "ge=0"
+    node = _NODE.format(**names, body=body, limit=positive, numpy="import numpy as np\n" if "np." in body else "")
+    test = (_TEST + _BODY_TEST * is_body).format(**names, numpy="\nimport numpy as np\n" if "np." in given else "")
     return {f"{module}.py": node, f"test_{module}.py": test}
 
 

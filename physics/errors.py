@@ -29,7 +29,7 @@ Each is declared where it is first raised; those that several rooms raise stand 
 `palpate.messages` imports nothing of ours.
 """
 
-from typing import Any
+from typing import Any, Self
 
 TROUBLE = 1
 """Exit code of a command that failed."""
@@ -45,6 +45,11 @@ class PalpateError(Exception):
     """
 
     exit_code: int = TROUBLE
+
+    def failed(self) -> Self:
+        """This error, where the input was right and the work itself failed."""
+        self.exit_code = TROUBLE
+        return self
 
     @property
     def hint(self) -> str:

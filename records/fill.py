@@ -96,7 +96,7 @@ class _Filling:
                     yield from pending
                     pending = []
         except NodeError as fault:
-            raise RecordingError(f"{self.stored.path}: computing it again failed: {fault}") from fault
+            raise RecordingError(f"{self.stored.path}: computing it again failed: {fault}").failed() from fault
         finally:
             self.player.stop()
         yield from pending

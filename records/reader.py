@@ -27,7 +27,7 @@ class Recording(Stored):
             report, _ = fill(self.path, filled, tolerance)
         except OSError as error:
             raise RecordingError(f"{self.path}: computing its messages takes room in {tempfile.gettempdir()}: "
-                                 f"{error.strerror}; TMPDIR names another folder") from None  # fmt: skip
+                                 f"{error.strerror}; TMPDIR names another folder").failed() from None  # fmt: skip
         self._filled = filled  # not before it is whole: whoever was interrupted begins again
         return report
 
@@ -40,6 +40,6 @@ class Recording(Stored):
             report = self.compute()
             if report.first is not None:
                 self._filled = None
-                raise RecordingError(explained(self.path, report, self.about))
+                raise RecordingError(explained(self.path, report, self.about)).failed()
         assert self._filled is not None
         return Path(self._filled.name)

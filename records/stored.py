@@ -17,7 +17,7 @@ from mcap.records import Channel, Metadata, Schema
 from palpate.engine.faults import choices
 from palpate.engine.imports import full_name, recorded_class
 from palpate.messages import Message, MessageError, fields, unpack
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import MISUSE, PalpateError
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION
 from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
 
@@ -28,6 +28,8 @@ M = TypeVar("M", bound=Message)
 
 class RecordingError(PalpateError, ValueError):
     """A file that cannot be read as a recording, or not for this purpose; says what can still be done."""
+
+    exit_code = MISUSE
 
 
 @dataclass(frozen=True)

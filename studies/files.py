@@ -12,6 +12,7 @@ from palpate.launch.load.files import find_file
 from palpate.launch.load.values.lines import Line, fill
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.archive import replacing
+from palpate.physics.errors import ArgumentError
 
 Text = Annotated[str, msgspec.Meta(description="a text")]
 Whole = Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")]
@@ -57,3 +58,9 @@ def replace(file: Path, content: Any) -> None:
         out.write(content)
         out.flush()
         os.fsync(out.fileno())
+
+
+def refuse(folder: Path, mark: str, what: str) -> None:
+    """ArgumentError: the folder holds data of another kind, known by the file `mark`."""
+    if (folder / mark).exists():
+        raise ArgumentError(f"{folder}: found {what} ({mark}), expected a folder of its own; name one with --out")

@@ -104,16 +104,16 @@ def chosen(
     graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
 ) -> LaunchFile:
     """The run that the options describe. GraphError: what is wrong with them."""
-    from palpate.launch.load.files import SCENES, find_file
     from palpate.launch.load.launchfile import find
     from palpate.launch.load.placement import FUSED, find_place
 
-    scene_file = None if scene is None else find_file(scene, SCENES, what="scene")
     if fused and place not in (None, FUSED):
         raise typer.BadParameter(
             f"--fused puts everything in one process, --place {place} contradicts it: use one of them"
         )
-    return find(graph).but(overrides=sets or (), scene=scene_file, place=FUSED if fused else find_place(place))
+    return find(graph).but(
+        overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
+    )
 
 
 def with_own_organ(

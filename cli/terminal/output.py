@@ -63,7 +63,8 @@ def table(
     )  # fmt: skip
     for head in heads:
         side = "right" if head.startswith(">") else "left"
-        shown.add_column(Text(head.lstrip(">")), justify=side, overflow="fold", no_wrap=head in fixed)  # type: ignore[arg-type]
+        widest = max(map(len, head.lstrip(">").split()), default=0)  # a head breaks between words alone
+        shown.add_column(Text(head.lstrip(">")), justify=side, overflow="fold", no_wrap=head in fixed, min_width=widest)  # type: ignore[arg-type]
     for number, row in enumerate(rows):
         cells = (Text(cell) if isinstance(cell, str) else cell for cell in row)
         shown.add_row(*cells, style="bold" if number in bold else None)

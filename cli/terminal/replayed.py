@@ -62,10 +62,12 @@ def summary(player: Replay) -> None:
     times = f", {player.seconds / player.wall:.2f} x real time" if player.wall > 0 else ""
     say(f"{player.seconds:.3f} s replayed in {player.wall:.2f} s{times}", wrap=True)
     rows = (
-        (name, str(one.checked), str(one.differing), f"{one.largest:.2g}" if one.differing else "")
+        (name, str(one.checked), str(one.differing), f"{100 * one.largest:.2g}" if one.differing else "")
         for name, one in player.reports.items()
     )
-    console().print(table(("node that ran", ">messages", ">other than recorded", ">largest difference"), rows))
+    console().print(
+        table(("node that ran", ">messages", ">other than recorded", ">largest difference\n[% of peak]"), rows)
+    )
     if player.player and player.player.substituted:
         say(f"{player.player.substituted} lost inputs were replaced by the previous ones", "yellow", wrap=True)
     for note in player.notes:

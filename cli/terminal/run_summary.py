@@ -22,17 +22,22 @@ def ended(
     result = outcome.result
     if as_json:
         result.notes[:0] = organ_notes
-    drawn = [] if folder is None else _pictures(outcome, folder, as_json or quiet)
-    if as_json:
-        tell(_data(outcome, drawn))
+        tell(_data(outcome, _pictures(outcome, folder, silent=True)))
         return
     if result.ticks or result.ok:
-        _summary(outcome, name, drawn)
+        _summary(outcome, name, quiet)
+    for note in (*outcome.plan.graph.notes, *result.notes):
+        say(note, "yellow", wrap=True)
+    before = len(result.notes)
+    for picture in _pictures(outcome, folder, silent=quiet):
+        say(f"picture   {picture}", wrap=True)
+    for note in result.notes[before:]:
+        say(note, "yellow", wrap=True)
     for death in result.deaths:
         fault(death, console(stderr=True, soft_wrap=True))
 
 
-def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
+def _summary(outcome: RunOutcome, name: str, quiet: bool) -> None:
     from rich.text import Text
 
     from palpate.launch.run.screen import table
@@ -43,18 +48,14 @@ def _summary(outcome: RunOutcome, name: str, drawn: list[Path]) -> None:
     took = f" {'interrupted after ' if result.interrupted else ''}{seconds:.3f} s, {result.ticks} ticks in "
     took += f"{result.wall:.2f} s{speed}; first tick {result.start:.2f} s after the start"
     out.print(Text.assemble((name, "bold"), took))
-    if result.health:
+    if result.health and not quiet:
         out.print(table(result))
     if outcome.verdict is not None:
         _judge(outcome)
-    for node, reason in outcome.plan.skipped.items():
+    for node, reason in () if quiet else outcome.plan.skipped.items():
         say(f"skipped {node}: {reason}", "dim", wrap=True)
-    for note in (*outcome.plan.graph.notes, *result.notes):
-        say(note, "yellow", wrap=True)
     if outcome.recording is not None and outcome.recording.is_file() and result.ticks:
         say(f"recording {outcome.recording} ({outcome.recording.stat().st_size / 1e6:.1f} MB)", wrap=True)
-    for picture in drawn:
-        say(f"picture   {picture}", wrap=True)
 
 
 def _judge(outcome: RunOutcome) -> None:
@@ -93,12 +94,15 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
     }
 
 
-def _pictures(outcome: RunOutcome, folder: Path, silent: bool) -> list[Path]:
-    """Draw the pictures of a run; why there are none becomes a note of it."""
+def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Path]:
+    """Draw the pictures of a run that was not interrupted; why there are none becomes a note of it."""
     from palpate.records.stored import RecordingError
     from palpate.views.pictures import draw
 
-    if outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
+    if folder is None or outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
+        return []
+    if outcome.result.interrupted:
+        outcome.result.notes.append(f"no pictures: interrupted; palpate pictures {outcome.recording} draws them")
         return []
     try:
         return draw(outcome.recording, folder, console=None if silent else console())

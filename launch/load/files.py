@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import palpate.graphs
-from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, short
+from palpate.engine.faults import NOWHERE, Fault, Faults, GraphError, Location, choices, nearest, short
 from palpate.launch.load.tissues import fill_in
 from palpate.launch.load.values.source import YamlSource, merge, parse, read
 
@@ -40,7 +40,7 @@ def find_file(
 
 
 def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:
-    """A file that overrides the one that it `extends:`, and so on; paths of scenes become absolute.
+    """A file that overrides the one that it `extends:`, and so on.
 
     GraphError: a file is missing or not YAML, not a mapping, or extends itself.
     """
@@ -51,9 +51,6 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Ya
     fill_in(source, *(("tissue",) if folder == SCENES else ("scene", "tissue")))
     base_name = source.data.pop("extends", None)
     place = source.place("extends")
-    if folder == GRAPHS and isinstance(source.data.get("scene"), str):
-        scene = find_file(source.data["scene"], SCENES, path.parent, source.place("scene"), "scene")
-        source.data["scene"] = str(scene)
     if base_name is None:
         return source
     if not isinstance(base_name, str):
@@ -69,7 +66,7 @@ def _join(base: YamlSource, top: YamlSource) -> YamlSource:
     """A scene written in the graph overrides the scene file of the graph that it extends; a node that names another
     class and its inputs has these inputs alone."""
     if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
-        base.put(("scene",), read_extended(Path(base.data["scene"]), SCENES))
+        base.put(("scene",), _named_scene(base))
     for name, line in _mapping(top.sub("nodes")).items():
         old, new = _mapping(base.sub("nodes", name)), line if isinstance(line, dict) else {}
         before, inputs = old.get("in"), new.get("in")
@@ -80,6 +77,12 @@ def _join(base: YamlSource, top: YamlSource) -> YamlSource:
             for port in before:
                 inputs.setdefault(port, None)
     return merge(base, top)
+
+
+def _named_scene(graph: YamlSource) -> YamlSource:
+    """The scene whose file a graph names, seen from the file that names it."""
+    place = graph.place("scene")
+    return read_extended(find_file(graph.data["scene"], SCENES, Path(place.file).parent, place, "scene"), SCENES)
 
 
 def _put_class(source: YamlSource, name: str, place: Location) -> None:
@@ -94,7 +97,11 @@ def _mapping(source: YamlSource) -> dict[str, Any]:
 
 
 def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, faults: Faults) -> YamlSource:
-    """The scene of a graph: `scene` if given, else what the graph names, else an empty one."""
+    """The scene of a graph: `scene` if given, else what the graph names, else an empty one.
+
+    Where it cannot be read, the rest is checked with the shipped scene whose name is the nearest. GraphError: none is.
+    """
+    named = graph.data.get("scene")
     try:
         if isinstance(scene, Mapping):
             given = YamlSource(dict(scene), {(): Location("the scene given")})
@@ -102,14 +109,17 @@ def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, 
             return given
         if scene is not None:
             return read_extended(find_file(str(scene), SCENES, what="scene"), SCENES)
-        named = graph.data.get("scene")
         if isinstance(named, str):
-            return read_extended(Path(named), SCENES)
+            return _named_scene(graph)
         if isinstance(named, dict):
             return graph.sub("scene")
     except GraphError as error:
         faults.entries.extend(error.faults)
-        return YamlSource({}, {(): Location()})
+        stem = Path(str(named if scene is None else scene)).stem
+        close = nearest(stem, [path.stem for path in SCENES.glob("*.yaml")], 1)
+        if not close:
+            faults.done()
+        return read_extended(SCENES / f"{close[0]}.yaml", SCENES)
     if named is not None:
         faults.add(f"scene: found {named!r}, expected a file or a mapping", "", graph.place("scene"))
     return YamlSource({}, {(): graph.place("scene")})

@@ -4,7 +4,7 @@
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -30,6 +30,7 @@ from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
 
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
+EMULATOR = "emulator"  # the `port` of a device that is none
 MOST = 1_000_000  # ticks of one step of a node
 
 
@@ -145,11 +146,23 @@ def load_source(
     else:
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
+    notes += tuple(_half_emulated(nodes))
     written_down = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
     graph = Graph(file, says.rate, world.data, nodes, found_wanted, written_down, said, notes)
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
+
+
+def _half_emulated(nodes: dict[str, NodeSpec]) -> Iterator[str]:
+    """A line where some devices are emulated and others are not."""
+    ports = {
+        name: spec.settings["port"] for name, spec in nodes.items() if spec.off is None and "port" in spec.settings
+    }
+    real = [name for name, port in ports.items() if port != EMULATOR]
+    if real and len(real) < len(ports):
+        cure = " ".join(f"--set {name}.port={EMULATOR}" for name in real)
+        yield f"{', '.join(n for n in ports if n not in real)}: emulated; {', '.join(real)}: needs hardware, or {cure}"
 
 
 def _settle_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:

@@ -16,13 +16,13 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
 ROWS = 4096  # of a Parquet row group
-TIME = "time [s]"
+TIME, NANOSECONDS = "time [s]", "time [ns]"  # the second is exact, to join tables by
 
 
 def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
-    """A file per stream: tick, time [s], `used` (the ticks of its inputs), then each number in a column of its own.
-    Arrays, whose length changes, stand in a file for each of their lengths, `tissue-k.csv`: one row an element, with
-    the tick of its message."""
+    """A file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then each number in its
+    column. Arrays, whose length changes, stand in a file for each of their lengths, `tissue-k.csv`: one row an element,
+    with the tick of its message."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name in streams:
@@ -30,7 +30,7 @@ def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], ever
         tables: dict[str, tuple[list[str], Iterable[list[Any]]]] = {}
         tables[name] = (layout.columns(), map(layout.cells, layout.messages()))
         for length, arrays in layout.filled.items():
-            titles = ["tick", TIME, length, *(c for field in arrays for c in layout.titles(field))]
+            titles = ["tick", TIME, NANOSECONDS, length, *(c for field in arrays for c in layout.titles(field))]
             tables[f"{name}-{length}"] = titles, layout.elements(arrays)
         for table, (titles, rows) in tables.items():
             paths.append(folder / f"{table}.csv")
@@ -83,11 +83,11 @@ class Layout:
     def columns(self) -> list[str]:
         """Of the table with one row a message."""
         used = [f"used[{i}]" for i in range(self.inputs)]
-        return ["tick", TIME, *used, *(c for field in self.plain for c in self.titles(field))]
+        return ["tick", TIME, NANOSECONDS, *used, *(c for field in self.plain for c in self.titles(field))]
 
     def cells(self, message: Message) -> list[Any]:
         """The row of a message; None where it has no such element."""
-        row: list[Any] = [message.tick, message.time / 1e9, *_filled(message.used, self.inputs)]
+        row: list[Any] = [message.tick, message.time * 1e-9, message.time, *_filled(message.used, self.inputs)]
         for field in self.plain:
             value = getattr(message, field.name)
             row += _filled(value, self.width[field.name] or 0) if field.shape else [value]
@@ -101,7 +101,7 @@ class Layout:
             parts = [value.reshape(len(value), -1).tolist() if len(value) else [] for value in values]
             for k, rows in enumerate(zip_longest(*parts, fillvalue=())):
                 own = [x for row, width in zip(rows, widths, strict=True) for x in _filled(row, width)]
-                yield [message.tick, message.time / 1e9, k, *own]
+                yield [message.tick, message.time * 1e-9, message.time, k, *own]
 
 
 def _fixed(shape: Shape) -> int | None:
@@ -133,6 +133,7 @@ def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], 
         schema = pa.schema([
             pa.field("tick", pa.int64()),
             pa.field(TIME, pa.float64(), metadata={"unit": "s"}),
+            pa.field(NANOSECONDS, pa.int64(), metadata={"unit": "ns"}),
             *(pa.field(f"used[{i}]", pa.int64()) for i in range(layout.inputs)),
             *(pa.field(c, _number(pa, f), metadata={"unit": f.unit}) for f in layout.plain for c in layout.titles(f)),
             *(pa.field(f.label, _nested(pa, f), metadata={"unit": f.unit}) for f in arrays),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.launch.load.values.source import YamlSource, read
 from palpate.physics.errors import ArgumentError
+from palpate.studies.files import refuse
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
 from palpate.studies.psychophysics.schedule import Trial
@@ -76,7 +77,8 @@ def opened(
     path = find(name)
     experiment, source = load(path)
     stimuli = Stimuli(experiment, source, path, sets)
-    folder = out or Path("runs", path.stem)
+    folder = out or Path("runs", "experiments", path.stem)
+    refuse(folder, "study.json", "the results of a study")
     who, number = _chosen(stimuli, folder, participant, session, resume, sure)
     begin(folder, experiment.task, path.read_bytes(), who, _known(experiment).get(who) or {})
     table = Table(folder, experiment.task, who, number)

@@ -157,9 +157,12 @@ def _shares(study: Results, one: Kept, axes: Axes) -> None:
     at = np.arange(len(rows))[::-1]
     assert study.sensitivity is not None
     for k, (index, words) in enumerate(SHARES[study.sensitivity]):
-        spread = table.get(f"{index}_conf")
+        spread, found = table.get(f"{index}_conf"), table[index]
+        if study.sensitivity == "sobol":
+            found = found.clip(0.0, 1.0)  # a share; what lies outside is noise of few samples, which the interval shows
+            axes.set_xlim(0.0, 1.05)
         colour = (NORMAL, FRICTION)[k]
-        axes.barh(at + 0.2 - 0.4 * k, table[index], 0.38, xerr=spread, color=colour, label=f"{index}, {words}",
+        axes.barh(at + 0.2 - 0.4 * k, found, 0.38, xerr=spread, color=colour, label=f"{index}, {words}",
                   error_kw={"elinewidth": 1.0, "capsize": 3})  # fmt: skip
     axes.set_yticks(at, rows)
     share = "share of the variance of" if study.sensitivity == "sobol" else "change over the range,"

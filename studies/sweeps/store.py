@@ -24,7 +24,7 @@ import numpy as np
 
 from palpate.physics.errors import RunError
 from palpate.physics.extras import missing
-from palpate.studies.files import locked, replace
+from palpate.studies.files import locked, refuse, replace
 from palpate.studies.sweeps.point import Computed, Point
 
 try:
@@ -53,6 +53,7 @@ class Store:
         self._table, self._about = folder / "points.parquet", folder / "study.json"
         self._lock = None
         if write:
+            refuse(folder, "dataset_description.json", "the data of an experiment")
             folder.mkdir(parents=True, exist_ok=True)
             self._lock = open(folder / ".lock", "w")  # noqa: SIM115 - until `close`
             if not locked(self._lock):

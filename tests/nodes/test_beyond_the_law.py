@@ -59,8 +59,8 @@ def test_run_replay_and_compare_say_it(tmp_path):
     swap = ["--set", "tissue.use=deformation.Rigid", "--json"]
     data = json.loads(CliRunner().invoke(app, ["replay", str(file), *swap]).stdout)
     assert sum("4 mm thick" in note for note in data["notes"]) == 1
-    data = json.loads(CliRunner().invoke(app, ["compare", str(file), *swap, "--no-picture"]).stdout)
+    data = json.loads(CliRunner().invoke(app, ["compare", str(file), *swap, "--no-pictures"]).stdout)
     same, rigid = data["variants"]
     assert not any("meaningless" in n for n in same["notes"]) and any("meaningless" in n for n in rigid["notes"])
-    shown = CliRunner().invoke(app, ["compare", str(file), *swap[:2], "--no-picture"]).output
+    shown = CliRunner().invoke(app, ["compare", str(file), *swap[:2], "--no-pictures"]).output
     assert "B: Series: the fingertip is compressed" in " ".join(shown.split())

@@ -446,7 +446,7 @@ def test_damage_is_told_by_every_command_without_a_traceback(small, tmp_path, pa
                  ["recover"]):  # fmt: skip
         code, out, err = say(verb[0], path, *verb[1:])
         said = " ".join((out + err).split())
-        assert "Traceback" not in said and (code == 1 or verb[0] == "recover" or "at byte" in said), (verb, said)
+        assert "Traceback" not in said and (code == 2 or verb[0] == "recover" or "at byte" in said), (verb, said)
         assert code == 0 or f"{path}" in said
 
 
@@ -511,7 +511,7 @@ def test_what_is_no_recording_is_told_in_one_line(tmp_path):
                      ["compare", "{}", "--set", "a.b=1"]):  # fmt: skip
             args = [str(path) if a == "{}" else a for a in verb] if "{}" in verb else [*verb, path]
             code, _, err = say(*args)
-            assert code == 1 and words in err and "Traceback" not in err, (args, err)
+            assert code == 2 and words in err and "Traceback" not in err, (args, err)
             assert len(err.strip().splitlines()) == 1
 
 
@@ -519,15 +519,15 @@ def test_a_message_type_that_is_gone_leaves_the_rest_readable(tmp_path):
     path = foreign(tmp_path / "a.mcap")
     assert say("info", path)[0] == 0
     code, _, err = say("echo", path, "x")
-    assert code == 1 and "no_such_module.X" in err and "can be read" in err
+    assert code == 2 and "no_such_module.X" in err and "can be read" in err
 
 
 def test_a_stream_that_is_not_there_is_told_with_the_nearest(tmp_path):
     path = record(tmp_path)
     code, _, err = say("echo", path, "sprong")
-    assert code == 1 and "Did you mean 'spring'" in err
+    assert code == 2 and "Did you mean 'spring'" in err
     code, _, err = say("echo", path)
-    assert code == 1 and "name a stream" in err
+    assert code == 2 and "name a stream" in err
 
 
 def test_a_payload_that_is_not_its_type_is_told_with_stream(tmp_path):

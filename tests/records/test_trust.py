@@ -82,7 +82,7 @@ COMMANDS = [
     ["replay", "run.mcap", "--check"],
     ["replay", "run.mcap"],
     ["replay", "run.mcap", "--set", "contact.every=1"],
-    ["compare", "run.mcap", "--set", "scene.tissue.stiffness=300", "--no-picture"],
+    ["compare", "run.mcap", "--set", "scene.tissue.stiffness=300", "--no-pictures"],
     ["echo", "run.mcap", "grip"],
     ["export", "run.mcap", "--to", "csv", "--out", "tables"],
     ["plot", "run.mcap", "grip.force"],
@@ -115,7 +115,7 @@ def test_a_package_that_the_user_trusts_is_imported(here):
     assert "bit-equal" in out and (here / "was imported").exists()
     sys.modules.pop("innocent")
     code, _, said = say("replay", "run.mcap", "--check")  # it was trusted in that call only
-    assert code == 1 and "--trust innocent" in said
+    assert code == 2 and "--trust innocent" in said
 
 
 def test_a_graph_given_next_to_it_names_what_is_trusted(here):

@@ -8,7 +8,7 @@ import msgspec
 
 from palpate.engine.graph import Graph
 from palpate.launch.load.classes import takers
-from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.load.launchfile import SOURCES, LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import execute
 from palpate.messages import ForceBand, Friction, Load
@@ -39,16 +39,17 @@ class Session(Live):
     launch  the graph as asked for
     folder  for recordings
     sets    single values as after `--set`
+    only    what is recorded, of `launchfile.RECORDED`: sources suffice to compute the rest, at a hundredth of the bytes
 
     PageError, GraphError: what is wrong with the graph.
     """
 
     command = "palpate touch"
 
-    def __init__(self, launch: LaunchFile, folder: Path, sets: list[str]) -> None:
+    def __init__(self, launch: LaunchFile, folder: Path, sets: list[str], only: str = SOURCES) -> None:
         self.place = tempfile.TemporaryDirectory(prefix="palpate-touch-")
         self.launch, self.sockets = steered(launch, Path(self.place.name))
-        self.launch = self.launch.but(overrides=sets)
+        self.launch = self.launch.but(overrides=sets, only=only)
         self._graph: Graph | None = self.launch.load()
         super().__init__(touched(plan(self._graph)))
         several = takers(Load, self._graph.nodes[self.touched.body].cls)

@@ -105,6 +105,10 @@ def _progress(console: Console | None) -> Iterator[Callable[[str], None]]:
     if console is None:
         yield lambda _: None
         return
+    if not console.is_terminal:
+        console.print("drawing the pictures; this takes some seconds")
+        yield lambda _: None
+        return
     from rich.progress import BarColumn, Progress, TextColumn
 
     with Progress(

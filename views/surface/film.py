@@ -84,6 +84,7 @@ def film(
     speed: float = 1.0,
     of: Colour = COLOURS["displacement"],
     tell: Callable[[str], object] = lambda text: None,
+    done: Callable[[float], object] = lambda share: None,
 ) -> int:
     """Write a film of a recording; the number of its frames.
 
@@ -91,6 +92,7 @@ def film(
     speed  [1] of the film's time: 0.5 is slow motion
     of     what colours the surface
     tell   gets a line of what is not shown
+    done   gets the share of the frames that is drawn
 
     RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
     """
@@ -111,8 +113,15 @@ def film(
     rows = np.searchsorted(np.unique(chosen), chosen)
     write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     with replacing(target) as part:
-        write(part, _pixels(_frames(shown.mesh, [by_time[row] for row in rows], of)), rate)
+        frames = _frames(shown.mesh, [by_time[row] for row in rows], of)
+        write(part, _pixels(_counted(frames, count, done)), rate)
     return count
+
+
+def _counted(frames: Iterator[FilmFrame], count: int, done: Callable[[float], object]) -> Iterator[FilmFrame]:
+    for number, frame in enumerate(frames, 1):
+        yield frame
+        done(number / count)
 
 
 def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:

@@ -72,7 +72,7 @@ class Rendering:
             try:
                 _, errors = self._process.communicate(timeout=PATIENCE)
             except subprocess.TimeoutExpired:
-                raise PictureError(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}") from None
+                raise PictureError(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}").failed() from None
             if self._process.returncode == 0 and self._target.is_file():
                 with np.load(self._target) as archive:
                     return dict(archive)
@@ -80,7 +80,7 @@ class Rendering:
                 self._process = self._begin(following)
         raise PictureError(
             f"no 3-D picture: {_reason(self._process.returncode, errors.decode(errors='replace'))}; {CURE}"
-        )
+        ).failed()
 
     def close(self) -> None:
         """End the process, remove the files."""

@@ -23,7 +23,13 @@ def tissues(
         if as_json:
             tell({"ok": True, "tissues": {name: record}})
         else:
-            record["grade"] = GRADES[found[name]["grade"]]
+            from palpate.launch.load.classes import find_class
+            from palpate.nodes.base import settings as settings_of
+
+            bodies_of = [settings_of(find_class(f"deformation.{body}")) for body in ("MassSpring", "ReducedFE")]
+            units = {key: one.unit for known in bodies_of for key, one in known.items()}
+            numbers = {key: f"{_shown(value)} {units[key]}" for key, value in taken.items() if value is not None}
+            record |= {"grade": GRADES[found[name]["grade"]], "scene": numbers}
             console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
         return
     if as_json:

@@ -1,7 +1,7 @@
 """`palpate check`: whether a graph can run, with everything that is wrong."""
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
-from palpate.cli.terminal.output import console, tell
+from palpate.cli.terminal.output import console, say, tell
 
 
 def check(
@@ -23,7 +23,8 @@ def check(
     held = sum(edge.loop for edge in edges)
     if as_json:
         tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
-              "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate})  # fmt: skip
+              "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate,
+              "notes": plan.graph.notes})  # fmt: skip
         return
     from rich.text import Text
 
@@ -31,3 +32,5 @@ def check(
     counted = ", ".join(f"{what} {len(things)}" for what, things in counts.items())
     text = f"  {counted} ({held} held), processes {len(groups)}, rate {plan.graph.rate:g} Hz"
     console(soft_wrap=True).print(Text.assemble(("ok", "green"), text))
+    for note in plan.graph.notes:
+        say(note, "yellow", err=True)

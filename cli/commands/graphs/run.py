@@ -40,7 +40,7 @@ def run(
     ] = None,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record only every N-th message.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of recording and pictures.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of recording and pictures.")] = None,
     pictures: Annotated[bool, typer.Option(help="Draw the pictures of the run at its end.")] = True,
     see: Annotated[bool, typer.Option("--view", help="Show the run in the browser while it runs.")] = False,
     timeout: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
@@ -49,7 +49,9 @@ def run(
     unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
     reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
     strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if the real clock was not kept.")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="No live view.")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="No live view, no tables: one line and warnings.")
+    ] = False,
     as_json: options.Json = False,
 ) -> None:
     """Run a graph: live view, recording, summary, pictures.

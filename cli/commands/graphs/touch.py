@@ -24,7 +24,10 @@ def touch(
     no_record: Annotated[
         bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
     ] = False,
-    out: Annotated[Path | None, typer.Option(help="Folder of the recordings.")] = None,
+    record_only: Annotated[
+        str, typer.Option(help="sources: what suffices to compute the rest when the file is read; all: every message.")
+    ] = "sources",
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the recordings.")] = None,
 ) -> None:
     """Touch a graph with the mouse: a simulated hand replaces the device and follows the pointer of a browser page.
 
@@ -34,13 +37,14 @@ def touch(
     from palpate.views.page import check
 
     check()
+    options.one_of("--record-only", record_only, "all", "sources")
     from palpate.views.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     launch, _ = options.with_own_organ(
         options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
     )
-    session = Session(launch, folder, list(sets or []))
+    session = Session(launch, folder, list(sets or []), record_only)
     session.keep = not no_record
     show(session, "touch", port, host, no_open)
     for file in session.kept:

@@ -24,8 +24,8 @@ def compare(
     reference: Annotated[
         str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
     ] = None,
-    picture: Annotated[Path | None, typer.Option(help="File of the picture; by default next to the recording.")] = None,
-    no_picture: Annotated[bool, typer.Option("--no-picture", help="Draw no picture.")] = False,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG; FILE-compare.png if left out.")] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
@@ -49,16 +49,16 @@ def compare(
     recording = Recording(file)
     with ticks("computing", silent=as_json) as show:
         outcomes = work(recording, wanted, reference=base, show=show)
-    target = picture or file.with_name(f"{file.stem}-compare.png")
-    pictures = [] if no_picture else drawn(_draw, outcomes, target)
+    target = out or file.with_name(f"{file.stem}-compare.png")
+    paths = drawn(_draw, outcomes, target) if pictures else []
     if as_json:
         tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": outcomes[0].name,
-              "variants": [variant.report() for variant in outcomes], "picture": str(*pictures) or None})  # fmt: skip
+              "variants": [variant.report() for variant in outcomes], "picture": str(*paths) or None})  # fmt: skip
         return
     _print(outcomes)
     if recording.ending:
         say(recording.ending, "yellow")
-    for path in pictures:
+    for path in paths:
         say(f"picture {path}", wrap=True)
 
 

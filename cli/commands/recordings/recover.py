@@ -12,7 +12,9 @@ from palpate.physics.errors import TROUBLE
 
 def recover(
     file: File,
-    out: Annotated[Path | None, typer.Option(help="File to write; by default next to the recording.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="File to write; by default next to the recording.")
+    ] = None,
     full: Annotated[
         bool, typer.Option("--full", help="Of a recording of sources: compute and write all messages.")
     ] = False,

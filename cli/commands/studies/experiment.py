@@ -26,7 +26,9 @@ def experiment(
         str | None, typer.Option(help="Letters and digits; default: the first whose session is not over.")
     ] = None,
     session: Annotated[int | None, typer.Option(help="Number of the session; default: the last one.", min=1)] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder; default runs/EXPERIMENT.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder; default runs/experiments/EXPERIMENT.")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a session without asking.")] = False,
     simulate: Annotated[bool, typer.Option("--simulate", help="The experiment's `observer:` takes part.")] = False,
     observer: Annotated[Path | None, typer.Option(help="Simulate the observer of this file (.yaml).")] = None,

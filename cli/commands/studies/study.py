@@ -21,7 +21,9 @@ LISTED = 50  # points in the table
 
 def study(
     file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/STUDY.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/studies/STUDY.")
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Processes of this machine; default: one per core.", min=1)
     ] = None,
@@ -47,7 +49,7 @@ def study(
 
     path = find(file)
     found, options = load(path, sensitivity, samples)
-    folder, left = out or Path("runs", path.stem), len(found)
+    folder, left = out or Path("runs", "studies", path.stem), len(found)
     if slurm or job_script or scheduler is not None:
         from palpate.studies.sweeps import cluster
     if job_script:
@@ -103,6 +105,10 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
     else:
         for one in found.numbers:
             _list(found, indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
+        if found.sensitivity == "sobol" and ((indices[["S1", "ST"]] < -0.05) | (indices[["S1", "ST"]] > 1.05)).any(
+            axis=None
+        ):
+            say("Shares below 0 or above 1 are noise of too few samples: take more, --samples 256.", "yellow")
     if failed:
         say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")
         if found.sensitivity:

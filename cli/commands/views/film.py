@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import ColourOption, File, Trust
+from palpate.cli.terminal.output import console
+from palpate.cli.terminal.progress import Stages
 
 
 def film(
@@ -21,5 +23,7 @@ def film(
     from palpate.views.surface.film import film as make
 
     target = out or file.with_suffix(".mp4")
-    frames = make(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True))
+    with Stages(console(stderr=True)) as stages:
+        drawn = stages.begin("film", "drawing frames")
+        frames = make(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)
     typer.echo(f"{target}  {frames} frames, {frames / rate:.1f} s")

@@ -106,6 +106,9 @@ def parse(text: str | bytes, file: str) -> YamlSource:
 def _unreadable(text: str | bytes, error: yaml.YAMLError, file: str) -> Fault:
     if not (isinstance(text, bytes) and isinstance(error, ReaderError) and error.encoding == "utf-8"):
         return Fault(f"not YAML: {' '.join(str(error).split())}", place=Location(file))
+    if b"\0" in text:
+        cure = "It is a recording: `palpate info FILE` shows it." if text.startswith(b"\x89MCAP") else ""
+        return Fault("not a text file; expected YAML", cure, Location(file))
     lines = text[: error.position].split(b"\n")
     place = Location(file, len(lines), len(lines[-1]) + 1)
     return Fault(f"not UTF-8: byte {error.character:#x} in column {place.column}", "Save the file as UTF-8.", place)

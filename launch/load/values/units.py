@@ -85,7 +85,7 @@ def convert(text: str, unit: str) -> float:
 
     UnitError: not a quantity, an unknown unit, or another dimension; says which was found and which expected.
     """
-    number, symbols = split(text)
+    number, symbols = split(text, unit)
     if not symbols:
         return float(number)
     if "".join(symbols.split()) == "".join(unit.split()):
@@ -103,11 +103,14 @@ def convert(text: str, unit: str) -> float:
         raise UnitError(f"found {text!r}, which is too large") from None
 
 
-def split(text: str) -> tuple[Fraction, str]:
-    """The number and the unit's text of a quantity. UnitError: it does not begin with a finite number."""
+def split(text: str, wanted: str = "m") -> tuple[Fraction, str]:
+    """The number and the unit's text of a quantity. UnitError: it does not begin with a finite number; says what a
+    number of the unit `wanted` looks like."""
     match = _NUMBER.fullmatch(text)
     if match is None:
-        raise UnitError(f"found {text!r}; expected a number, or a number with its unit such as '6 mm'")
+        example = {"m": "6 mm", "s": "20 ms", "1": ""}.get(wanted, f"6 {wanted}")
+        other = f", or a number with its unit such as {example!r}" if is_quantity(example) else f", taken in {wanted}"
+        raise UnitError(f"found {text!r}; expected a number{other if example else ''}")
     digits = match[1].replace("−", "-")
     if not math.isfinite(float(digits)):
         raise UnitError(f"found {text!r}, which is too large")

@@ -9,6 +9,7 @@ import traceback
 
 import msgspec
 import zmq
+from zmq.utils.monitor import recv_monitor_message
 
 from palpate.engine.clock import real_time
 from palpate.engine.slot import NodeError
@@ -101,6 +102,11 @@ def _stop_rest(worker: Worker | None) -> None:
             print(f"after the fault, too: {error}", file=sys.stderr)
 
 
+MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
+REFUSED = MISMATCH | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+NO_RETRY = 3  # refusals; fewer may come from a launcher that ends while a worker connects
+
+
 def join(address: str, group: str, patience: float, key: Key | None = None) -> int:
     """Be the worker of this group for a launcher elsewhere; returns the exit code.
 
@@ -108,7 +114,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
     patience  [s] to wait for it
     key       that secures the run; None: nothing does
 
-    RunError: no launcher answered there.
+    RunError: no launcher answered there, or its key is another one.
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
@@ -118,11 +124,19 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             socket.set(zmq.LINGER, 0)
             if key is not None:
                 key.secure(socket, server=False)
+        faults = said.get_monitor_socket(REFUSED)
+        refusals = 0
         heard.subscribe(f"~join-{group}".encode() + b"\0")
         heard.connect(orders_at)
         said.connect(reports_at)
         for _ in range(max(1, round(patience / 0.25))):
             said.send(msgspec.msgpack.encode(reports.Addressed(group, reports.Hello())))
+            while faults.poll(0):
+                refusals += NO_RETRY if recv_monitor_message(faults)["event"] == MISMATCH else 1
+            if refusals >= NO_RETRY:
+                raise RunError(
+                    f"{address} refuses the connection: its key is another one, or only one side is encrypted"
+                )
             if heard.poll(250):
                 take = _take(heard.recv())
                 if take is not None:

@@ -1,0 +1,187 @@
+"""What all commands have in common: options, exit codes, and words that help."""
+
+import io
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+import zmq
+from rich.console import Console
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.cli.terminal.output import table
+from palpate.launch.load.launchfile import find as find_graph
+from palpate.launch.run.wire import keys
+from palpate.launch.run.work.process import join
+from palpate.launch.template import node_files
+from palpate.messages import Load, Surface
+from palpate.physics.errors import ArgumentError, RunError
+from palpate.studies.files import refuse
+from palpate.views.run import Run
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "kidney.mcap"
+
+
+def say(*words: object):
+    return CliRunner().invoke(app, [str(word) for word in words], env={"COLUMNS": "200"})
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("echo", GOLDEN, "nothing"), ("echo", GOLDEN), ("export", GOLDEN, "--to", "nothing"),
+        ("export", GOLDEN, "--to", "csv", "--stream", "nix"), ("film", GOLDEN, "-o", "x.avi"), ("info", "none.mcap"),
+        ("film", "none.mcap"), ("picture", GOLDEN, "--at", "99"), ("plot", GOLDEN, "foo.bar"),
+        ("pictures", "none.mcap"), ("replay", GOLDEN, "--only", "foo"), ("compare", GOLDEN, "--set", "foo=1"),
+    ],
+)  # fmt: skip
+def test_wrong_input_has_exit_code_2_in_every_command(words):
+    assert say(*words).exit_code == 2
+
+
+def test_a_missing_scene_hides_no_other_fault(tmp_path):
+    graph = yaml.safe_load(find_graph("kidney").graph.read_text())
+    graph["scene"] = "kidny"
+    graph["nodes"]["contact"]["foo"] = 1
+    graph["nodes"]["tissue"]["use"] = "deformation.MassSprin"
+    (tmp_path / "g.yaml").write_text(yaml.safe_dump(graph))
+    for words in (["check", tmp_path / "g.yaml"], ["check", tmp_path / "g.yaml", "--scene", "frictionles"]):
+        told = say(*words)
+        assert told.exit_code == 2 and "not found" in told.stderr
+        assert "'MassSpring'" in told.stderr and "setting 'foo': unknown" in told.stderr
+        assert "the scene has no" not in told.stderr
+
+
+def test_a_recording_is_no_graph_and_says_what_shows_it():
+    told = say("check", GOLDEN)
+    assert told.exit_code == 2 and "palpate info" in told.stderr and "UTF-8" not in told.stderr
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [("tissue.stiffness", "taken in N/m^n"), ("tissue.damping", "'6 s/m'"), ("scene.finger.thickness", "'6 mm'")],
+)
+def test_a_wrong_quantity_names_the_unit_of_its_setting(path, words):
+    told = say("check", "kidney", "--set", f"{path}=abc")
+    assert told.exit_code == 2 and words in told.stderr
+    assert ("6 mm" in told.stderr) == (words == "'6 mm'")
+
+
+def test_the_numbers_of_a_tissue_have_units():
+    told = say("tissues", "liver-human").stdout
+    assert "stiffness: 994.998 N/m^n" in told and "young: 6653.79 Pa" in told and "None" not in told
+
+
+@pytest.mark.parametrize("kind", ["graph", "scene", "study", "experiment"])
+def test_new_writes_a_file_that_is_valid_and_overwrites_none(kind, tmp_path):
+    told = say("new", kind, "mine", "-o", tmp_path)
+    file = tmp_path / "mine.yaml"
+    assert told.exit_code == 0 and str(file) in told.stdout
+    assert say("new", kind, "mine", "-o", tmp_path).exit_code == 2
+    assert say("new", kind, "mine", "-o", tmp_path, "--force").exit_code == 0
+    assert say("new", kind, "9 lives", "-o", tmp_path).exit_code == 2
+    assert (
+        "Did you mean"
+        in say(
+            "new", kind, "other", "--like", "kidny" if kind in ("graph", "scene") else "kidny-stiffness", "-o", tmp_path
+        ).stderr
+    )
+    if kind == "graph":
+        assert say("check", file).exit_code == 0 and find_graph(str(file)).record == Path("mine.mcap")
+    elif kind == "scene":
+        assert say("check", "kidney", "--scene", file).exit_code == 0
+    elif kind == "study":
+        from palpate.studies.sweeps.file import load
+
+        assert len(load(file)[0]) > 1
+    else:
+        from palpate.studies.psychophysics.file import load as load_experiment
+
+        assert load_experiment(file)[0].task
+
+
+def test_a_new_body_deforms_in_proportion_to_its_force(tmp_path):
+    names: dict = {}
+    exec(compile(node_files("Liver", Load, Surface)["liver.py"].replace("from __future__ import annotations", ""),
+                 "liver.py", "exec"), names)  # fmt: skip
+    body = names["Liver"](scale=2.0, stiffness=400.0)
+    body.start()
+    forces = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, -3.0]])
+    load = Load(nodes=np.array([3, 5]), forces=forces, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    surface = body.step(load, dt=1e-3)
+    assert surface.previous_indentation == pytest.approx(2.0 * 4.0 / 400.0)
+    assert surface.displacement[:, 2] == pytest.approx([-0.02 / 3.0, -0.02])
+    assert surface.stiffness * surface.previous_indentation == pytest.approx(4.0)  # the law that the contact solves
+
+
+def test_quiet_prints_no_table(tmp_path):
+    given = ["run", "kidney", "--fused", "--no-record", "--duration", "0.01"]
+    loud, quiet = say(*given).stdout, say(*given, "-q").stdout
+    assert "p99" in loud and "p99" not in quiet and "skipped" not in quiet and "10 ticks" in " ".join(quiet.split())
+
+
+def test_heads_of_tables_break_between_words_alone():
+    heads = ("node that ran", ">messages", ">other than recorded", ">largest difference\n[% of peak]")
+    rows = [("a-very-long-name-of-a-node-indeed", "123456", "1", "0.1")]
+    for width in (50, 60, 80):
+        console = Console(width=width, record=True, file=io.StringIO())
+        console.print(table(heads, rows))
+        words = set(console.export_text().split())
+        assert {"messages", "recorded", "largest", "difference"} <= words, width
+
+
+@pytest.mark.parametrize(("mark", "what"), [("study.json", "study"), ("dataset_description.json", "experiment")])
+def test_a_folder_of_the_other_kind_is_refused(mark, what, tmp_path):
+    (tmp_path / mark).write_text("{}")
+    with pytest.raises(ArgumentError, match=f"{what}.*--out"):
+        refuse(tmp_path, mark, f"data of the {what}")
+    words = ["experiment", "kidney-stiffness", "--simulate"] if what == "study" else ["study", "kidney-stiffness"]
+    told = say(*words, "-o", tmp_path)
+    assert told.exit_code == 2 and mark in told.stderr and [file.name for file in tmp_path.iterdir()] == [mark]
+
+
+@pytest.mark.parametrize("server", ["another key", "no key"])
+def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    keys.make("mine"), keys.make("theirs")
+    with zmq.Context() as context, context.socket(zmq.PUB) as orders, context.socket(zmq.PULL) as reports:
+        if server == "another key":
+            for socket in (orders, reports):
+                keys.load("theirs").secure(socket, server=True)
+        port = 0
+        while not port:
+            port = orders.bind_to_random_port("tcp://127.0.0.1")
+            try:
+                reports.bind(f"tcp://127.0.0.1:{port + 1}")
+            except zmq.ZMQError:
+                orders.unbind(f"tcp://127.0.0.1:{port}")
+                port = 0
+        caught: list[Exception] = []
+
+        def work() -> None:
+            try:
+                join(f"tcp://127.0.0.1:{port}", "far", 1000.0, keys.load("mine"))
+            except RunError as error:
+                caught.append(error)
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        thread.join(60.0)
+        assert caught and "key" in str(caught[0]) and str(port) in str(caught[0])
+
+
+def test_a_graph_that_is_emulated_by_half_says_what_is_missing():
+    told = say("check", "indentation", "--set", "device.port=emulator")
+    assert told.exit_code == 0 and "--set sensor.port=emulator" in told.stderr
+    both = say("check", "indentation", "--set", "device.port=emulator", "--set", "sensor.port=emulator")
+    assert "sensor.port" not in both.stderr
+
+
+def test_a_plot_is_the_current_figure_of_pyplot():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    figure = Run(GOLDEN).plot("contact.force")
+    assert pyplot.gcf() is figure
+    pyplot.close(figure)
