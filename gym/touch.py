@@ -66,6 +66,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     wanted: ClassVar[tuple[str, ...]] = ()
     """Forces [N] in the observation beside those, each of one number."""
 
+    _given: tuple[tuple[Any, ...], dict[str, Any]]
+    """Arguments of the constructor, from which a copy in another process is made."""
+
     def __new__(cls, *args: Any, **given: Any) -> Self:
         env = super().__new__(cls)
         env._given = args, given

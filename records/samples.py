@@ -101,7 +101,7 @@ class RecordedStream:
     @cached_property
     def time(self) -> np.ndarray:
         """[s] (n) of the messages, on the graph's clock."""
-        return np.array([message.time for message in self.messages], dtype=float) * 1e-9
+        return np.array([message.time for message in self.messages], dtype=float) / 1e9
 
     @cached_property
     def tick(self) -> np.ndarray:

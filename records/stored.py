@@ -290,7 +290,7 @@ class Stored:
                     del blocks[name]
         columns = {name: np.concatenate(rows or [np.zeros(0)]) for name, rows in blocks.items()
                    if len({row.shape[1:] for row in rows}) <= 1}  # fmt: skip
-        return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] * 1e-9}
+        return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] / 1e9}
 
     def decoded(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
         """A message of a stream. RecordingError: bytes that do not fit its type."""

@@ -195,14 +195,14 @@ def chosen(recording: Recording, error: float) -> Iterator[Rate]:
         ]
         (_, *variants), own = _computed(recording, kept, tries, watched)
         watched = []  # the reference is the same in each pass
-        for (k, rate), variant, (output,) in zip(trials.items(), variants, own, strict=True):
-            one = replace(rate, own=output.error, force=off_by(variant))
+        for (k, rate), variant, (off,) in zip(trials.items(), variants, own, strict=True):
+            one = replace(rate, own=off.error, force=off_by(variant))
             if max(one.own, one.force) <= error:
                 kept[k] = one
             else:
                 missed[k] = middle[k]
-    for rate, one in zip(kept, change, strict=True):
-        constant = 1.0 / (plan.graph.rate * one.error) if one.error > 0.0 else math.inf
+    for rate, output in zip(kept, change, strict=True):
+        constant = 1.0 / (plan.graph.rate * output.error) if output.error > 0.0 else math.inf
         yield replace(rate, constant=constant, every=rate.before if math.isinf(constant) else rate.every)
 
 

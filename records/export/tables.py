@@ -87,7 +87,7 @@ class Layout:
 
     def cells(self, message: Message) -> list[Any]:
         """The row of a message; None where it has no such element."""
-        row: list[Any] = [message.tick, message.time * 1e-9, message.time, *_filled(message.used, self.inputs)]
+        row: list[Any] = [message.tick, message.time / 1e9, message.time, *_filled(message.used, self.inputs)]
         for field in self.plain:
             value = getattr(message, field.name)
             row += _filled(value, self.width[field.name] or 0) if field.shape else [value]
@@ -101,7 +101,7 @@ class Layout:
             parts = [value.reshape(len(value), -1).tolist() if len(value) else [] for value in values]
             for k, rows in enumerate(zip_longest(*parts, fillvalue=())):
                 own = [x for row, width in zip(rows, widths, strict=True) for x in _filled(row, width)]
-                yield [message.tick, message.time * 1e-9, message.time, k, *own]
+                yield [message.tick, message.time / 1e9, message.time, k, *own]
 
 
 def _fixed(shape: Shape) -> int | None:

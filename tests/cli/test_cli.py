@@ -201,7 +201,7 @@ def test_new_nodes_come_with_tests_that_run(tmp_path):
         "my hand": ["--takes", "DeviceState", "--sends", "Load"],
     }
     for name, args in ports.items():
-        result = run("new", "node", name, "--folder", tmp_path, *args)
+        result = run("new", "node", name, "-o", tmp_path, *args)
         word = name.removeprefix("my ")
         assert result.exit_code == 0 and f"my_{word}.My{word.title()}" in result.stdout
     files = sorted(path.name for path in tmp_path.glob("test_*.py"))
@@ -209,12 +209,12 @@ def test_new_nodes_come_with_tests_that_run(tmp_path):
     command = [sys.executable, "-m", "pytest", "-q", *files]
     test = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert test.returncode == 0, test.stdout
-    again = run("new", "node", "MyDrag", "--folder", tmp_path)
+    again = run("new", "node", "MyDrag", "-o", tmp_path)
     assert again.exit_code == 2 and "exists" in again.stderr
 
 
 def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
-    run("new", "node", "Mine", "--folder", tmp_path, "--takes", "Load", "--sends", "Surface")
+    run("new", "node", "Mine", "-o", tmp_path, "--takes", "Load", "--sends", "Surface")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     assert run("check", whole, "--set", "tissue.use=mine.Mine", "--set", "tissue.with=null").exit_code == 0
@@ -238,7 +238,7 @@ def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
     ],
 )
 def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets):
-    run("new", "node", "Mine", "--folder", tmp_path, "--takes", takes, "--sends", sends)
+    run("new", "node", "Mine", "-o", tmp_path, "--takes", takes, "--sends", sends)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.delitem(sys.modules, "mine", raising=False)
@@ -306,7 +306,7 @@ def test_required_fields_of_a_message_are_marked():
     ],
 )
 def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):
-    result = run("new", "node", "--folder", tmp_path, *args)
+    result = run("new", "node", "-o", tmp_path, *args)
     assert result.exit_code == 2
     for word in words:
         assert word in result.stderr

@@ -73,6 +73,8 @@ def test_pyarrow_reads_parquet_with_units_and_provenance(recording, tmp_path):
         assert table.num_rows == len(messages)
         assert json.loads(table.schema.metadata[b"about"])["clock"] == "simulated"
         assert table.column("time [s]").to_pylist() == [message.time / 1e9 for message in messages]
+        assert table.column("time [ns]").to_pylist() == [message.time for message in messages]
+        assert table.column("time [s]").to_pylist() == recording.columns(name)["time"].tolist()
         for field in fields(recording.streams[name].type):
             columns = [c for c in table.column_names if c == field.label or c.startswith(f"{field.name}[")]
             assert columns or not any(getattr(m, field.name) for m in messages)
@@ -109,7 +111,7 @@ def test_csv_has_a_column_per_number_with_its_unit_and_loses_no_digit(recording,
     with open(tmp_path / "spread-k.csv", newline="") as file:
         rows = [[float(x) for x in row.values()] for row in csv.DictReader(file)]
     expected = [
-        [m.tick, m.time / 1e9, k, node, *force]
+        [m.tick, m.time / 1e9, m.time, k, node, *force]
         for m in recording.messages("spread")
         for k, (node, force) in enumerate(zip(m.nodes.tolist(), m.forces.tolist(), strict=True))
     ]

@@ -586,7 +586,7 @@ def test_differences_are_those_of_the_replayed_streams(kidney, tmp_path):
 def test_compare_prints_a_table_and_draws_a_picture(kidney, tmp_path):
     picture = tmp_path / "c.png"
     args = ["compare", kidney, "--set", "tissue.use=deformation.MassSpring", "--set", "tissue.use=deformation.Rigid"]
-    code, out, err = say(*args, "--variant", "tissue.stiffness=2e3 tissue.damping=0", "--picture", picture)
+    code, out, err = say(*args, "--variant", "tissue.stiffness=2e3 tissue.damping=0", "-o", picture)
     assert code == 0, err
     assert "deformation.Rigid, changes tissue" in out and picture.read_bytes()[:4] == b"\x89PNG"
     code, out, _ = say(*args, "--no-pictures", "--json")

@@ -101,10 +101,7 @@ def _print(found: Slowed, file: Path) -> None:
     for word, one in (("predicted", found.promised), ("measured", found.came)):
         assert one is not None
         full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
-        say(
-            f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us of processor time; {full}",
-            wrap=True,
-        )
+        say(f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}", wrap=True)
     if found.unseen:
         say(f"          predicted from {len(found.unseen)} motions that the search has not seen", "dim", wrap=True)
     for speed, one in found.at.items() if len(found.at) > 1 else ():
@@ -114,11 +111,7 @@ def _print(found: Slowed, file: Path) -> None:
     if found.kept:
         say(f"written   {file}: palpate run {file}", wrap=True)
     else:
-        why = (
-            "the hand reacts to the force, so the touch itself changed"
-            if not found.unseen
-            else "a new motion missed it"
-        )
+        why = "a new motion missed it" if found.unseen else "the touch itself changed as the hand reacts to the force"
         say(f"The error is not kept: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
 
 

@@ -24,17 +24,11 @@ def study(
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/studies/STUDY.")
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Processes of this machine; default: one per core.", min=1)
-    ] = None,
+    workers: Annotated[int | None, typer.Option(help="Processes here; default: one per core.", min=1)] = None,
     scheduler: Annotated[str | None, typer.Option(help="Dask scheduler that is running: tls://HOST:PORT.")] = None,
-    slurm: Annotated[
-        bool, typer.Option("--slurm", help="Submit workers to SLURM, as `slurm:` in the file says.")
-    ] = False,
+    slurm: Annotated[bool, typer.Option("--slurm", help="Submit workers to SLURM by the file's `slurm:`.")] = False,
     job_script: Annotated[bool, typer.Option("--job-script", help="Print the SLURM script, and end.")] = False,
-    sensitivity: Annotated[
-        str | None, typer.Option(help="sobol or morris: draw the points for it, and print which parameter matters.")
-    ] = None,
+    sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute points again that failed before.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
@@ -105,9 +99,7 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
     else:
         for one in found.numbers:
             _list(found, indices[indices["of"] == one.text].drop(columns="of"), {}, f"{one.text} [{one.unit}]")
-        if found.sensitivity == "sobol" and ((indices[["S1", "ST"]] < -0.05) | (indices[["S1", "ST"]] > 1.05)).any(
-            axis=None
-        ):
+        if found.sensitivity == "sobol" and not indices[["S1", "ST"]].stack().between(-0.05, 1.05).all():
             say("Shares below 0 or above 1 are noise of too few samples: take more, --samples 256.", "yellow")
     if failed:
         say(f"{len(failed)} of {len(rows)} points failed; --retry computes them again", "yellow")

@@ -1,12 +1,12 @@
 """`palpate new launch`: a launch file."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import tell
+from palpate.cli.terminal.templates import HERE, Folder, Force, write
 
 _LAUNCH = """\
 # One run: palpate run {file}
@@ -23,19 +23,16 @@ record: all                          # or sources (smaller, the rest is computed
 def launch(
     name: Annotated[str, typer.Argument(help="Name of the file, without .yaml.")],
     graph: Annotated[str, typer.Option(help="A graph that ships, or the path of one.")] = "kidney",
-    folder: Annotated[Path, typer.Option(help="Where to write.")] = Path(),
+    out: Folder = HERE,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Write a launch file: graph, clock, duration, recording and changed values of one run."""
-    from palpate.engine.faults import Fault, GraphError
     from palpate.launch.load.launchfile import GRAPHS, find
 
-    file, found = folder / f"{name}.yaml", find(graph).graph
-    if file.exists():
-        raise GraphError([Fault(f"{file} exists", "Choose another name, or remove the file.")])
-    file.parent.mkdir(parents=True, exist_ok=True)
+    found = find(graph).graph
     named = found.stem if found.parent == GRAPHS else found
-    file.write_text(_LAUNCH.format(file=file, graph=named), encoding="utf-8")
+    (file,) = write({f"{name}.yaml": _LAUNCH.format(file=out / f"{name}.yaml", graph=named)}, out, force)
     if as_json:
         tell({"ok": True, "files": [str(file)]})
         return
