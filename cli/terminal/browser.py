@@ -26,7 +26,8 @@ def show(
 ) -> None:
     """Serve the page of a source until Ctrl-C, or until it is over."""
     from palpate.launch.run.interrupts import interrupts
-    from palpate.views.page import LOOPBACK, serve
+    from palpate.views.page import serve
+    from palpate.views.page.server import LOOPBACK
 
     page, signals = serve(source, port, host), list[int]()
     try:

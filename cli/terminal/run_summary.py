@@ -105,6 +105,8 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
         outcome.result.notes.append(f"no pictures: interrupted; palpate pictures {outcome.recording} draws them")
         return []
     try:
+        if not silent and not console().is_terminal:
+            say("drawing the pictures; this takes some seconds")
         return draw(outcome.recording, folder, console=None if silent else console())
     except (RecordingError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")

@@ -69,7 +69,7 @@ def test_a_terminal_that_closes_ends_a_run_in_order(tmp_path):
     """What is printed there afterwards is an error of the system; it ended the run at once, its recording cut off."""
     file, (master, slave) = tmp_path / "run.mcap", pty.openpty()
     words = ["run", str(write_graph(tmp_path)), "--clock", "real", "--record", str(file)]
-    support = str(Path(__file__).parents[2] / "support")
+    support = str(Path(__file__).parents[1] / "support")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([support, os.environ.get("PYTHONPATH", "")])}
     with subprocess.Popen(
         [sys.executable, "-m", "palpate.cli", *words],

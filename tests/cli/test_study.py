@@ -121,7 +121,7 @@ def test_ctrl_c_ends_with_its_code_and_keeps_what_is_done(mine, tmp_path):
     file = mine(STUDY.replace('ball.what: ["", fail]', "ball.pause: {linspace: [0.2, 0.3, 20]}"))
     temporary = tmp_path / "temporary"
     temporary.mkdir()
-    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2] / "support"), "TMPDIR": str(temporary)}
+    env = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1] / "support"), "TMPDIR": str(temporary)}
     command = [
         sys.executable,
         "-m",

@@ -194,7 +194,9 @@ def check_patterns(run: Chain, count: int, seed: int) -> None:
             assert felt.contact <= OVER * same, f"{words}: {felt.contact:.3f} N, the same motion {same:.3f} N"
 
 
-@pytest.mark.parametrize("body", ["MassSpring", "ReducedFE", "BeamBundle"])
+@pytest.mark.parametrize(
+    "body", ["MassSpring", *(pytest.param(body, marks=pytest.mark.long) for body in ("ReducedFE", "BeamBundle"))]
+)
 @pytest.mark.parametrize("touch", [pytest.param(TOUCH, id="press"), pytest.param(TAP, id="tap")])
 def test_no_pattern_of_losses_makes_the_contact_press_harder(chain, touch, body):
     check_patterns(chain(find("kidney").but(overrides=(*touch, f"tissue.use=deformation.{body}"))), 4, seed=3)

@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from palpate.views.page.server import PageServer
     from palpate.views.page.source import FrameSource
 
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-
 
 def check() -> None:
     """PageError: the package that serves the pages is missing, with what to type."""

@@ -25,11 +25,11 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
-from palpate.views.page import LOOPBACK
 from palpate.views.page.renderers import RATE, binary
 from palpate.views.page.source import FrameSource
 
 HOST, ANY = "127.0.0.1", "0.0.0.0"
+LOOPBACK = ("127.0.0.1", "localhost", "::1")
 RENDERERS = "/frames"
 PATIENCE = 30.0  # [s] for the server to open or to close
 RELOAD = 2.0  # [s] for a page to be loaded anew, before it counts as closed

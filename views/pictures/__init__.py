@@ -102,11 +102,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
 @contextmanager
 def _progress(console: Console | None) -> Iterator[Callable[[str], None]]:
     """A bar that each call takes on by one step."""
-    if console is None:
-        yield lambda _: None
-        return
-    if not console.is_terminal:
-        console.print("drawing the pictures; this takes some seconds")
+    if console is None or not console.is_terminal:
         yield lambda _: None
         return
     from rich.progress import BarColumn, Progress, TextColumn

@@ -38,8 +38,6 @@ def reduce(
     if known is not None:
         _say(as_json, known[0], None, {})
         return
-    if not as_json:
-        say("This takes minutes, up to an hour for fine meshes; it is stored and used by all later runs.", err=True)
     started = time.perf_counter()
     try:
         with Stages(console(stderr=True), as_json) as stages:

@@ -235,7 +235,7 @@ def test_a_node_that_hangs_is_named_with_the_place_where_it_hangs(tmp_path, cloc
 def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path):
     """No signal reaches it there, and it goes on by itself. Its main thread waits for one that writes."""
     outcome = go(
-        tmp_path, f"{GRAPH}  disk: {{use: nodes_for_runs.AtTheDisk, in: all, pipe: {tmp_path}/pipe}}\n", patience=0.5
+        tmp_path, f"{GRAPH}  disk: {{use: nodes_for_runs.AtTheDisk, in: all, pipe: {tmp_path}/pipe}}\n", patience=1.0
     )
     assert outcome.result.ok and len(streams(tmp_path / "run.mcap")["sum"]) == TICKS
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: hang,")
