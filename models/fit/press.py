@@ -11,6 +11,7 @@ from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
+AROUND = 10e6  # [ns] before and after a sample, over which its rate is measured: steps of the encoder average out
 NOISE = 5.0
 """[1] Standard deviations above the force before the press, from which a force is one."""
 
@@ -41,7 +42,8 @@ def press_of(
     normal = np.array(contacts[0].normal)
     when = np.array([m.time for m in poses], float)
     way = -np.interp(times, when, np.array([m.position for m in poses]) @ normal)
-    speed = -np.interp(times, when, np.array([m.velocity for m in poses]) @ normal)
+    late, early = np.minimum(times + AROUND, times[-1]), np.maximum(times - AROUND, times[0])
+    speed = 1e9 * (np.interp(late, times, way) - np.interp(early, times, way)) / np.maximum(late - early, 1.0)
     first = int(np.argmax(forces > touch))
     if not forces[first] > touch:
         raise SessionError(f"{file}: never more than {forces.max():.3g} N, expected a touch of more than {touch:g} N")

@@ -152,7 +152,6 @@ def test_another_body_takes_a_run_of_its_own_and_what_was_touched_can_be_replaye
     report = verify(recording, changed(recording))
     assert report.ok
     assert report.nodes["device"].checked > 0, "the others were not recorded: they can be computed from their sources"
-    assert recording.counts["pointer"]["count"] > 0 and len(list(recording.messages("contact"))) > 100
 
 
 def test_a_page_for_other_machines_takes_their_token_and_no_other_origin(capsys):
