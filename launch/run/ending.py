@@ -9,7 +9,7 @@ from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
 from palpate.launch.run.wire.wires import ControlChannel
 
-STOP_PATIENCE = 3.0  # [s] for the workers to end once they were told
+STOP_PATIENCE = 10.0  # [s] for the workers to end once they were told; a busy machine may keep them waiting for seconds
 STALL = 0.3  # [s] between two looks: the machine stood still
 
 
