@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 
+import pytest
+
 IMPORTS = """
 palpate palpate.physics palpate.physics.kernel palpate.gym palpate.nodes palpate.nodes.deformation.reduced_fe
 palpate.models.fe palpate.engine palpate.launch palpate.records palpate.views palpate.studies palpate.messages
@@ -74,6 +76,7 @@ def host(tmp_path, **settings):
     return json.loads(done.stdout.splitlines()[-1])
 
 
+@pytest.mark.long
 def test_importing_and_running_palpate_changes_nothing_in_the_process(tmp_path):
     changed, _ = host(tmp_path)
     assert changed == {}

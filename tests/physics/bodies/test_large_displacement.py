@@ -30,7 +30,7 @@ from palpate.studies.accuracy import kidney
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG
 
 UP = (0.0, 0.0, 1.0)
-POISSONS = (0.15, 0.25, 0.33, 0.38, 0.42, 0.46, 0.48)
+POISSONS = (0.15, 0.33, 0.38, 0.42, 0.46, 0.48)
 
 
 class RoundPress:
@@ -98,7 +98,7 @@ class RoundPress:
         return np.array(out)
 
 
-@pytest.mark.parametrize("poisson", POISSONS)
+@pytest.mark.parametrize("poisson", [0.25, *(pytest.param(p, marks=pytest.mark.long) for p in POISSONS), 0.45])
 def test_on_a_half_space_it_is_the_full_solution(poisson):
     """The far border of the cylinder is a linear spring in series with the half-space, whose compliance is known."""
     depths = np.array([0.07, 0.23, 0.44, 0.66, 0.85] + [1.04, 1.21, 1.43] * (poisson > 0.3))
@@ -132,7 +132,7 @@ def no_worse(large, linear):
     assert (large - linear).max() < 6e-3
 
 
-@pytest.mark.parametrize("radius", [6e-3, 8e-3, 12e-3])
+@pytest.mark.parametrize("radius", [6e-3, *(pytest.param(r, marks=pytest.mark.long) for r in (8e-3, 12e-3))])
 def test_on_the_slab_the_body_is_never_worse_than_the_linear_one(radius):
     """At equal depth, from s/R = 0.1 to 1.2. What a thickness of 3.3 to 7 R adds is in neither law: so at some
     depths the linear one is nearer, by less than 0.6 %, where both are within 1.5 %."""
