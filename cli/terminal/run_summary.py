@@ -102,7 +102,7 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
     if folder is None or outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
     if outcome.result.interrupted:
-        outcome.result.notes.append(f"no pictures: interrupted; palpate pictures {outcome.recording} draws them")
+        outcome.result.notes.append(f"no pictures: interrupted; palpate picture {outcome.recording} draws them")
         return []
     try:
         if not silent and not console().is_terminal:

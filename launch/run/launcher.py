@@ -44,7 +44,7 @@ LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
 class Launcher:
     """Runs the jobs, each in a process.
 
-    jobs        one per worker; those in `joined` are started by hand on another machine (`palpate join`)
+    jobs        one per worker; those in `joined` are started by hand on another machine (`palpate remote join`)
     forkserver  the fork server; made here when not given
     address     where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
     key         secures what goes over TCP; None: nothing does
@@ -97,7 +97,7 @@ class Launcher:
         self._ending = Ending(self.members, self._control, self.forkserver, self._real, self.result.notes.append)
         for group in joined:
             self._control.expect(group)
-            self.members[group].busy = f"{group} (palpate join {address} {group})"
+            self.members[group].busy = f"{group} (palpate remote join {address} {group})"
         self._poller = zmq.Poller()
         self._control.register(self._poller)
         self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
