@@ -31,6 +31,7 @@ def entry(name: str) -> str:
     command = f"palpate run {name}"
     if hardware:
         command += "".join(f" --set {node}.port=emulator" for node in hardware)
+        command += " --duration '4 s'" * ((launch.duration or 0.0) > 10.0)  # by then an emulated hand is at rest
     nodes = ", ".join(f"{node} `{graph.nodes[node].use}`" for node in plan(graph).order)
     clock = launch.clock or "simulated"
     return (

@@ -27,7 +27,8 @@ def ended(
     if result.ticks or result.ok:
         _summary(outcome, name, quiet)
     for note in (*outcome.plan.graph.notes, *result.notes):
-        say(note, "yellow", wrap=True)
+        if note not in result.live:
+            say(note, "yellow", wrap=True)
     before = len(result.notes)
     for picture in _pictures(outcome, folder, silent=quiet):
         say(f"picture   {picture}", wrap=True)
