@@ -9,7 +9,7 @@ FElupe with `pip install felupe pypardiso` (without PARDISO it takes SuperLU, wh
 reference BLAS makes it several times slower); CalculiX with
 `apt install calculix-ccx`. Exit status 3 and a line that says so where one is missing.
 
-What differs where the ball touches the plane: palpate and CalculiX integrate a pressure over the faces, palpate at six
+What differs where the ball touches the plane; palpate and CalculiX integrate a pressure over the faces, palpate at six
 points each; FElupe's own contact holds back nodes, which is softer on quadratic faces, whose corner nodes carry nothing
 under an even pressure. `felupe-faces` gives FElupe the six points. All have the same stiff penalty, and palpate
 raises multipliers where the penetration would be above its bound.

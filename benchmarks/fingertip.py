@@ -2,8 +2,8 @@
 
     python benchmarks/fingertip.py runs/fingertip [--cells 5] [--pictures folder] [--json]
 
-Presses the printed, the calibrated and the cortical finger on both plates, into folders as `palpate fe fingertip` makes
-them: what is there is read, what was broken off goes on. From nothing it takes about an hour on one core.
+Presses the printed, the calibrated and the cortical finger on both plates, into folders as `palpate build fe fingertip`
+makes them: what is there is read, what was broken off goes on. From nothing it takes about an hour on one core.
 """
 
 from __future__ import annotations

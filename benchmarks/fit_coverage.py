@@ -1,4 +1,4 @@
-"""Coverage of the 95 % intervals of `palpate fit-tissue`, its false alarms, and how often it detects a flaw of a press.
+"""Coverage of the 95 % intervals of `palpate fit tissue`, its false alarms, and how often it detects a flaw of a press.
 
 Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak, touch point 0.1 mm off the
 file; without relaxation, and a press and hold with one Prony term.

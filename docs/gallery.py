@@ -16,8 +16,8 @@ HEAD = """# Gallery
 
 Every graph that ships, as `python docs/gallery.py` writes it, with a picture by `python docs/pictures/gallery.py`: the
 surface at its deepest instant, or what the run draws of itself; devices and sensors are emulators, each on its own. A
-run ends with its [pictures](pictures.md); `palpate film` makes a [film](python.md) of its recording. `palpate plan
-GRAPH` lists what runs and why.
+run ends with its [pictures](pictures.md); `palpate picture FILE --film` makes a [film](python.md) of its recording.
+`palpate plan GRAPH` lists what runs and why.
 
 """
 
@@ -31,6 +31,7 @@ def entry(name: str) -> str:
     command = f"palpate run {name}"
     if hardware:
         command += "".join(f" --set {node}.port=emulator" for node in hardware)
+        command += " --duration '4 s'" * ((launch.duration or 0.0) > 10.0)  # by then an emulated hand is at rest
     nodes = ", ".join(f"{node} `{graph.nodes[node].use}`" for node in plan(graph).order)
     clock = launch.clock or "simulated"
     return (

@@ -1,4 +1,4 @@
-"""A graph as an FMU, a unit for co-simulation after FMI 3.0 (docs/fmu.md): written by `palpate export GRAPH --to fmu`.
+"""A graph as an FMU, a unit for co-simulation after FMI 3.0 (docs/fmu.md): written by `palpate build fmu GRAPH`.
 
 The unit holds the graph as it was resolved, and a script that PythonFMU calls; palpate itself must be installed where
 it runs. It steps the graph in the process of the importing tool, on simulated time.

@@ -22,7 +22,7 @@ from palpate.nodes import Node
 
 
 class {title}(Node):
-    """First line: what it computes. It shows in `palpate nodes {module}.{title}`."""
+    """First line: what it computes. It shows in `palpate list nodes {module}.{title}`."""
 
     scale: Annotated[float, "1", msgspec.Meta({limit})] = 1.0
 {body}'''

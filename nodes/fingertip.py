@@ -63,9 +63,9 @@ class Slide(Node):
 class BundleContact(Node):
     """A fingertip as a beam bundle on a rigid plate: normal force, friction, stick and slip of every node.
 
-    The bundle is filled at the start, from a scan that `palpate fingertip` has read, or from the default anatomy, and
-    meshed once for `reach`. Deeper pressing is answered by the beams that there are, and flagged (`Slip.deeper`); the
-    force then stays bounded and is too small. See docs/equations/beam-bundle.md.
+    The bundle is filled at the start, from a scan that `palpate build fingertip` has read, or from the default
+    anatomy, and meshed once for `reach`. Deeper pressing is answered by the beams that there are, and flagged
+    (`Slip.deeper`); the force then stays bounded and is too small. See docs/equations/beam-bundle.md.
     """
 
     shape: Annotated[str, "1"] = "anatomy"

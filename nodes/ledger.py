@@ -38,6 +38,8 @@ class Energy(Node):
         """Energy [J] that one part has given out and cannot have had."""
         return self._books.part(part).generated
 
+    _tripped = False
+
     def condition(self) -> str:
         return "tripped" if self._tripped else ""
 

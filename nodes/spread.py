@@ -34,6 +34,8 @@ class Kernel(OnSurface):
         self._rigid = self._cautioned = False
         self._notes = []
 
+    _rigid = False
+
     def condition(self) -> str:
         return "outside its range" if self._rigid else ""
 

@@ -20,8 +20,8 @@ TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
 class Flow(Node):
     """Contact area and isostrain volumes of the fingertip under the normal force, and how fast they grow with it.
 
-    They are read from curves that the layered fingertip gave against a plate (`palpate fe fingertip`); between the
-    recorded forces they are linear, beyond the last one they stay. Only what somebody reads is computed.
+    They are read from curves that the layered fingertip gave against a plate (`palpate build fe fingertip`); between
+    the recorded forces they are linear, beyond the last one they stay. Only what somebody reads is computed.
     """
 
     effect = "tactile"
@@ -40,15 +40,15 @@ class Flow(Node):
             force, area, volumes = (archive[f"{self.plate}.{name}"] for name in ("force", "area", "volumes"))
             self._levels = archive["levels"]
         except (ArchiveError, KeyError) as error:
-            raise SettingError(f"setting 'table': {path}: {error}. `palpate fe table` writes one") from None
+            raise SettingError(f"setting 'table': {path}: {error}. `palpate build fe table` writes one") from None
         rows = force.size
         numbers = all(np.can_cast(array.dtype, float) for array in (force, area, volumes, self._levels))
         alike = force.shape == area.shape == (rows,) and volumes.shape == (rows, self._levels.size)
         every = np.column_stack([force, area, volumes]) if numbers and alike else np.full((1, 1), np.nan)
         if not np.isfinite(every).all() or rows < 2 or force[0] != 0.0 or (np.diff(force) <= 0).any():
             raise SettingError(
-                f"setting 'table': {path}: expected finite curves over forces that rise from 0. `palpate fe table` "
-                "writes such a table"
+                f"setting 'table': {path}: expected finite curves over forces that rise from 0. "
+                "`palpate build fe table` writes such a table"
             )
         self._area = self.wants("area") or self.wants("area_rate") or self.wants("stick_radius")
         self._volumes = self.wants("volumes") or self.wants("volume_rates")

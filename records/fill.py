@@ -159,7 +159,7 @@ def explained(path: Path, report: Report, about: dict[str, Any]) -> str:
     who = f"recorded with {then}, computed with {now}" if then != now else f"both with {now}"
     return "; ".join([
         f"{path}: computed again, it is not what was recorded: {report.first}", who, *rounding(about),
-        f"what agrees before that: `palpate recover --full {path}`",
+        f"what agrees before that: `palpate export {path} --to mcap --full`",
     ])  # fmt: skip
 
 
@@ -217,7 +217,8 @@ def recover_full(path: Path, out: Path | None = None) -> tuple[Path, dict[str, i
     RecordingError: it holds all messages, or cannot be computed.
     """
     if not Stored(path).as_whole():
-        raise RecordingError(f"{path} holds all messages; `palpate recover` without --full mends one that is cut off")
+        cure = "`palpate export --to mcap` without --full repairs one that is cut off"
+        raise RecordingError(f"{path} holds all messages; {cure}")
     target = _target(path, out, "full")
     with replacing(target) as part, open(part, "wb") as file:
         report, counts = fill(path, file)

@@ -1,6 +1,6 @@
 """Replaying a recording: some nodes run, the others are played, at the times of the recorded messages."""
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from palpate.engine.clock import now, sleep_until
@@ -19,9 +19,6 @@ from palpate.records.instants import instants
 from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-
-Shown = Callable[[int, int, dict[str, bytes]], bool]
-"""Called at each instant with tick, time [ns] and the messages by stream; False ends the replay."""
 
 
 class Replay:
@@ -74,7 +71,7 @@ class Replay:
         self.notes: list[str] = []
         self.seconds = self.wall = 0.0
 
-    def run(self, shown: Shown = lambda tick, time, messages: True) -> None:
+    def run(self) -> None:
         """Play once. NodeError: a node raised."""
         player = self.player = Player(self.recording, self.plan, self.running, live=True)
         reports = self.reports = {part.name: NodeReport() for part in player.parts}
@@ -114,8 +111,6 @@ class Replay:
                         self._tell(name, 0, since[name])
                 played = {s: payload for s, payload in payloads.items() if s not in player.computed}
                 self._show(tick, played | sent, sent_by)
-                if not shown(tick, time, played | sent):
-                    break
         finally:
             self.seconds = (time - first) * 1e-9 if first is not None else 0.0
             self.wall = (now() - begun) * 1e-9

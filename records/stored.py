@@ -126,7 +126,7 @@ class Stored:
             return ""
         return (
             f"{self.path} is {self.damage} (of {self.path.stat().st_size}); what is before that is read. "
-            f"`palpate recover {self.path}` makes a complete file of it."
+            f"`palpate export {self.path} --to mcap` makes a complete file of it."
         )
 
     def _read_head(self) -> None:

@@ -105,7 +105,7 @@ def fit_body(
         {q: off_by(one, q) for q in QUANTITIES} | {"worst": off_by(one, "force", "peak")} for one in (first, last)
     )
     told = (
-        f"Fitted by palpate fit-body to {' '.join(base)} on this graph's touch. Differences, RMS of its peak:",
+        f"Fitted by palpate fit body to {' '.join(base)} on this graph's touch. Differences, RMS of its peak:",
         f"  before: {words(before)}",
         f"  after:  {words(after)}",
         *filter(None, (known, caution)),

@@ -185,7 +185,7 @@ def test_a_folder_of_the_same_name_does_not_hide_the_package(tmp_path):
     assert done.stdout.strip() == "run", done.stderr
 
 
-@pytest.mark.parametrize("verb", ["--help", "messages", "check --help", "nodes --help", "new --help"])
+@pytest.mark.parametrize("verb", ["--help", "list messages", "check --help", "list nodes --help", "new --help"])
 def test_short_commands_do_not_import_what_is_slow(verb):
     code = (
         "import sys; from palpate.cli.__main__ import app\n"

@@ -29,7 +29,7 @@ _PICTURE = (
 class Finding:
     """One thing looked at.
 
-    state  "ok", "note" (palpate runs, with less) or "fault" (it does not run)
+    state  "ok", "note" where palpate runs with less, or "fault" where it does not run
     """
 
     what: str

@@ -27,6 +27,13 @@ class Verbs(TyperGroup):
     line says so, with the notes that the command has added; the exit code is 128 plus the signal's number.
     """
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """The options; those that install shell completion work but stay out of the help."""
+        params = super().get_params(ctx)
+        for param in params:
+            param.hidden = getattr(param, "hidden", False) or param.name in ("install_completion", "show_completion")
+        return params
+
     def invoke(self, ctx: Any) -> Any:
         numbers = [int(signal.SIGINT)]
         try:
@@ -113,24 +120,24 @@ class _Foreign(PalpateError):
 
 def group(package: ModuleType, **options: object) -> typer.Typer:
     """The commands of a folder that has a `HELP`, see `palpate.cli.commands`; `options` go to typer."""
-    app = typer.Typer(no_args_is_help=True, help=package.HELP, **options)  # type: ignore[arg-type]
+    found = list(_commands(package, None))
+    names = [name for _, name, _ in found]  # typer's order is all commands, then all groups
+    ordered = type("Ordered", (options.pop("cls", TyperGroup),), {"list_commands": lambda self, context: names})  # type: ignore[arg-type]
+    app = typer.Typer(no_args_is_help=True, help=package.HELP, cls=ordered, **options)  # type: ignore[arg-type]
     app.callback(help=package.HELP)(lambda: None)  # a group of one command stays a group
-    order = list(getattr(package, "ORDER", ()))
-    found = commands(package)
-    for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
-        if hasattr(found[name], "HELP"):
-            app.add_typer(group(found[name]), name=name)
+    for panel, name, module in found:
+        if hasattr(module, "HELP"):
+            app.add_typer(group(module), name=name, rich_help_panel=panel)
         else:
-            app.command(cls=getattr(found[name], "Command", None))(getattr(found[name], name))
+            app.command(rich_help_panel=panel, epilog=f"Example: {module.EXAMPLE}")(getattr(module, name))
     return app
 
 
-def commands(package: ModuleType) -> dict[str, ModuleType]:
-    """The commands of a folder by name: files, and folders with a `HELP`; other folders only keep files apart."""
-    found: dict[str, ModuleType] = {}
-    for name, module in modules(package).items():
-        if hasattr(module, "__path__") and not hasattr(module, "HELP"):
-            found |= commands(module)
+def _commands(package: ModuleType, panel: str | None) -> Iterator[tuple[str | None, str, ModuleType]]:
+    """Panel, name and module of each command of a folder, in the order of the help."""
+    order, found = list(getattr(package, "ORDER", ())), modules(package)
+    for name in sorted(found, key=lambda name: (order.index(name) if name in order else len(order), name)):
+        if hasattr(found[name], "__path__") and not hasattr(found[name], "HELP"):
+            yield from _commands(found[name], getattr(found[name], "PANEL", panel))
         else:
-            found[name] = module
-    return found
+            yield panel, name, found[name]

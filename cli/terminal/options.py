@@ -79,6 +79,11 @@ Trust = Annotated[
         callback=_trust,
     ),
 ]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
+NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", help="No live view and no tables: one line with the outcome, and warnings.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
 
 

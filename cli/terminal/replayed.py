@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from palpate.cli.terminal.output import console, line, say, table
+from palpate.cli.terminal.output import console, say, table
 
 if TYPE_CHECKING:
     from palpate.records.differences import Report
@@ -74,28 +72,3 @@ def summary(player: Replay) -> None:
         say(note, "yellow", wrap=True)
     if not player.recording.complete:
         say(player.recording.ending, "yellow")
-
-
-def stepper(recording: Recording) -> Callable[[int, int, dict[str, bytes]], bool]:
-    """Prints each instant and waits for a line: Enter goes on, q ends, a number goes on by so many instants."""
-    from rich.text import Text
-
-    from palpate.messages import unpack
-
-    out = console(soft_wrap=True)
-    left = 0
-
-    def show(tick: int, time: int, messages: dict[str, bytes]) -> bool:
-        nonlocal left
-        left -= 1
-        if left > 0:
-            return True
-        for stream, payload in messages.items():
-            if stream in recording.streams:
-                out.print(Text(f"{stream:>12}", "bold"), line(unpack(payload, recording.streams[stream].type)))
-        print("Enter: next, a number: so many, q: end > ", end="", flush=True)
-        answer = sys.stdin.readline()
-        left = int(answer) if answer.strip().isdecimal() else 1
-        return bool(answer) and answer.strip().lower() not in ("q", "quit")
-
-    return show

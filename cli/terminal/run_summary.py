@@ -27,7 +27,8 @@ def ended(
     if result.ticks or result.ok:
         _summary(outcome, name, quiet)
     for note in (*outcome.plan.graph.notes, *result.notes):
-        say(note, "yellow", wrap=True)
+        if note not in result.live:
+            say(note, "yellow", wrap=True)
     before = len(result.notes)
     for picture in _pictures(outcome, folder, silent=quiet):
         say(f"picture   {picture}", wrap=True)
@@ -102,7 +103,7 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
     if folder is None or outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
     if outcome.result.interrupted:
-        outcome.result.notes.append(f"no pictures: interrupted; palpate pictures {outcome.recording} draws them")
+        outcome.result.notes.append(f"no pictures: interrupted; palpate picture {outcome.recording} draws them")
         return []
     try:
         if not silent and not console().is_terminal:

@@ -6,7 +6,7 @@ fingertip-force.png      force and contact area, with the paper's four points
 fingertip-strain.png     strain in the plane of symmetry, deformed
 fingertip-isostrain.png  growth of the isostrain volumes, and the volumes over strain and force
 fingertip-flow.png       tactile flow on isostrain lines
-fingertip-measured.png   strain in a finger that was read from images: the made-up one of `palpate fingertip --phantom`
+fingertip-measured.png   strain in a finger read from images: the synthetic one of `palpate build fingertip --phantom`
 
 The first folder holds the runs. What is there is read; from nothing it takes about an hour on one core.
 """

@@ -10,7 +10,7 @@ from commands import commands
 from prose import cell, prose, table
 from python import library, public
 
-from palpate.cli.commands.catalogue.messages import describe as message
+from palpate.cli.commands.graphs.list.messages import describe as message
 from palpate.launch.load.classes import catalogue, describe
 from palpate.launch.load.launchfile import find, names
 from palpate.launch.load.tissues import GRADES, tissues
@@ -25,7 +25,7 @@ def nodes() -> str:
     entries, missing = catalogue()
     if missing:
         raise SystemExit(f"nodes that cannot be loaded: {missing}; the site needs all extras, pip install -e '.[all]'")
-    lines = ["# Nodes", "", "What `use:` can name in a graph. `palpate nodes CLASS` prints the same.", ""]
+    lines = ["# Nodes", "", "What `use:` can name in a graph. `palpate list nodes CLASS` prints the same.", ""]
     for entry in entries:
         data = describe(entry.use, entry.cls)
         lines += [f"## {entry.use}", "", prose(entry.cls.__doc__ or ""), ""]

@@ -57,7 +57,7 @@ class ProcessGroup:
     core      CPU cores that the process may use, None: any
     priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
     host      name or address of the machine, with or without a port; None: this one, no network
-    join      started by hand with `palpate join`, as a group on another machine always is
+    join      started by hand with `palpate remote join`, as a group on another machine always is
     unencrypted  what goes over TCP is not secured by a key
     why       these nodes, where `auto` has chosen them
     """

@@ -203,7 +203,7 @@ def _in_processes(
         restart=frozenset(name for name in planned.order if planned.graph.nodes[name].restart),
         spared=spared(planned),
         show=show,
-        printed=screen.print if screen else lambda _: None,
+        printed=screen.print if screen else None,
         died=screen.died if screen else lambda _: None,
     )
     return launcher.run()

@@ -44,14 +44,14 @@ LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
 class Launcher:
     """Runs the jobs, each in a process.
 
-    jobs        one per worker; those in `joined` are started by hand on another machine (`palpate join`)
+    jobs        one per worker; those in `joined` are started by hand on another machine (`palpate remote join`)
     forkserver  the fork server; made here when not given
     address     where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
     key         secures what goes over TCP; None: nothing does
     patience    [s] without a sign of life after which a worker counts as hung
     restart     nodes that are started again when they die; spared: nodes that a run on the real clock goes on without
     show        called about ten times a second with the launcher, to draw
-    printed     called with what the nodes print
+    printed     called with what the nodes print, and with their notes; None: there is no live view
     died        called at once when a node has failed in a run that goes on; a run that never began has it in its result
     """
 
@@ -67,7 +67,7 @@ class Launcher:
         restart: frozenset[str] = frozenset(),
         spared: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
-        printed: Callable[[str], None] = lambda _: None,
+        printed: Callable[[str], None] | None = None,
         died: Callable[[Death], None] = lambda _: None,
     ) -> None:
         self.begun = time.monotonic()
@@ -97,7 +97,7 @@ class Launcher:
         self._ending = Ending(self.members, self._control, self.forkserver, self._real, self.result.notes.append)
         for group in joined:
             self._control.expect(group)
-            self.members[group].busy = f"{group} (palpate join {address} {group})"
+            self.members[group].busy = f"{group} (palpate remote join {address} {group})"
         self._poller = zmq.Poller()
         self._control.register(self._poller)
         self._poller.register(self.forkserver.socket.fileno(), select.POLLIN)
@@ -151,7 +151,9 @@ class Launcher:
                 self._turn()
         finally:
             self.phase = "ended"
-            self.printed(self.forkserver.close())
+            last = self.forkserver.close()
+            if self.printed is not None:
+                self.printed(last)
             self.result.foreign = self.foreign
             if self.foreign:
                 self.result.notes.append(f"{self.foreign} frames that are none of this run's were dropped")
@@ -192,7 +194,8 @@ class Launcher:
         text = self.forkserver.printed()
         if text:
             self._tail = (self._tail + text.splitlines())[-40:]
-            self.printed(text)
+            if self.printed is not None:
+                self.printed(text)
 
     # -- reports -------------------------------------------------------------------------------------------------
 
@@ -232,7 +235,9 @@ class Launcher:
                 self._died(member, report)
             case reports.Note(text):
                 self.result.notes.append(text)
-                self.printed(text + "\n")
+                if self.printed is not None:
+                    self.result.live.add(text)
+                    self.printed(text + "\n")
             case reports.NodesEnded(clean_exit):
                 member.flushed, member.clean_exit = True, clean_exit
                 if member.alive:

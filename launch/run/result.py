@@ -31,6 +31,7 @@ class Result:
     ticks        number of ticks that were run
     signal       number of the signal by which the user stopped it; 0: none did
     notes        lines that the user should see: refused priorities, frames that were dropped
+    live         those of the notes that a live view has printed while the run went on
     foreign      frames that were dropped because they are none of this run's
     """
 
@@ -42,6 +43,7 @@ class Result:
     ticks: int = 0
     signal: int = 0
     notes: list[str] = field(default_factory=list)
+    live: set[str] = field(default_factory=set)
     foreign: int = 0
 
     @property

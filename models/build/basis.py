@@ -96,7 +96,7 @@ def check_writable(folder: Path) -> None:
             pass
     except OSError as error:
         raise SettingError(
-            f"folder {folder}: {error.strerror}; expected one that can be written, such as --to bases"
+            f"folder {folder}: {error.strerror}; expected one that can be written, such as --out bases"
         ) from None
 
 

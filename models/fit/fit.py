@@ -1,4 +1,4 @@
-"""What `palpate fit` does: read sessions, choose models, write."""
+"""What `palpate fit force` does: read sessions, choose models, write."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ def fit_sessions(
     protocol: str = "whole",
     any_stiffness: bool = False,
 ) -> Told:
-    """Fit the models of the force to a file of sessions; arguments as of `palpate fit`.
+    """Fit the models of the force to a file of sessions; arguments as of `palpate fit force`.
 
     SessionError: what is wrong with the file or the arguments, by row and column.
     """

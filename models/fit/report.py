@@ -1,4 +1,4 @@
-"""What `palpate fit` tells: tables for people, plain data for programs, YAML for the node."""
+"""What `palpate fit force` tells: tables for people, plain data for programs, YAML for the node."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -141,8 +141,8 @@ def plain(fit: Fit) -> dict[str, Any]:
 def model_yaml(choices: list[Chosen], source: Path) -> str:
     """The file that `contact.Probabilistic` takes as its `model`; each subject holds settings of that node."""
     lines = [
-        f"# Fitted by `palpate fit` to {source.name}. SI units. Each subject holds settings of contact.Probabilistic:",
-        "# name this file as its `model`, or copy a subject into a scene.",
+        f"# Fitted by `palpate fit force` to {source.name}. SI units. Each subject holds settings of",
+        "# contact.Probabilistic: name this file as its `model`, or copy a subject into a scene.",
         "subjects:",
     ]
     for subject, depths, _, choice in choices:

@@ -88,7 +88,7 @@ class Joint(Series):
         )
 
     def notes(self) -> list[str]:
-        return super().notes() + [text for finger in self._fingers for text in finger.notes()]
+        return super().notes() + [text for finger in getattr(self, "_fingers", ()) for text in finger.notes()]
 
     def rests(self, proximity: list[Proximity], body: Surface | None) -> bool:  # type: ignore[override]
         if body is None or len(proximity) != len(self._fingers):

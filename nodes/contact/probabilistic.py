@@ -19,9 +19,9 @@ LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", 
 class Probabilistic(Node):
     """Mean force and spread from the indentation (docs/equations/probabilistic-force.md).
 
-    The laws come from measured sessions: the default is the published subject; `palpate fit` writes those of other
-    subjects to a file, which `model` names, with `subject` where it holds several. The settings that the file gives
-    are taken in when the node is made, so that a recording carries them.
+    The laws come from measured sessions: the default is the published subject; `palpate fit force` writes those of
+    other subjects to a file, which `model` names, with `subject` where it holds several. The settings that the file
+    gives are taken in when the node is made, so that a recording carries them.
 
     `depth` says what the measured indentation is in the contact: "compression" of the fingertip (a rigid probe in a
     finger, as published), or "indentation" of the tissue where the sessions were made on tissue. When apart, all is 0.
@@ -96,7 +96,7 @@ class Probabilistic(Node):
 
 
 def read_law(path: Path, subject: str) -> dict[str, Any]:
-    """The settings that a file of `palpate fit` gives for a subject; the only subject where none is named.
+    """The settings that a file of `palpate fit force` gives for a subject; the only subject where none is named.
 
     SettingError: no such file, not such a file, no such subject.
     """
@@ -108,7 +108,7 @@ def read_law(path: Path, subject: str) -> dict[str, Any]:
     subjects = data.get("subjects") if isinstance(data, dict) else None
     if not isinstance(subjects, dict) or not subjects:
         raise SettingError(
-            f"setting 'model' [1]: {str(path)!r} has no mapping 'subjects'; write it with `palpate fit SESSIONS.csv`"
+            f"setting 'model' [1]: {str(path)!r} has no 'subjects'; write it with `palpate fit force SESSIONS.csv`"
         )
     known = {str(name): law for name, law in subjects.items()}
     if not subject and len(known) == 1:

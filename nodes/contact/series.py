@@ -60,6 +60,9 @@ class Series(Node):
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
     """Of the soft tissue before the bone: a compression beyond it is reported, as no law is valid there; 0: unknown."""
 
+    compression = 0.0
+    _beyond, _reported = NOWHERE, False  # of a node that never started, too: notes are collected from all
+
     def start(self) -> None:
         self._notes, self._beyond, self._reported = [], NOWHERE, False
         self.compression = 0.0

@@ -86,5 +86,5 @@ def cache() -> Path:
 
 
 def touches() -> Path:
-    """Folder of the full solutions that `palpate reduce` keeps while it builds."""
+    """Folder of the full solutions that `palpate build basis` keeps while it builds."""
     return cache().with_name("touches")

@@ -15,7 +15,7 @@ from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
 
-OF_TISSUE = Calibrated("a human fingertip", "palpate fit-body")
+OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 
 
 class BeamBundle(WithNodule):

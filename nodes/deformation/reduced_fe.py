@@ -38,10 +38,10 @@ class ReducedFE(WithNodule):
     """A finite-element organ condensed to its surface, with what large displacement adds, on a soft bed; optionally
     with a hard nodule and a stiffer capsule.
 
-    `palpate reduce` builds its basis once for a surface, Poisson's ratio, bed, nodule and capsule; that of the default
-    kidney ships. Modulus and retardation time may be changed without building it again. The fingertip is of layers: its
-    `young` is that of the subcutis at rest, 160 Pa in the set cortical/36.4; poisson, bed, nodule and capsule are not
-    read.
+    `palpate build basis` builds its basis once for a surface, Poisson's ratio, bed, nodule and capsule; that of the
+    default kidney ships. Modulus and retardation time may be changed without building it again. The fingertip is of
+    layers: its `young` is that of the subcutis at rest, 160 Pa in the set cortical/36.4; poisson, bed, nodule and
+    capsule are not read.
     """
 
     effect = "deformation"
@@ -84,7 +84,8 @@ class ReducedFE(WithNodule):
         self.basis()
 
     def condition(self) -> str:
-        return "outside its range" if self._body.extrapolation > 0.0 else ""
+        body = getattr(self, "_body", None)  # none before its start
+        return "outside its range" if body is not None and body.extrapolation > 0.0 else ""
 
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
@@ -246,7 +247,7 @@ class ReducedFE(WithNodule):
         """The command that builds it."""
         usual, read = ReducedFE(), BUILT_FROM + (NODULE if self.nodule_radius > 0 else ())
         given = [f"--set {n}={_text(getattr(self, n))}" for n in read if getattr(self, n) != getattr(usual, n)]
-        return " ".join(["palpate reduce", *given])
+        return " ".join(["palpate build basis", *given])
 
     def basis(self) -> Basis | SampledBasis:
         """The stored basis.

@@ -45,6 +45,8 @@ class Pointer(Node):
     socket: Annotated[str, "1"]
     begin: Annotated[Vector3, "m"] = HOME
 
+    foreign = told = 0
+
     def start(self) -> None:
         self.stop()
         self.last = PointerSample(0, self.begin)

@@ -58,7 +58,8 @@ class Replayed(Node):
                         yield unpack(payload, DeviceState)
         except Broken as broken:
             if not broken.cut:
-                raise SettingError(f"setting 'path': {self.path}: {broken}; `palpate recover` saves the rest") from None
+                cure = "`palpate export --to mcap` saves the rest"
+                raise SettingError(f"setting 'path': {self.path}: {broken}; {cure}") from None
         except MessageError as error:
             raise SettingError(f"setting 'stream': {self.path}, stream {self.stream!r}: {error}") from None
 

@@ -70,6 +70,7 @@ class PinArray(OnSurface):
         self.shown = np.zeros(len(self.grid))
         self.shape = np.zeros(len(self.grid))
         self.actuator = 0.0
+        self._notes, self._cautioned = [], False
         times = self.rise_time, self.fall_time
         self.drives = Drives(self.stroke, self.travel, self.rate, self.actuator_rate, *times, self.resolution)
         if self.shows != "force":
@@ -105,12 +106,21 @@ class PinArray(OnSurface):
                     self._from_surface(contact, surface, approach)
                 else:
                     valid = self._from_pressure(contact, surface)
+        if touching and not valid and not self._cautioned and self.shows == "force":
+            self._caution(contact.force)
         self.actuator, limited = drive(self.pins, self.shape, self.actuator, approach, dt, self.drives, self.shown)
         return Pins(
             heights=self.shown.reshape(self.rows, self.columns),
             actuator=self.actuator,
             limited=limited,
             valid=bool(valid and contact.force >= 0.0),
+        )
+
+    def _caution(self, force: float) -> None:
+        self._cautioned = True
+        self._notes.append(
+            f"PinArray: at {force:.3g} N the contact is wider than Hertz theory allows (its radius is above "
+            f"{pads.VALID_RATIO:g} times that of the fingerpad); the pins still follow it, with `valid: false`"
         )
 
     def _from_force(self, force: float) -> tuple[float, bool]:

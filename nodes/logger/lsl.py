@@ -70,7 +70,7 @@ class LSL(Observer):
         outlet.push_sample(sample(message, self._picks[stream]), self._begin + message.time * 1e-9)
 
     def stop(self) -> None:
-        if any(outlet.have_consumers() for outlet in self._outlets.values()):
+        if any(outlet.have_consumers() for outlet in self.__dict__.get("_outlets", {}).values()):
             time.sleep(SETTLE)
         self._outlets = {}
 

@@ -207,7 +207,7 @@ class Mcap(Observer):
             file.close()
 
     def stop(self) -> None:
-        if self._file is None:
+        if "_file" not in self.__dict__ or self._file is None:  # it never started, or has stopped
             return
         try:
             known = [stream for stream in self.streams if stream.name in self._recorded]

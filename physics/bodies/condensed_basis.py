@@ -50,6 +50,6 @@ class Basis:
             full = np.zeros((size, size), dtype=np.float32)
             full[np.tril_indices(size)] = lower * np.float32(archive["step"])
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
-            raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate reduce`") from None
+            raise ArchiveError(f"{path}: not a reduced basis: {error}. Rebuild it with `palpate build basis`") from None
         full += np.tril(full, -1).T
         return cls(vertices, triangles, full)

@@ -104,7 +104,7 @@ class SampledBasis:
                 surface_modes.astype(np.float64), points, (scale, power, most),
             )  # fmt: skip
         except (KeyError, ValueError, TypeError, AttributeError, IndexError, MemoryError) as error:
-            raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate reduce`") from None
+            raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate build basis`") from None
 
 
 class SampledBody(CoarseBody):

@@ -67,7 +67,8 @@ class FingertipSurfaces:
             archive = read_arrays(path)
             missing = [k for k in FIELDS if k not in archive]
             if missing:
-                raise FingertipError(f"{path}: no {', '.join(missing)} in it; `palpate fingertip` writes such files")
+                absent = ", ".join(missing)
+                raise FingertipError(f"{path}: no {absent} in it; `palpate build fingertip` writes such files")
             tip = FingertipSurfaces(*(np.asarray(archive[k], float) for k in FIELDS))
         except FingertipError:
             raise

@@ -11,7 +11,7 @@ it has
     EXAMPLE     constants that x takes, for tests and tables
 
 and the equation at its head. Nothing is registered: finite elements (`palpate.models.fe.x`), sampled bodies, checks,
-`palpate fe laws` and the tests of consistency take every file that they find. Compiled with `numba.njit(cache=True)`,
+`palpate list laws` and the tests of consistency take every file that they find. Compiled with `numba.njit(cache=True)`,
 
     energy(F, J, p, P, A) -> (W, U, U', U'')
 

@@ -81,7 +81,7 @@ def _cut(solver: str, cells: int, apart: str = "") -> Fidelity:
 
 
 def _of_body(touch: BenchCase) -> str:
-    return "the layered fingertip takes minutes: palpate fe fingertip" if touch.body == "plate" else ""
+    return "the layered fingertip takes minutes: palpate build fe fingertip" if touch.body == "plate" else ""
 
 
 def _only(one: Outside) -> Callable[[BenchCase], str]:

@@ -1,14 +1,19 @@
 """What all commands have in common: options, exit codes, and words that help."""
 
+import ast
 import io
+import re
+import shlex
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 import yaml
 import zmq
 from rich.console import Console
+from typer.core import TyperGroup
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -23,6 +28,27 @@ from palpate.studies.files import refuse
 from palpate.views.run import Run
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "kidney.mcap"
+ROOT = Path(__file__).parents[2]
+TOP = typer.main.get_command(app)
+
+
+def leaves(command, *names):
+    """Name and click command of each command that is no group."""
+    if isinstance(command, TyperGroup):
+        for name, sub in command.commands.items():
+            yield from leaves(sub, *names, name)
+    else:
+        yield " ".join(names), command
+
+
+LEAVES = dict(leaves(TOP))
+MEANINGS = {
+    "out": {"-o", "--out"}, "quiet": {"-q", "--quiet"}, "as_json": {"--json"}, "force": {"--force"},
+    "no_pictures": {"--no-pictures"},
+}  # fmt: skip
+"""The names of the options that mean the same in all commands: see CONTRIBUTING."""
+PEOPLE = {"touch", "view", "remote join"}
+"""Commands without --json: two serve a page, one is a worker."""
 
 
 def say(*words: object):
@@ -33,13 +59,78 @@ def say(*words: object):
     "words",
     [
         ("echo", GOLDEN, "nothing"), ("echo", GOLDEN), ("export", GOLDEN, "--to", "nothing"),
-        ("export", GOLDEN, "--to", "csv", "--stream", "nix"), ("film", GOLDEN, "-o", "x.avi"), ("info", "none.mcap"),
-        ("film", "none.mcap"), ("picture", GOLDEN, "--at", "99"), ("plot", GOLDEN, "foo.bar"),
-        ("pictures", "none.mcap"), ("replay", GOLDEN, "--only", "foo"), ("compare", GOLDEN, "--set", "foo=1"),
+        ("export", GOLDEN, "--to", "csv", "--stream", "nix"), ("picture", GOLDEN, "--film", "-o", "x.avi"),
+        ("info", "none.mcap"),
+        ("picture", "none.mcap", "--film"), ("picture", GOLDEN, "--at", "99"), ("picture", GOLDEN, "foo.bar"),
+        ("picture", "none.mcap"), ("replay", GOLDEN, "--only", "foo"), ("compare", GOLDEN, "--set", "foo=1"),
     ],
 )  # fmt: skip
 def test_wrong_input_has_exit_code_2_in_every_command(words):
     assert say(*words).exit_code == 2
+
+
+def test_the_help_fits_on_one_screen():
+    """24 commands at most, in 7 groups of 8 at most, each on one line: 50 lines of 80 columns."""
+    text = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}).stdout
+    assert len(text.rstrip().splitlines()) <= 50
+    panels = [sub.rich_help_panel for sub in TOP.commands.values()]
+    assert len(panels) <= 24 and len(set(panels)) <= 7 and max(panels.count(one) for one in panels) <= 8
+    assert None not in panels and "--install-completion" not in text
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_options_that_mean_the_same_have_the_same_name(name):
+    command = LEAVES[name]
+    given = {param.name: {*param.opts, *param.secondary_opts} for param in command.params}
+    for meaning, names in MEANINGS.items():
+        assert given.get(meaning, names) == names
+        assert not [own for own, has in given.items() if own != meaning and has & names]
+    assert "as_json" in given or name in PEOPLE
+    options = set().union(*given.values())
+    assert not options & {"--output", "--folder", "--pictures", "--overwrite", "--silent"}
+    assert "--to" not in options or name in ("export", "replay")  # a format; the end of a replay
+
+
+@pytest.mark.parametrize("name", LEAVES)
+def test_the_help_of_each_command_has_an_example_that_is_one(name):
+    command = LEAVES[name]
+    assert command.epilog and command.epilog.startswith(f"Example: palpate {name}"), command.epilog
+    words = shlex.split(command.epilog.removeprefix(f"Example: palpate {name}"))
+    assert command.make_context(name, words) is not None
+
+
+def spoken_of():
+    """Where, and what follows `palpate` there, in all text for users: pages, graphs, and strings of the code."""
+    for path in sorted(ROOT.rglob("*")):
+        here = path.relative_to(ROOT)
+        if here.parts[0] in (".venv", ".git", "build", "tests", "runs") or here.is_relative_to("docs/decisions"):
+            continue
+        if path.is_dir() or path.is_symlink() or path.name == "CHANGELOG.md":
+            continue
+        if path.suffix == ".py":
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            texts = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str)]
+        elif path.suffix in (".md", ".yaml", ".ipynb", ".html", ".js", ".sh", ".json"):
+            texts = [path.read_text(encoding="utf-8")]
+        else:
+            continue
+        for text in texts:
+            for found in re.findall(r"(?:`|: +|\()palpate((?: [\w-]+)+)", text):
+                yield str(here), found.split()
+
+
+def test_every_command_that_a_text_names_exists():
+    """Also in error messages. A word that is no option of a group is its command."""
+    wrong, count = [], 0
+    for where, words in spoken_of():
+        command, rest = TOP, [word for word in words if word != "--debug"]
+        while isinstance(command, TyperGroup) and rest and not rest[0].startswith("-") and rest[0].islower():
+            count += 1
+            if rest[0] not in command.commands:
+                wrong.append(f"{where}: palpate {' '.join(words[:3])}")
+                break
+            command, rest = command.commands[rest[0]], rest[1:]
+    assert count > 300 and not wrong, (count, wrong)
 
 
 def test_a_missing_scene_hides_no_other_fault(tmp_path):
@@ -71,7 +162,7 @@ def test_a_wrong_quantity_names_the_unit_of_its_setting(path, words):
 
 
 def test_the_numbers_of_a_tissue_have_units():
-    told = say("tissues", "liver-human").stdout
+    told = say("list", "tissues", "liver-human").stdout
     assert "stiffness: 994.998 N/m^n" in told and "young: 6653.79 Pa" in told and "None" not in told
 
 

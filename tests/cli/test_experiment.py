@@ -227,5 +227,5 @@ def test_an_experiment_that_ships_can_be_run_and_simulated(file, tmp_path):
 
 def test_events_on_lsl_need_pylsl(mine, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pylsl", None)
-    done = call(mine(), "--simulate", "--lsl", "-o", "out")
+    done = call(mine(TEXT + "lsl: true\n"), "--simulate", "-o", "out")
     assert done.exit_code == 2 and 'pip install "palpate[lsl]"' in done.output

@@ -128,7 +128,7 @@ def test_messages_of_sources_whose_computing_was_stopped_leave_no_file_and_are_c
         patch.setattr(Drag, "start", ctrl_c)
         with pytest.raises(KeyboardInterrupt):
             recording.file()
-        assert CliRunner().invoke(app, ["recover", "--full", str(file)]).exit_code == 130
+        assert CliRunner().invoke(app, ["export", str(file), "--to", "mcap", "--full"]).exit_code == 130
     assert set(tmp_path.iterdir()) == before
     assert len(list(recording.messages("sum"))) == 300
 

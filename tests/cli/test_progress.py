@@ -43,6 +43,6 @@ def test_a_busy_machine_is_told_before(clock, capsys, monkeypatch):
     run(clock, ())
     assert "This machine is busy: its load average is 3.0 on 2 cores" in capsys.readouterr().err
     assert busy(own=2.0) == ""
-    with progress.steps("fit-body", 1, timed=False):
+    with progress.steps("fit body", 1, timed=False):
         pass
-    assert capsys.readouterr().err.splitlines() == ["fit-body"]
+    assert capsys.readouterr().err.splitlines() == ["fit body"]

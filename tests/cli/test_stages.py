@@ -35,7 +35,18 @@ def test_quiet_is_quiet():
 
 
 def test_reduce_says_what_it_does_while_it_does_it(tmp_path):
-    words = ["reduce", "--set", "surface=sphere", "--set", "coarse=50", "--set", "model=linear", "--to", str(tmp_path)]
+    words = [
+        "build",
+        "basis",
+        "--set",
+        "surface=sphere",
+        "--set",
+        "coarse=50",
+        "--set",
+        "model=linear",
+        "--out",
+        str(tmp_path),
+    ]
     outcome = CliRunner().invoke(app, words)
     assert outcome.exit_code == 0, outcome.output
     assert "meshing: the inside of" in outcome.stderr and "condensing: 100%" in outcome.stderr

@@ -101,11 +101,11 @@ EMULATED = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]
 def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sample(tmp_path):
     """As docs/devices.md shows it, with the defaults: the sample has K 3000 N/m^1.5, n 1.5 and c 5 s/m."""
     out = tmp_path / "press.csv"
-    recorded = run("record-indentation", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
+    recorded = run("fit", "record", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert recorded.exit_code == 0, recorded.output
     recording = tmp_path / "press-gel-1.mcap"
     whole = recording.read_bytes()
-    again = run("record-indentation", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
+    again = run("fit", "record", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert again.exit_code == 2 and "is there already" in again.stderr
     assert recording.read_bytes() == whole, "refused before the first press was written over"
     lines = [line for line in recorded.stdout.splitlines() if line.startswith("next: ")]

@@ -28,8 +28,8 @@ from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
 FULL_SCALE, PER_TORQUE = 4096, 10_000.0
-"""Largest motor word of a Falcon, and words per N m: libnifalcon, src/kinematic/FalconKinematicStamper.cpp, getForces:
-"torque *= 10000.0"."""
+"""Largest motor word of a Falcon, which is this project's choice; words per N m, of libnifalcon
+(src/kinematic/FalconKinematicStamper.cpp, getForces: "torque *= 10000.0"), which has no limit there."""
 ANYWHERE = ((-math.inf,) * 3, (math.inf,) * 3)
 FALCON_BOX = ((-0.09, -0.09, 0.06), (0.09, 0.09, 0.185))
 DIY_BOX = ((-0.12, 0.02, -1.0), (0.16, 0.16, 1.0))

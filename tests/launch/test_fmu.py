@@ -18,7 +18,7 @@ OUTPUT = ["contact.force", "contact.indentation", "controller.force.z", "statics
 
 def exported(folder, *more):
     file = folder / "touch.fmu"
-    result = CliRunner().invoke(app, ["export", "kidney", "--to", "fmu", "-o", str(file), *more])
+    result = CliRunner().invoke(app, ["build", "fmu", "kidney", "-o", str(file), *more])
     assert result.exit_code == 0, result.output
     return str(file)
 
@@ -76,7 +76,7 @@ def test_a_graph_of_ones_own_with_a_class_of_ones_own_whatever_its_name(tmp_path
         "from palpate.nodes.deformation import MassSpring\n\n\nclass Soft(MassSpring):\n    stiffness = 1e3\n"
     )
     (tmp_path / "3-soft.yaml").write_text("extends: kidney\nnodes: {tissue: {use: soft_organ.Soft}}\n")
-    result = CliRunner().invoke(app, ["export", "3-soft.yaml", "--to", "fmu"])
+    result = CliRunner().invoke(app, ["build", "fmu", "3-soft.yaml"])
     assert result.exit_code == 0, result.output
     sys.modules.pop("soft_organ")
     assert simulated("3-soft.fmu")["contact.force"].max() > 0.1
@@ -84,17 +84,17 @@ def test_a_graph_of_ones_own_with_a_class_of_ones_own_whatever_its_name(tmp_path
 
 def test_what_is_not_for_it_is_refused(tmp_path):
     assert CliRunner().invoke(app, ["export", "a.mcap", "--to", "csv", "--set", "rate=500"]).exit_code == 2
-    result = CliRunner().invoke(app, ["export", "kidney", "--to", "fmu", "-o", str(tmp_path / "no" / "k.fmu")])
+    result = CliRunner().invoke(app, ["build", "fmu", "kidney", "-o", str(tmp_path / "no" / "k.fmu")])
     assert result.exit_code != 0 and "k.fmu" in result.output + str(result.exception)
 
 
 def test_a_graph_with_a_device_is_refused(tmp_path):
-    result = CliRunner().invoke(app, ["export", "falcon", "--to", "fmu", "-o", str(tmp_path / "f.fmu")])
+    result = CliRunner().invoke(app, ["build", "fmu", "falcon", "-o", str(tmp_path / "f.fmu")])
     assert result.exit_code != 0 and "'device' drives a device" in result.output + str(result.exception)
 
 
 def test_without_pythonfmu_it_says_what_to_install(tmp_path, monkeypatch):
     for name in ("pythonfmu3", "pythonfmu3.builder"):
         monkeypatch.setitem(sys.modules, name, None)
-    result = CliRunner().invoke(app, ["export", "kidney", "--to", "fmu", "-o", str(tmp_path / "k.fmu")])
+    result = CliRunner().invoke(app, ["build", "fmu", "kidney", "-o", str(tmp_path / "k.fmu")])
     assert result.exit_code != 0 and 'pip install "palpate[fmu]"' in result.output + str(result.exception)

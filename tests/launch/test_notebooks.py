@@ -39,7 +39,7 @@ def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
     def run(command, **how):
         if command[:3] != [sys.executable, "-m", "palpate.cli"]:
             return process(command, **how)
-        commands.append(command[3])
+        commands.append(command[3:5])
         done = CliRunner().invoke(app, command[3:])
         return SimpleNamespace(returncode=done.exit_code, stdout=done.stdout, stderr=done.stderr)
 
@@ -48,7 +48,7 @@ def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
     for cell in nbformat.read(FOLDER / "own_material.ipynb", 4).cells:
         if cell.cell_type == "code":
             exec(cell.source, names)
-    assert commands == ["reduce"]
+    assert commands == [["build", "basis"]]
 
 
 def test_there_are_two():

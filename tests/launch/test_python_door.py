@@ -130,7 +130,7 @@ def test_force_is_plotted_over_indentation(run, file, tmp_path):
     with pytest.raises(palpate.PalpateError, match="is a vector"):
         run.plot("contact.force", over="contact.normal")
     target = tmp_path / "xy.svg"
-    arguments = ["plot", str(file), "contact.force", "--over", "finger.time", "-o", str(target)]
+    arguments = ["picture", str(file), "contact.force", "--over", "finger.time", "-o", str(target)]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code != 0 and "no field 'time'" in result.stderr
     arguments[4] = "tissue.stiffness"
@@ -270,7 +270,7 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
     drawn = figure.axes[1].lines[0].get_ydata()
     np.testing.assert_allclose(drawn, 1e3 * np.asarray(run.contact.indentation))
     target = tmp_path / "out" / "force.png"
-    result = CliRunner().invoke(app, ["plot", str(file), "contact.force", "-o", str(target)])
+    result = CliRunner().invoke(app, ["picture", str(file), "contact.force", "-o", str(target)])
     assert result.exit_code == 0
     assert target.read_bytes()[:4] == b"\x89PNG"
 
@@ -286,7 +286,7 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
     ],
 )
 def test_what_cannot_be_plotted_is_told_in_one_line(file, names, told):
-    result = CliRunner().invoke(app, ["plot", str(file), *names])
+    result = CliRunner().invoke(app, ["picture", str(file), *names])
     assert result.exit_code != 0
     assert told in " ".join(result.stderr.split())
     assert "Traceback" not in result.output

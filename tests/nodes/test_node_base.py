@@ -124,3 +124,11 @@ def test_every_default_lies_within_its_own_limits(use):
     for setting in settings(find_class(use)).values():
         if setting.default is not ...:
             convert(setting, setting.default)
+
+
+@pytest.mark.parametrize("entry", catalogue()[0], ids=lambda entry: entry.use)
+def test_a_node_that_never_started_has_no_notes_and_can_be_stopped(entry):
+    """A run that fails before its start collects the notes of all its nodes, and stops them."""
+    missing = {name: one for name, one in settings(entry.cls).items() if one.default is ...}
+    node = entry.cls(**{name: ("x",) if "tuple" in str(one.type) else "x" for name, one in missing.items()})
+    assert (node.notes(), node.condition(), node.stop(), node.notes()) == ([], "", None, [])

@@ -336,13 +336,13 @@ def test_a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk_and_recovere
     assert not recording.complete and len(whole) > 1000
     assert verify(recording, plan_of(recording)).ok
     code, out, _ = say("info", path)
-    assert code == 0 and "palpate recover" in out
+    assert code == 0 and "palpate export --to mcap" in out
     target, counts = recover(path)
     again = Recording(target)
     assert again.complete and list(again.raw()) == whole and sum(counts.values()) == len(whole)
     with open(target, "rb") as file:
         assert make_reader(file).get_summary().statistics.message_count == len(whole)
-    assert say("recover", path)[0] == 2  # the recovered file exists already
+    assert say("export", path, "--to", "mcap")[0] == 2  # the recovered file exists already
     assert say("replay", target, "--check")[0] == 0
 
 
@@ -423,7 +423,7 @@ def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
         assert "damaged" in str(error) or "not an MCAP file" in str(error) or "cut off" in str(error)
         return
     read_back = list(recording.raw())
-    assert not recording.complete and "byte" in recording.ending and "palpate recover" in recording.ending
+    assert not recording.complete and "byte" in recording.ending and "palpate export --to mcap" in recording.ending
     assert read_back == whole[: len(read_back)]
     assert {name: good.streams[name].schema for name in recording.streams} == {
         name: stream.schema for name, stream in recording.streams.items()
@@ -443,10 +443,10 @@ def test_damage_is_told_by_every_command_without_a_traceback(small, tmp_path, pa
     path = tmp_path / "bad.mcap"
     path.write_bytes(data)
     for verb in (["info"], ["replay", "--check"], ["replay"], ["export", "--to", "csv", "--out", tmp_path / "csv"],
-                 ["recover"]):  # fmt: skip
+                 ["export", "--to", "mcap"]):  # fmt: skip
         code, out, err = say(verb[0], path, *verb[1:])
         said = " ".join((out + err).split())
-        assert "Traceback" not in said and (code == 2 or verb[0] == "recover" or "at byte" in said), (verb, said)
+        assert "Traceback" not in said and (code == 2 or "mcap" in verb or "at byte" in said), (verb, said)
         assert code == 0 or f"{path}" in said
 
 
@@ -507,8 +507,8 @@ def test_what_is_no_recording_is_told_in_one_line(tmp_path):
         foreign(tmp_path / "new.mcap", version="99"): "schema version '99', this palpate reads '1'",
     }
     for path, words in cases.items():
-        for verb in (["info"], ["replay"], ["echo", "{}", "x"], ["export", "{}", "--to", "csv"], ["recover"],
-                     ["compare", "{}", "--set", "a.b=1"]):  # fmt: skip
+        for verb in (["info"], ["replay"], ["echo", "{}", "x"], ["export", "{}", "--to", "csv"],
+                     ["export", "{}", "--to", "mcap"], ["compare", "{}", "--set", "a.b=1"]):  # fmt: skip
             args = [str(path) if a == "{}" else a for a in verb] if "{}" in verb else [*verb, path]
             code, _, err = say(*args)
             assert code == 2 and words in err and "Traceback" not in err, (args, err)

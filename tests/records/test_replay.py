@@ -191,7 +191,7 @@ def test_a_touch_whose_recording_lacks_messages_says_so_and_exits_1(tmp_path, mo
 
     monkeypatch.setattr("palpate.views.page.session.execute", touched)
     monkeypatch.setattr("palpate.views.page.session.Session.open", lambda _: None)
-    monkeypatch.setattr("palpate.cli.commands.graphs.touch.show", show)
+    monkeypatch.setattr("palpate.cli.commands.running.touch.show", show)
     code, out, err = say("touch", "kidney", "--out", tmp_path / "touched", "--no-open")
     assert code == (0 if whole else 1), err
     assert "kidney-1.mcap" in out
@@ -422,12 +422,6 @@ def test_the_speed_is_kept(touch):
     replay = Replay(recording, plan_of(recording), speed=2.0)
     replay.run()
     assert replay.wall >= 0.199 / 2.0
-
-
-def test_step_by_step_prints_each_instant_and_ends_at_q(touch):
-    code, out, _ = say("replay", touch, "--step", stdin="\n3\nq\n")
-    assert code == 0
-    assert [out.count(f" {tick} ") > 0 for tick in (0, 1, 4)] == [True] * 3 and "force (-4.9998, 0, 0) N" in out
 
 
 def test_a_replay_does_not_overwrite_its_own_recording(touch):

@@ -152,7 +152,7 @@ def test_a_check_that_differs_is_told_with_stream_tick_and_versions(tmp_path, mo
         assert code == 1 and "tick 400" in err and "Traceback" not in err
     code, out, _ = say("replay", path, "--check")
     assert code == 1 and "first difference: stream 'spring', tick 400" in out
-    code, out, err = say("recover", path, "--full")
+    code, out, err = say("export", path, "--to", "mcap", "--full")
     assert code == 1 and "tick 400" in err and f"{201 * len(NODES)} messages" in out
     kept = Recording(path.with_name("sources-full.mcap"))
     assert sorted(kept.raw(), key=lambda row: (row[1], row[0])) == [row for row in right if row[1] <= 200]
@@ -284,5 +284,5 @@ def test_an_unknown_word_is_told(tmp_path):
 
 
 def test_recover_full_of_a_whole_recording_is_told(tmp_path):
-    code, _, err = say("recover", record(tmp_path, only="all"), "--full")
+    code, _, err = say("export", record(tmp_path, only="all"), "--to", "mcap", "--full")
     assert code == 2 and "holds all messages" in err

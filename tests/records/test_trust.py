@@ -85,7 +85,7 @@ COMMANDS = [
     ["compare", "run.mcap", "--set", "scene.tissue.stiffness=300", "--no-pictures"],
     ["echo", "run.mcap", "grip"],
     ["export", "run.mcap", "--to", "csv", "--out", "tables"],
-    ["plot", "run.mcap", "grip.force"],
+    ["picture", "run.mcap", "grip.force"],
     ["view", "run.mcap", "--no-open"],
     ["picture", "run.mcap", "--at", "0.03"],
 ]
@@ -104,7 +104,7 @@ def test_what_needs_no_foreign_class_works_without_it(here):
     assert say("info", "run.mcap")[0] == 0
     assert say("echo", "run.mcap", "contact", "-n", "1")[0] == 0
     assert say("export", "run.mcap", "--to", "csv", "--stream", "contact", "--out", "contacts")[0] == 0
-    assert say("recover", "run.mcap", "--out", "again.mcap")[0] == 0
+    assert say("export", "run.mcap", "--to", "mcap", "--out", "again.mcap")[0] == 0
     assert len(palpate.open("run.mcap").contact.force) == 50
     assert not (here / "was imported").exists()
 

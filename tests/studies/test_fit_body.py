@@ -101,7 +101,7 @@ def pressed(moduli, right):
 
 
 def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path):
-    given = ["fit-body", "kidney", "--duration", "0.27 s", "-o", str(tmp_path / "f.yaml"), "--json"]
+    given = ["fit", "body", "kidney", "--duration", "0.27 s", "-o", str(tmp_path / "f.yaml"), "--json"]
     ran = CliRunner().invoke(app, [*given, *(word for text in TAP for word in ("--set", text))])
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)

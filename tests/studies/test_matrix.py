@@ -164,7 +164,7 @@ def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypa
     assert seconds > 0.0
     assert ready(node) == seconds
     node.start()
-    with pytest.raises(UnsupportedError, match="palpate reduce"):
+    with pytest.raises(UnsupportedError, match="palpate build basis"):
         ready(ReducedFE(model="sampled", surface="sphere", coarse=50))
 
 

@@ -186,7 +186,7 @@ def test_what_a_reference_is_itself_off_by_stands_beside_the_differences_from_it
     [
         ["tune", "kidney", "--budget", "1 ms"],
         ["rates", "kidney"],
-        ["fit-body", "kidney"],
+        ["fit", "body", "kidney"],
         ["bench", "accuracy", "--quick", "--touch", "plate"],
     ],
 )

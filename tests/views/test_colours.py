@@ -104,7 +104,7 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
 def test_a_colour_that_there_is_not_is_told_in_one_line(file, tmp_path):
     for name, words in (("slip", "sends no slip. Available colours: displacement, pressure, strain"),
                         ("heat", "expected one of displacement, pressure, slip, strain")):  # fmt: skip
-        for verb in (["picture", "--at", "0.3"], ["film"]):
+        for verb in (["picture", "--at", "0.3"], ["picture", "--film"]):
             result = CliRunner().invoke(app, [verb[0], str(file), *verb[1:], "--colour", name])
             assert result.exit_code == 2 and words in " ".join(result.stderr.split()), result.output
     assert [one.name for one in file.parent.iterdir()] == [file.name]

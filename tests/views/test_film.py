@@ -91,12 +91,12 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
 def test_what_is_missing_is_told_in_one_line(file, tmp_path, monkeypatch):
     assert "recorded from 0.000 s to 0.349 s" in told("picture", file, "--at", "2 s")
     assert "--at" in told("picture", file, "--at", "2 N")
-    assert "expected .mp4 or .gif" in told("film", file, "-o", tmp_path / "x.avi")
+    assert "expected .mp4 or .gif" in told("picture", file, "--film", "-o", tmp_path / "x.avi")
     there = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda n, *more: None if n == "imageio_ffmpeg" else there(n, *more)
     )
-    assert 'pip install "palpate[film]"' in told("film", file, "-o", tmp_path / "x.mp4")
+    assert 'pip install "palpate[film]"' in told("picture", file, "--film", "-o", tmp_path / "x.mp4")
     assert not list(tmp_path.iterdir())
 
 
@@ -107,4 +107,4 @@ def test_a_recording_without_shape_or_message_says_so(tmp_path):
     log.start()
     log.stop()
     assert "no stream of surfaces" in told("picture", empty, "--at", "0")
-    assert "no message was recorded" in told("plot", empty, "finger.position")
+    assert "no message was recorded" in told("picture", empty, "finger.position")

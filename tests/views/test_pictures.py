@@ -426,7 +426,7 @@ def test_whatever_streams_there_are_the_others_are_not_missed(tmp_path, streams,
 
 
 def test_the_command_draws_a_recording(touch_file, tmp_path, without_3d):
-    result = CliRunner().invoke(app, ["pictures", str(touch_file), "-o", str(tmp_path), "--json"])
+    result = CliRunner().invoke(app, ["picture", str(touch_file), "-o", str(tmp_path), "--json"])
     assert result.exit_code == 0 and "friction.png" in result.stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(PLOTS)
 
@@ -436,8 +436,8 @@ def test_the_command_refuses_what_is_no_recording(tmp_path):
     file.write_bytes(b"nothing")
     with pytest.raises(RecordingError, match="not an MCAP file"):
         draw(file, tmp_path)
-    result = CliRunner().invoke(app, ["pictures", str(file)])
+    result = CliRunner().invoke(app, ["picture", str(file)])
     assert result.exit_code == 2 and "Traceback" not in result.stderr
     empty = record(tmp_path / "e.mcap", {"a": [DeviceState()]})
-    result = CliRunner().invoke(app, ["pictures", str(empty)])
+    result = CliRunner().invoke(app, ["picture", str(empty)])
     assert result.exit_code == 1 and "nothing that could be drawn" in result.stderr

@@ -55,7 +55,7 @@ def test_presses_holds_and_slides_have_the_force_of_the_reference(forces):
 @pytest.mark.parametrize("graph, node", [("kidney", "tissue"), ("organs", "liver")])
 def test_a_scene_without_constants_for_the_beams_is_told_whose_they_are(graph, node):
     notes = load(graph, overrides=[f"{node}.use=deformation.BeamBundle"]).notes
-    told = [note for note in notes if "human fingertip" in note and "palpate fit-body" in note]
+    told = [note for note in notes if "human fingertip" in note and "palpate fit body" in note]
     assert len(told) == (graph == "organs") and all("layers, moduli, relaxations" in note for note in told)
 
 

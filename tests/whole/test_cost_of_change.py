@@ -107,6 +107,8 @@ ADDED = {
 
         import typer
 
+        EXAMPLE = "palpate greet Ada"
+
 
         def greet(name: str) -> None:
             """Greet somebody."""
@@ -138,9 +140,9 @@ OWN = {
 """What a user of them writes in a folder of their own."""
 COMMANDS = {
     "greet": ["greet", "Ada"],
-    "nodes": ["nodes", "--json"],
-    "messages": ["messages", "Warmth", "--json"],
-    "laws": ["fe", "laws", "--json"],
+    "nodes": ["list", "nodes", "--json"],
+    "messages": ["list", "messages", "Warmth", "--json"],
+    "laws": ["list", "laws", "--json"],
     "check": ["check", "rub.yaml"],
     "wrong": ["check", "rub.yaml", "--set", "friction.mu=-1"],
     "run": ["run", "rub.yaml", "--fused", "--duration", "0.5", "--record", "rub.mcap", "--quiet"],

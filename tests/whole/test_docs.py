@@ -53,20 +53,20 @@ NOT_RUN = {
     "palpate bench": "minutes; tests/studies runs its parts",
     "palpate tune": "minutes; tests/studies/test_tune.py",
     "palpate rates": "minutes; tests/studies/test_rates.py",
-    "palpate fe": "minutes; tests/models/fe/study",
+    "palpate build fe": "minutes; tests/models/fe/study",
     "palpate top": "goes on until it is ended",
-    "palpate join": "waits for another machine; tests/launch/run",
+    "palpate remote join": "waits for another machine; tests/launch/run",
     "palpate run kidney --place far.yaml": "waits for another machine",
     "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
     "palpate run kidney --set device.use=device.Falcon --clock real": "a device",
     "palpate run falcons --set device-thumb.port=SERIAL": "two devices",
-    "palpate record-indentation press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
-    "palpate run kidney --set scene.finger.band=true --set band.model": "what palpate fit writes; tests/models/fit",
+    "palpate fit record press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
+    "palpate run kidney --set scene.finger.band=true --set band.model": "a file of fit force; tests/models/fit",
     "palpate study mine.yaml": "the reader's own study, scheduler and cluster; tests/studies/test_sweep_runs.py",
     "palpate experiment kidney-stiffness": "a page; tests/views, tests/cli/commands/test_experiment.py",
     "palpate experiment --analyse": "data of the reader's own; tests/cli/commands/test_experiment.py",
-    "palpate fit-tissue press.csv --columns": "the reader's own presses; tests/models/fit",
-    "palpate fit-tissue A1.csv": "the same",
+    "palpate fit tissue press.csv --columns": "the reader's own presses; tests/models/fit",
+    "palpate fit tissue A1.csv": "the same",
 }
 PAGE_VERBS = ("palpate touch", "palpate view", "palpate run kidney --view")
 """These serve a page until Ctrl-C: it comes as soon as they have printed the address."""
@@ -243,7 +243,7 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
     for name in names[1:]:
         (folder / name).write_bytes((folder / "FILE").read_bytes())
     if page == "docs/fingertip.md":
-        subprocess.run([*python, "fingertip", "--phantom", "SCAN"], check=True, capture_output=True)
+        subprocess.run([*python, "build", "fingertip", "--phantom", "SCAN"], check=True, capture_output=True)
     for where, words in PALPATE:
         if where.partition(":")[0] != page or skipped(words):
             continue

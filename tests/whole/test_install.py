@@ -35,14 +35,14 @@ LOG = ["log.use=logger.LSL", 'log.fields=["force"]', "log.in=[contact]", "scene.
 PURPOSE = {
     "devices": ["palpate run falcon --duration 0.1", "palpate run kidney --set device.use=device.RawHid --clock real"],
     "page": ["/usr/bin/timeout -s INT 8 palpate view touch.mcap --no-open"],
-    "fmu": ["palpate export kidney --to fmu -o kidney.fmu"],
+    "fmu": ["palpate build fmu kidney -o kidney.fmu"],
     "gym": [f"python -c {shlex.quote(GYM)}"],
     "view": [
-        "palpate plot touch.mcap contact.force",
+        "palpate picture touch.mcap contact.force",
         "palpate export touch.mcap --to vtk",
         "palpate picture touch.mcap --at 0.35",
     ],
-    "scan": ["palpate fingertip --phantom images", "palpate fingertip images -o finger.npz"],
+    "scan": ["palpate build fingertip --phantom images", "palpate build fingertip images -o finger.npz"],
     "export": ["palpate export touch.mcap --to parquet"],
     "table": [f"python -c {shlex.quote(FRAME)}"],
     "rerun": ["palpate export touch.mcap --to rerun"],
@@ -50,7 +50,7 @@ PURPOSE = {
         "palpate run kidney --fused --no-pictures --duration 0.1 "
         + " ".join(f"--set {shlex.quote(one)}" for one in LOG)
     ],
-    "film": ["palpate film touch.mcap -o touch.gif", "palpate film touch.mcap -o touch.mp4"],
+    "film": ["palpate picture touch.mcap --film -o touch.gif", "palpate picture touch.mcap --film -o touch.mp4"],
     "mesh": ["palpate run kidney --organ ball.stl --unit mm --fused --no-pictures --duration 0.1"],
     "bench": [
         "palpate bench accuracy --quick --touch indent -o bench --method FElupe",
@@ -121,7 +121,7 @@ def bare(wheel, tmp_path_factory):
 def test_in_an_empty_folder_it_touches_a_kidney_and_says_how_to_get_pictures(bare):
     env, folder, said = bare
     assert 'pip install "palpate[view]"' in said
-    assert call(env, folder, "palpate tissues").returncode == 0
+    assert call(env, folder, "palpate list tissues").returncode == 0
 
 
 @pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev"}))

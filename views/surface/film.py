@@ -182,7 +182,7 @@ def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
     stream = touch.stream_of(Surface)
     if stream is None:
         raise PictureError(
-            f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate plot` draws numbers"
+            f"{path}: no stream of surfaces in it, so there is no shape to draw; `palpate picture` draws numbers"
         )
     if touch.contact is None:
         raise PictureError(f"{path}: no contact was recorded")

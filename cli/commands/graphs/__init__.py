@@ -1,1 +1,4 @@
-"""Running graphs."""
+"""The group 'Graphs' of the help."""
+
+PANEL = "Graphs"
+ORDER = ("check", "plan", "list", "new")

@@ -3,6 +3,8 @@
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
 from palpate.cli.terminal.output import console, say, tell
 
+EXAMPLE = "palpate check kidney --scene frictionless"
+
 
 def check(
     graph: Graph,
@@ -12,7 +14,10 @@ def check(
     fused: Fused = False,
     as_json: Json = False,
 ) -> None:
-    """Check a graph, its scene and its placement; all faults are reported at once. Exit code 2 if there are any."""
+    """Check a graph, its scene and its placement.
+
+    All faults are reported at once. Exit code 2 if there are any.
+    """
     from palpate.launch.load.plan import check_stored
 
     run = chosen(graph, sets, scene, place, fused)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from typer.core import TyperCommand
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
 from palpate.cli.terminal.output import console, tell
@@ -17,20 +16,7 @@ if TYPE_CHECKING:
     from palpate.engine.plan import Plan
     from palpate.launch.load.bill import EffectCost
 
-MERMAID = "mermaid"
-_PICTURE = ".mmd"
-
-
-class Command(TyperCommand):
-    """Lets `--draw` stand alone: then it means Mermaid text on standard output."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        given = list(args)
-        for at in range(len(given) - 1, -1, -1):
-            following = given[at + 1 : at + 2]
-            if given[at] == "--draw" and not (following and following[0].endswith((_PICTURE, MERMAID))):
-                given.insert(at + 1, MERMAID)
-        return super().parse_args(ctx, given)
+EXAMPLE = "palpate plan kidney --draw -o kidney.mmd"
 
 
 def plan(
@@ -39,22 +25,23 @@ def plan(
     scene: SceneOption = None,
     place: PlaceOption = None,
     fused: Fused = False,
-    draw: Annotated[
-        str | None, typer.Option(help="Print the graph as Mermaid text, or write it to FILE.mmd.", metavar="[FILE]")
-    ] = None,
+    draw: Annotated[bool, typer.Option("--draw", help="Print the graph as Mermaid text.")] = False,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write what --draw prints to this file.")] = None,
     ablate: Annotated[
         Path | None,
         typer.Option(help="A recorded touch: compute it again with each effect toggled, and show what changes."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Show which nodes run, in which order, why the others do not, and the cost per effect.
+    """Show what runs, what does not and why, and the cost per effect.
 
     Times come from the newest recording of the graph below runs/, or from the one given to --ablate.
     """
     from palpate.launch.load.bill import bill
     from palpate.records.times import step_times
 
+    if out is not None and not draw:
+        raise typer.BadParameter("-o is the file of --draw: give both")
     run = chosen(graph, sets, scene, place, fused)
     planned = run.plan()
     times, source = step_times(planned, ablate)
@@ -62,8 +49,8 @@ def plan(
     items = bill(planned, times)
     if ablate is not None:
         _prove(ablate, items, sets or [], as_json)
-    if draw is not None:
-        _draw(planned, draw, times)
+    if draw:
+        _draw(planned, out, times)
     elif as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host,
                    "why": g.why}
@@ -96,13 +83,12 @@ def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -
         prove(Recording(file), items, sets, lambda name: done(f"{name} toggled"))
 
 
-def _draw(planned: Plan, draw: str, times: dict[str, float]) -> None:
+def _draw(planned: Plan, out: Path | None, times: dict[str, float]) -> None:
     from palpate.launch.load.draw import mermaid
 
-    if draw == MERMAID:
-        typer.echo(mermaid(planned, times), nl=False)
-    elif draw.endswith(_PICTURE):
-        Path(draw).write_text(mermaid(planned, times), encoding="utf-8")
-        typer.echo(draw)
+    text = mermaid(planned, times)
+    if out is None:
+        typer.echo(text, nl=False)
     else:
-        raise typer.BadParameter(f"found {draw!r}, expected a file name ending in .mmd", param_hint="--draw")
+        out.write_text(text, encoding="utf-8")
+        typer.echo(out)

@@ -1,1 +1,4 @@
-"""This machine: devices, keys, diagnostics."""
+"""The group 'Machine' of the help."""
+
+PANEL = "Machine"
+ORDER = ("doctor", "devices", "remote")

@@ -10,10 +10,12 @@ import typer
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import console, say, table, tell
-from palpate.physics.errors import MISUSE, TROUBLE
+from palpate.physics.errors import TROUBLE
 
 if TYPE_CHECKING:
     from palpate.drivers.discover import Found
+
+EXAMPLE = "palpate devices --emulate falcon"
 
 
 def devices(
@@ -29,7 +31,7 @@ def devices(
     seconds: Annotated[float, typer.Option(help="How long to run it.", min=0.1, max=3600)] = 3.0,
     as_json: Json = False,
 ) -> None:
-    """List the devices on this machine: node, port, permissions and the next step.
+    """List connected devices, their permissions and the next step.
 
     Without hardware, `port: emulator` on a device's node runs the whole graph with an emulator of its protocol.
     """
@@ -106,4 +108,4 @@ def _emulate(name: str, seconds: float, as_json: bool) -> None:
     else:
         typer.echo(f"{counts['answers']} answers of {counts['cycles']} cycles in {seconds:g} s")
     if not counts["ok"]:
-        raise typer.Exit(MISUSE)
+        raise typer.Exit(TROUBLE)

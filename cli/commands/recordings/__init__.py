@@ -1,1 +1,4 @@
-"""What is done with recordings."""
+"""The group 'Recordings' of the help."""
+
+PANEL = "Recordings"
+ORDER = ("info", "echo", "picture", "replay", "compare", "export")

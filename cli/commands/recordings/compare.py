@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import File, Json, Trust
+from palpate.cli.terminal.options import File, Json, NoPictures, Trust
 from palpate.cli.terminal.output import console, drawn, say, table, tell
 from palpate.cli.terminal.progress import ticks
 
 if TYPE_CHECKING:
     from palpate.records.compare import Variant
+
+EXAMPLE = "palpate compare runs/kidney.mcap --set tissue.use=deformation.ReducedFE"
 
 
 def compare(
@@ -25,13 +27,14 @@ def compare(
         str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
     ] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG; FILE-compare.png if left out.")] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw the picture.")] = True,
+    no_pictures: NoPictures = False,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Compute a recorded touch with several variants: differences in force, indentation and shape, and step times.
+    """Compute a recorded touch with several variants of its graph.
 
-    A single variant is compared with the graph as it was recorded.
+    Prints differences in force, indentation and shape, and step times. A single variant is compared with the graph as
+    it was recorded.
     """
     import shlex
 
@@ -50,7 +53,7 @@ def compare(
     with ticks("computing", silent=as_json) as show:
         outcomes = work(recording, wanted, reference=base, show=show)
     target = out or file.with_name(f"{file.stem}-compare.png")
-    paths = drawn(_draw, outcomes, target) if pictures else []
+    paths = drawn(_draw, outcomes, target) if not no_pictures else []
     if as_json:
         tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": outcomes[0].name,
               "variants": [variant.report() for variant in outcomes], "picture": str(*paths) or None})  # fmt: skip

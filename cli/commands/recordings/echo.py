@@ -15,6 +15,8 @@ from palpate.cli.terminal.output import console, line
 if TYPE_CHECKING:
     from palpate.messages import Message
 
+EXAMPLE = "palpate echo runs/kidney.mcap contact -n 5"
+
 
 def echo(
     first: Annotated[str, typer.Argument(help="Recording, or the stream of a running graph.", metavar="FILE|STREAM")],
@@ -25,9 +27,10 @@ def echo(
     trust: Trust = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,
 ) -> None:
-    """Print the messages of a stream with units: `echo FILE STREAM`, or `echo STREAM` of a running graph.
+    """Print the messages of a recorded or running stream, with units.
 
-    Arrays are shortened to their size and largest magnitude. Ctrl-C ends it.
+    `echo FILE STREAM` of a recording, `echo STREAM` of a running graph. Arrays are shortened to their size and largest
+    magnitude. Ctrl-C ends it.
     """
     from palpate.launch.run.wire.discover import messages_of
 

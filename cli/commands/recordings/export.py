@@ -1,45 +1,49 @@
-"""`palpate export`: a recording in the formats of other tools."""
+"""`palpate export`: a recording in the formats of other tools, or as a complete recording."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, Sets, Trust
+from palpate.cli.terminal.options import File, Json, Trust
 from palpate.cli.terminal.output import say, tell
+from palpate.physics.errors import TROUBLE
+
+EXAMPLE = "palpate export runs/kidney.mcap --to csv"
+MCAP = "mcap"
 
 
 def export(
-    file: Annotated[Path, typer.Argument(help="Recording (.mcap); for fmu a graph.", metavar="FILE")],
-    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk; fmu.")],
+    file: File,
+    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk; mcap: a complete recording.")],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="File (foxglove, rerun, fmu) or folder; by default next to the recording."),
+        typer.Option("-o", "--out", help="File (foxglove, rerun, mcap) or folder; by default next to the recording."),
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
         int | None,
         typer.Option(help="Only every n-th message; by default all numbers, and 30 surfaces per second.", min=1),
     ] = None,
-    sets: Sets = None,
+    full: Annotated[
+        bool, typer.Option("--full", help="With --to mcap, of a recording of sources: compute and write all messages.")
+    ] = False,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView).
+    """Write a recording for other tools, or repair a truncated one.
 
-    With --to fmu, write a graph as a unit for co-simulation (FMI 3.0); --set is for it alone.
+    As MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV or VTK (ParaView). With --to mcap: a
+    complete recording from the readable part of a truncated or damaged one. Exit code 1 if a message that --full
+    computes differs from the recorded one; the messages before it are written.
     """
-    if to == "fmu":
-        from palpate.launch.fmu import export_fmu
-
-        unit = export_fmu(str(file), out, sets or ())
-        if as_json:
-            tell({"ok": True, "files": [str(unit)]})
-        else:
-            say(f"{unit}: {unit.stat().st_size / 1e6:.2f} MB", wrap=True)
+    if to == MCAP:
+        if stream or every:
+            raise typer.BadParameter("--to mcap writes all messages; leave out --stream and --every")
+        _recover(file, out, full, as_json)
         return
-    if sets:
-        raise typer.BadParameter("--set is for --to fmu: a recording is as it is; `palpate replay` computes it anew")
+    if full:
+        raise typer.BadParameter(f"--full is for --to mcap, found --to {to}")
     from palpate.records.export import export as write
     from palpate.records.reader import Recording
 
@@ -57,3 +61,22 @@ def export(
         say(note, "yellow")
     if not recording.complete:
         say(recording.ending, "yellow")
+
+
+def _recover(file: Path, out: Path | None, full: bool, as_json: bool) -> None:
+    from palpate.records.fill import explained, recover, recover_full
+    from palpate.records.reader import Recording
+
+    if full:
+        target, counts, report = recover_full(file, out)
+        wrong = explained(file, report, Recording(file).about) if report.first is not None else ""
+    else:
+        (target, counts), wrong = recover(file, out), ""
+    if as_json:
+        tell({"ok": not wrong, "file": str(target), "counts": counts, "difference": wrong or None})
+    else:
+        say(f"{target}: {sum(counts.values())} messages of {len(counts)} streams", wrap=True)
+        if wrong:
+            say(wrong, "red", err=True)
+    if wrong:
+        raise typer.Exit(TROUBLE)

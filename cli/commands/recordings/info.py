@@ -5,9 +5,14 @@ from typing import Any
 from palpate.cli.terminal.options import File, Json
 from palpate.cli.terminal.output import console, say, table, tell
 
+EXAMPLE = "palpate info runs/kidney.mcap"
+
 
 def info(file: File, as_json: Json = False) -> None:
-    """Show the contents of a recording: streams, counts, rates, losses, duration, origin, truncation."""
+    """Show what a recording contains, and where it is from.
+
+    Streams, counts, rates, losses, duration, origin, truncation.
+    """
     from palpate.records.contents import contents
     from palpate.records.stored import Stored
 

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from palpate.engine.plan import Plan
     from palpate.records.reader import Recording
 
+EXAMPLE = "palpate replay runs/kidney.mcap --check"
+
 
 def replay(
     file: File,
@@ -38,13 +40,13 @@ def replay(
     begin: Annotated[float, typer.Option("--from", help="Show and pace from this time on, in s.", min=0.0)] = 0.0,
     end: Annotated[float | None, typer.Option("--to", help="End at this time, in s.", min=0.0)] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Repeat until Ctrl-C.")] = False,
-    step: Annotated[bool, typer.Option("--step", help="Wait for Enter at each instant; q ends.")] = False,
     record: Annotated[Path | None, typer.Option(help="Record the replay to this file.")] = None,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Replay a recording: its device drives the recorded graph, another graph, or with --only a part of it.
+    """Compute a recorded touch again, or check it byte for byte.
 
+    The recorded device drives the recorded graph, another graph, or with --only a part of it.
     --check computes every message of every node again from exactly the inputs that it names, and prints the first
     difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
     versions and instructions, else numbers within 1e-6, and it says so.
@@ -66,17 +68,16 @@ def replay(
                     raise typer.BadParameter(f"--check checks the recorded graph as a whole; leave out {name}")
             _check(recording, plan, tolerance, as_json)
             return
-        from palpate.cli.terminal.replayed import as_data, stepper, summary
+        from palpate.cli.terminal.replayed import as_data, summary
         from palpate.records.changed import no_idle
         from palpate.records.replay import Replay
 
         player = Replay(recording, plan, only=only, speed=speed, begin=begin, end=end, out=record)
         no_idle(sets or [], plan, player.running)
-        show = stepper(recording) if step else lambda tick, time, messages: True
         with contextlib.suppress(KeyboardInterrupt) if loop else contextlib.nullcontext():
-            player.run(show)
+            player.run()
             while loop:
-                player.run(show)
+                player.run()
         if as_json:
             tell(as_data(player))
         else:

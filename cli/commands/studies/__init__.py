@@ -1,1 +1,4 @@
-"""Searches and benchmarks."""
+"""The group 'Studies and experiments' of the help."""
+
+PANEL = "Studies and experiments"
+ORDER = ("study", "experiment")

@@ -17,6 +17,8 @@ from palpate.cli.terminal.progress import steps
 if TYPE_CHECKING:
     from palpate.studies.psychophysics.fit import Estimate
 
+EXAMPLE = "palpate experiment kidney-stiffness --simulate"
+
 
 def experiment(
     file: Annotated[
@@ -26,23 +28,21 @@ def experiment(
         str | None, typer.Option(help="Letters and digits; default: the first whose session is not over.")
     ] = None,
     session: Annotated[int | None, typer.Option(help="Number of the session; default: the last one.", min=1)] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder; default runs/experiments/EXPERIMENT.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Default: runs/experiments/EXPERIMENT.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with a session without asking.")] = False,
     simulate: Annotated[bool, typer.Option("--simulate", help="The experiment's `observer:` takes part.")] = False,
     observer: Annotated[Path | None, typer.Option(help="Simulate the observer of this file (.yaml).")] = None,
     analyse: Annotated[Path | None, typer.Option(help="Folder of data: print and draw what they say.")] = None,
-    lsl: Annotated[bool, typer.Option("--lsl", help="Send events to the Lab Streaming Layer.")] = False,
     sets: Sets = None,
     port: Port = 0,
     host: Host = "127.0.0.1",
     no_open: NoOpen = False,
     as_json: Json = False,
 ) -> None:
-    """Run an experiment, or analyse its data: thresholds, JNDs and Weber fractions with 95 % intervals.
+    """Run a psychophysical experiment, or analyse its data.
 
-    Ctrl-C ends it; the same command goes on with the first trial that was not answered.
+    Thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it; the same command goes on with the first
+    trial that was not answered.
     """
     if analyse is not None:
         _analyse(analyse, as_json)
@@ -53,7 +53,7 @@ def experiment(
 
     with opened(file, out, participant, session, list(sets or []), resume, _sure) as sitting:
         told = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
-        if lsl or sitting.stimuli.experiment.lsl:
+        if sitting.stimuli.experiment.lsl:
             sitting.send_markers()
         for note in [*sitting.notes, told]:
             say(note, err=True)

@@ -16,6 +16,7 @@ from palpate.physics.errors import TROUBLE
 if TYPE_CHECKING:
     from palpate.studies.sweeps.study import Study
 
+EXAMPLE = "palpate study kidney-stiffness --workers 2"
 LISTED = 50  # points in the table
 
 
@@ -34,10 +35,10 @@ def study(
     yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Run one graph at many points, and keep numbers, curves or recordings of each.
+    """Run one graph at many points, with sensitivities.
 
-    Computes the points that the folder does not have yet. Ctrl-C keeps what is done; the same command goes on. Exit
-    code 1 if points failed, 130 after Ctrl-C.
+    Keeps numbers, curves or recordings of each. Computes the points that the folder does not have yet. Ctrl-C keeps
+    what is done; the same command resumes. Exit code 1 if points failed, 130 after Ctrl-C.
     """
     from palpate.studies.sweeps.file import find, load
 

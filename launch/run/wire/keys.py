@@ -108,9 +108,9 @@ def load(name: str = NAME) -> Key:
         zmq.curve_public(key.secret.encode())
     except FileNotFoundError:
         raise RunError(
-            f"there is no key {name!r} ({path}). `palpate keys --make` makes one; copy that file to the same place on "
-            "every machine that takes part. --unencrypted does without: then everybody on the network can read the run "
-            "and send into it."
+            f"there is no key {name!r} ({path}). `palpate remote keys --make` makes one; copy that file to the same "
+            "place on every machine that takes part. --unencrypted does without: then everybody on the network can "
+            "read the run and send into it."
         ) from None
     except (msgspec.MsgspecError, ValueError, zmq.ZMQError) as error:
         raise RunError(f"key {name!r}: {path} is damaged ({error})") from None

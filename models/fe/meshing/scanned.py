@@ -1,4 +1,4 @@
-"""A layered finger whose skin and bone were measured: the surfaces that `palpate fingertip` reads from an image stack.
+"""A layered finger with measured skin and bone: the surfaces that `palpate build fingertip` reads from an image stack.
 
 Both are taken along rays from the bone's axis: square to it behind the bone's rounded tip, round the tip's centre
 before it. Images show skin and bone, not the layers between. Assumed: epidermis and dermis have one thickness

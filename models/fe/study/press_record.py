@@ -187,7 +187,7 @@ class PressRun:
             inside = sorted(file.parent for file in self.folder.glob(f"*/{name}"))
             such = f", such as {inside[0]}" if inside else ""
             return ArgumentError(
-                f"{self.folder}: no {name} in it. Expected a folder that `palpate fe fingertip` has written{such}"
+                f"{self.folder}: no {name} in it. Expected a folder that `palpate build fe fingertip` has written{such}"
             )
         return ArgumentError(f"{path}: damaged: {reason}. Remove {self.folder} and run again")
 

@@ -1,1 +1,1 @@
-"""Material parameters of soft tissue and phantoms from measured presses: `palpate fit-tissue`."""
+"""Material parameters of soft tissue and phantoms from measured presses: `palpate fit tissue`."""

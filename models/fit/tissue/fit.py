@@ -1,4 +1,4 @@
-"""What `palpate fit-tissue` does: presses in, parameters with their intervals, and what the data leave open."""
+"""What `palpate fit tissue` does: presses in, parameters with their intervals, and what the data leave open."""
 
 import math
 from collections.abc import Callable, Sequence

@@ -138,5 +138,5 @@ def scene(fit: Fit) -> str:
         tissue["retardation"] = values["retardation"]
     body = yaml.safe_dump({"extends": "kidney", "tissue": {k: float(f"{v:.6g}") for k, v in tissue.items()}},
                           sort_keys=False)  # fmt: skip
-    head = f"# Fitted by `palpate fit-tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
+    head = f"# Fitted by `palpate fit tissue` to {', '.join(p.name for p in fit.presses)}: {fit.law.name}. SI units."
     return "\n".join([head, *(f"# {text}." for text in (why, *scene_young(fit))), body])

@@ -178,8 +178,8 @@ def test_the_documented_catalogue_is_the_one_there_is():
 
     from palpate.cli.__main__ import app
 
-    shown = CliRunner().invoke(app, ["effects", "--markdown"]).stdout
+    shown = CliRunner().invoke(app, ["list", "effects", "--markdown"]).stdout
     assert shown.count("\n") > 10
     assert shown in (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
-    data = json.loads(CliRunner().invoke(app, ["effects", "--json"]).stdout)
+    data = json.loads(CliRunner().invoke(app, ["list", "effects", "--json"]).stdout)
     assert {"effect", "computed_by", "shown_by", "about"} <= set(data["effects"][0])

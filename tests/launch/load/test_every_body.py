@@ -35,7 +35,9 @@ def test_it_loads_in_another_scene(scene, body):
 def test_a_basis_that_is_not_stored_is_a_fault_of_the_check_with_the_command_that_builds_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     sets = ["tissue.use=deformation.ReducedFE", "scene.nodule.nodule_depth=9 mm"]
-    with pytest.raises(PalpateError, match=r"nodule.yaml:\d+: node 'tissue'.*palpate reduce.*--set nodule_depth=0.009"):
+    with pytest.raises(
+        PalpateError, match=r"nodule.yaml:\d+: node 'tissue'.*palpate build basis.*--set nodule_depth=0.009"
+    ):
         check_stored(chosen("nodule", sets, None, None, False).plan())
 
 

@@ -11,7 +11,7 @@ from palpate.launch.load.launchfile import find
 
 @pytest.mark.parametrize("graph", ["kidney", "softness"])
 def test_a_new_launch_file_loads_and_is_not_overwritten(tmp_path, graph):
-    command = ["new", "launch", "mine", "--graph", graph, "-o", str(tmp_path)]
+    command = ["new", "launch", "mine", "--like", graph, "-o", str(tmp_path)]
     done = CliRunner().invoke(app, command)
     assert done.exit_code == 0, done.output
     run = find(str(tmp_path / "mine.yaml"))
@@ -21,7 +21,7 @@ def test_a_new_launch_file_loads_and_is_not_overwritten(tmp_path, graph):
 
 
 def test_one_for_an_unknown_graph_is_not_written(tmp_path):
-    done = CliRunner().invoke(app, ["new", "launch", "mine", "--graph", "kidny", "-o", str(tmp_path)])
+    done = CliRunner().invoke(app, ["new", "launch", "mine", "--like", "kidny", "-o", str(tmp_path)])
     assert done.exit_code == 2 and not list(tmp_path.iterdir())
 
 

@@ -66,9 +66,9 @@ FILES = {
     """,
 }
 COMMANDS = {
-    "nodes": ["nodes", "--json"],
-    "shown": ["nodes"],
-    "message": ["messages", "Glow", "--json"],
+    "nodes": ["list", "nodes", "--json"],
+    "shown": ["list", "nodes"],
+    "message": ["list", "messages", "Glow", "--json"],
     "near": ["check", "kidney", "--set", "tissue.use=lab.tissue.Foan"],
     "check": ["check", "kidney", "--set", "tissue.use=lab.tissue.Foam"],
 }

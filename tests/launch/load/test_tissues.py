@@ -83,13 +83,13 @@ def test_an_unknown_tissue_is_told_with_the_nearest_or_why_it_was_left_out():
 
 
 def test_the_command_lists_them_with_what_was_left_out():
-    listed = CliRunner().invoke(app, ["tissues"])
-    one = CliRunner().invoke(app, ["tissues", "liver-human"]).output
+    listed = CliRunner().invoke(app, ["list", "tissues"])
+    one = CliRunner().invoke(app, ["list", "tissues", "liver-human"]).output
     assert "shear: 2.09 kPa" in one and "grade       published" in one and "{" not in one
     assert listed.exit_code == 0
     assert "brain-human-cortex" in listed.output
     assert "liver-bovine-fresh" in listed.output
-    told = json.loads(CliRunner().invoke(app, ["tissues", "fat-pig", "--json"]).output)["tissues"]["fat-pig"]
+    told = json.loads(CliRunner().invoke(app, ["list", "tissues", "fat-pig", "--json"]).output)["tissues"]["fat-pig"]
     assert told["source"].startswith("Sims")
     assert told["bodies"]["full finite elements"] == "neo_hooke with its Prony series"
     assert settings("fat-pig", library.Location())["stiffness"] == told["scene"]["stiffness"]

@@ -16,7 +16,7 @@ from graphs_for_runs import GRAPH, NODES, write_graph
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.cli.commands.graphs import top
+from palpate.cli.commands.running import top
 from palpate.launch.run.wire import discover
 from palpate.launch.run.wire.addresses import endpoint
 from palpate.launch.run.wire.bus import HEALTH

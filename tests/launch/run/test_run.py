@@ -114,7 +114,7 @@ def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda ru
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    command = [sys.executable, "-m", "palpate.cli", "join", address, "far"]
+    command = [sys.executable, "-m", "palpate.cli", "remote", "join", address, "far"]
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
     with subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, start_new_session=True) as far:
         launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=duration, record=tmp_path / "run.mcap")

@@ -3,7 +3,7 @@
 import pytest
 from rich.console import Console
 
-from palpate.cli.commands.graphs.top import Row, _table
+from palpate.cli.commands.running.top import Row, _table
 from palpate.launch.run.result import Result
 from palpate.launch.run.screen import table
 from palpate.messages import Health

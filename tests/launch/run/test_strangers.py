@@ -201,7 +201,7 @@ def test_a_run_with_other_machines_is_refused_without_a_key_unless_told_otherwis
     place = tmp_path / "far.yaml"
     place.write_text("far: {nodes: [spring, drag, spread], join: true}\n")
     launch = LaunchFile(graph=write_graph(tmp_path), place=place, duration=0.1)
-    with pytest.raises(keys.RunError, match="palpate keys --make"):
+    with pytest.raises(keys.RunError, match="palpate remote keys --make"):
         execute(launch, network=Network("tcp://127.0.0.1:5999"))
 
 
@@ -212,16 +212,16 @@ def say(*args: str):
 
 def test_keys_are_made_and_listed_and_belong_to_their_user(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert "no keys" in say("keys")[1]
-    code, out = say("join", "tcp://127.0.0.1:9", "far")
+    assert "no keys" in say("remote", "keys")[1]
+    code, out = say("remote", "join", "tcp://127.0.0.1:9", "far")
     assert code == 1 and "there is no key 'rig'" in out and "--unencrypted" in out
-    code, out = say("keys", "--make")
+    code, out = say("remote", "keys", "--make")
     path = tmp_path / "palpate" / "keys" / "rig.json"
     assert code == 0 and str(path) in out
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert len(keys.load().public) == 40
-    assert say("keys", "--make")[0] == 1
-    assert say("keys", "lab", "--make")[0] == 0 and "lab" in say("keys")[1]
+    assert say("remote", "keys", "--make")[0] == 1
+    assert say("remote", "keys", "lab", "--make")[0] == 0 and "lab" in say("remote", "keys")[1]
     path.chmod(0o644)
     with pytest.raises(keys.RunError, match="others can read"):
         keys.load()

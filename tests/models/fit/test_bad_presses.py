@@ -131,7 +131,7 @@ def test_what_a_damped_press_leaves_open_is_said(tmp_path, seconds, rate):
     """The shipped kidney is damped: its loading alone belongs to its rate. Truth: 3000 N/m^1.5, 1.5."""
     sets = ["scene.surface.vertices=200", f"rate={rate}"]
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=seconds).path
-    words = ["fit-tissue", str(file), "--rig", "fingertip", "--law", "power", "-o", str(tmp_path / "fit"), "--json"]
+    words = ["fit", "tissue", str(file), "--rig", "fingertip", "--law", "power", "-o", str(tmp_path / "fit"), "--json"]
     told = json.loads(CliRunner().invoke(app, words).output)
     for name, truth in (("stiffness", 3000.0), ("exponent", 1.5)):
         assert told["parameters"][name]["low"] <= truth <= told["parameters"][name]["high"]
@@ -145,7 +145,7 @@ def saved(folder, **how):
 
 
 def run(path, *words, radius="8 mm"):
-    words = ["fit-tissue", str(path), "--rig", "ball", "--radius", radius, "--law", "hertz", *words]
+    words = ["fit", "tissue", str(path), "--rig", "ball", "--radius", radius, "--law", "hertz", *words]
     result = CliRunner().invoke(app, words)
     return result.exit_code, " ".join((result.output + str(result.exception or "")).split())
 

@@ -1,4 +1,4 @@
-"""`palpate fit` as a user runs it."""
+"""`palpate fit force` as a user runs it."""
 
 import json
 
@@ -18,8 +18,9 @@ from palpate.physics.contact.force_models import MODELS
 HEAD = "subject,session,depth [mm],force [N]"
 
 
-def run(*arguments):
-    return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["fit", *map(str, arguments)])
+def run(*arguments, pictures=False):
+    given = [*map(str, arguments), *["--no-pictures"] * (not pictures)]
+    return CliRunner(env={"COLUMNS": "200"}).invoke(app, ["fit", "force", *given])
 
 
 def write(path, forces, depths=DEPTHS, subject="a"):
@@ -99,10 +100,10 @@ def test_a_subject_and_its_models_can_be_named(example, tmp_path):
 
 
 def test_pictures_of_fit_and_density_are_drawn(example, tmp_path):
-    assert run(example, "--folds", "3", "--pictures", tmp_path / "p", "--out", tmp_path / "m.yaml").exit_code == 0
-    drawn = sorted(p.name for p in (tmp_path / "p").iterdir())
+    assert run(example, "--folds", "3", "-o", tmp_path / "m.yaml", pictures=True).exit_code == 0
+    drawn = sorted(p.name for p in (tmp_path / "m-pictures").iterdir())
     assert drawn == [f"subject-{n}-{kind}.png" for n in (1, 2) for kind in ("density", "fit", "models", "surface")]
-    assert all(p.stat().st_size > 10_000 for p in (tmp_path / "p").iterdir())
+    assert all(p.stat().st_size > 10_000 for p in (tmp_path / "m-pictures").iterdir())
 
 
 def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_path):
@@ -201,7 +202,6 @@ def test_wrong_options_are_refused_with_what_would_work(example, arguments, text
         ("--out", "file/x.yaml", "file/x.yaml: cannot be written: Not a directory"),
         ("--out", "nowhere/x.yaml", "nowhere/x.yaml: cannot be written: No such file or directory"),
         ("--out", ".", "cannot be written: this is a folder"),
-        ("--pictures", "file/x", "file/x: cannot be written: Not a directory"),
     ],
 )
 def test_a_place_that_cannot_be_written_is_refused_before_the_fit(example, tmp_path, monkeypatch, option, place, text):
@@ -235,6 +235,16 @@ def test_no_file_and_a_missing_file():
 
 
 def test_the_tables_of_a_narrow_terminal_keep_every_number(example):
-    words = ["fit", str(example), "--subject", "A", "--folds", "3", "--out", str(example.parent / "narrow.yaml")]
+    words = [
+        "fit",
+        "force",
+        str(example),
+        "--subject",
+        "A",
+        "--folds",
+        "3",
+        "--out",
+        str(example.parent / "narrow.yaml"),
+    ]
     result = CliRunner(env={"COLUMNS": "80"}).invoke(app, words)
     assert "…" not in result.stdout and max(map(len, result.stdout.splitlines())) <= 80

@@ -205,7 +205,7 @@ def test_a_file_that_cannot_be_used_is_refused_in_one_line(tmp_path, text, expec
 
 def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     path, out = saved(tmp_path, "t,d,F\n" + ROWS), tmp_path / "out"
-    words = ["fit-tissue", str(path), "--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball"]
+    words = ["fit", "tissue", str(path), "--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball"]
     result = CliRunner().invoke(app, [*words, "--radius", "30 mm", "--law", "hertz", "-o", str(out)])
     assert result.exit_code == 0, result.output
     told = json.loads((out / "report.json").read_text())
@@ -238,7 +238,7 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
 )
 def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, expected):
     path = saved(tmp_path, "t,d [mm],F\n" + ROWS)
-    result = CliRunner().invoke(app, ["fit-tissue", str(path), *words, "-o", str(tmp_path / "out")])
+    result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words, "-o", str(tmp_path / "out")])
     assert result.exit_code == 2
     assert expected in " ".join(str(result.exception or result.output).split()) + result.output
 
@@ -248,7 +248,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, mon
     monkeypatch.setattr("palpate.models.fit.tissue.fit.fit_tissue", lambda *given, **more: pytest.fail("it fits first"))
     words = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball", "--radius", "30 mm"]
     words += ["--law", "hertz", "-o", str(path / "out")]
-    result = CliRunner().invoke(app, ["fit-tissue", str(path), *words])
+    result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words])
     assert result.exit_code == 2 and "out: cannot be written: Not a directory" in " ".join(result.output.split())
 
 
@@ -263,7 +263,7 @@ def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_p
             "contact.finger_damping=0", "scene.hand.path=[{to: [0, 0, 0.095], time: 0.6}, {hold: 0.1}]"]  # fmt: skip
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=0.7).path
     for rig in ("ball", "fingertip"):
-        words = ["fit-tissue", str(file), "--rig", rig, "--radius", "8 mm", "--law", "power", "--json"]
+        words = ["fit", "tissue", str(file), "--rig", rig, "--radius", "8 mm", "--law", "power", "--json"]
         result = CliRunner().invoke(app, [*words, "-o", str(tmp_path / rig)])
         assert result.exit_code == 0, result.output
         found = json.loads(result.output)["parameters"]
@@ -326,6 +326,6 @@ def test_a_recording_without_one_press_is_refused(tmp_path):
     small = ["scene.surface.vertices=100"]
     recording = palpate.run("palpate-two", record=tmp_path / "two.mcap", duration=0.01, sets=small)
     words = ["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "-o", str(tmp_path / "out")]
-    result = CliRunner().invoke(app, ["fit-tissue", str(recording.path), *words])
+    result = CliRunner().invoke(app, ["fit", "tissue", str(recording.path), *words])
     assert result.exit_code == 2
     assert "expected one press" in " ".join(result.output.split())

@@ -19,7 +19,7 @@ from scan_images import coarse, write_images
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from palpate.cli.commands.models.fingertip import fingertip
+from palpate.cli.commands.fitting.build.fingertip import fingertip
 from palpate.models.scan import ScanError, phantom, read, rebuild, segment
 from palpate.models.scan.rebuild import reconstruct
 from palpate.physics.fingertip.anatomy import Anatomy

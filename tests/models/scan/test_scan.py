@@ -288,7 +288,7 @@ def test_smoothing_keeps_an_ellipse():
 
 def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
     folder = phantom.write_dicom(stack, tmp_path / "d")
-    result = CliRunner().invoke(app, ["fingertip", str(folder), "-o", str(tmp_path / "finger.npz"), "--json"])
+    result = CliRunner().invoke(app, ["build", "fingertip", str(folder), "-o", str(tmp_path / "finger.npz"), "--json"])
     assert result.exit_code == 0, result.output
     report = json.loads(result.output)
     assert report["slices"] == 23 and report["breadth_mm"] == approx(16, abs=0.6)
@@ -298,18 +298,18 @@ def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
 
 
 def test_the_command_tells_what_is_wrong(tmp_path):
-    result = CliRunner().invoke(app, ["fingertip", str(tmp_path / "none")])
+    result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path / "none")])
     assert result.exit_code == 2 and "no such file" in result.output
     for options in (["--spacing", "1,2"], ["-o", "finger.txt"], ["--skin", "40"], ["-o", "nowhere/finger.npz"]):
-        result = CliRunner().invoke(app, ["fingertip", str(tmp_path), *options])
+        result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path), *options])
         assert result.exit_code == 2
 
 
 @pytest.mark.parametrize("name", ["scan", "scan.nii.gz"])
 def test_the_command_writes_images_to_try_that_it_can_read(tmp_path, name):
-    made = CliRunner().invoke(app, ["fingertip", "--phantom", str(tmp_path / name), "--json"])
+    made = CliRunner().invoke(app, ["build", "fingertip", "--phantom", str(tmp_path / name), "--json"])
     assert made.exit_code == 0 and len(read(tmp_path / name).volume) == 23
-    again = CliRunner().invoke(app, ["fingertip", "--phantom", str(tmp_path / name)])
+    again = CliRunner().invoke(app, ["build", "fingertip", "--phantom", str(tmp_path / name)])
     assert again.exit_code == 2 and "exists; choose a new name" in " ".join(again.stderr.replace("│", " ").split())
 
 

@@ -47,7 +47,7 @@ def slab():
 
 
 def node_of(command):
-    """The node that a command of `palpate reduce` builds a basis for."""
+    """The node that a command of `palpate build basis` builds a basis for."""
     return ReducedFE(**settings_of([word for word in shlex.split(command)[2:] if word != "--set"]))
 
 
@@ -89,7 +89,9 @@ def test_a_basis_of_another_place_is_refused_with_the_command_that_rebuilds_it(c
     one.save(cache / node.filename())
     FakeBus(node)
     Basis(one.vertices + (0.0, 0.0, 7.4e-3), one.triangles, one.compliance).save(cache / node.filename())
-    with pytest.raises(SettingError, match=r"0\.074 of the surface's extent.*palpate reduce.*--set coarse=80.*--force"):
+    with pytest.raises(
+        SettingError, match=r"0\.074 of the surface's extent.*palpate build basis.*--set coarse=80.*--force"
+    ):
         FakeBus(ReducedFE(**SMALL))
 
 

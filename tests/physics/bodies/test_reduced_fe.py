@@ -149,7 +149,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
     back = Basis.load(path)
     assert back.compliance == approx(basis().compliance, abs=2e-5 * float(np.abs(basis().compliance).max()))
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ArchiveError, match="palpate reduce"):
+    with pytest.raises(ArchiveError, match="palpate build basis"):
         Basis.load(path)
 
 
@@ -278,5 +278,5 @@ def test_turning_the_organ_turns_its_answer():
 
 def test_a_basis_that_nobody_built_is_asked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    with pytest.raises(SettingError, match=r"palpate reduce --set poisson=0\.31$"):
+    with pytest.raises(SettingError, match=r"palpate build basis --set poisson=0\.31$"):
         FakeBus(ReducedFE(poisson=0.31))

@@ -407,7 +407,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
     it = SampledBody(back, slab().surface, YOUNG, 0.0, RADIUS, 1.0)
     assert settled(it, foot, n, nodes, push, 0.8)[3] == approx(settled(body(), foot, n, nodes, push, 0.8)[3], rel=1e-3)
     path.write_bytes(path.read_bytes()[:1000])
-    with pytest.raises(ArchiveError, match="palpate reduce"):
+    with pytest.raises(ArchiveError, match="palpate build basis"):
         SampledBasis.load(path)
 
 
@@ -442,7 +442,9 @@ def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeyp
 
 def test_a_basis_that_is_not_stored_is_asked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    with pytest.raises(SettingError, match="palpate reduce --set model=sampled --set modes=17 --set surface=fingertip"):
+    with pytest.raises(
+        SettingError, match="palpate build basis --set model=sampled --set modes=17 --set surface=fingertip"
+    ):
         FakeBus(ReducedFE(surface="fingertip", model="sampled", modes=17))
 
 

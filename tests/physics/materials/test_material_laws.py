@@ -100,7 +100,7 @@ def test_a_law_of_one_file_is_found_everywhere(gent, tmp_path, capsys):
     turned_without_stress(made)
     small_strain(made)
     assert "gent" in dir(fe)
-    from palpate.cli.commands.models.fe.laws import laws as listed
+    from palpate.cli.commands.graphs.list.laws import laws as listed
 
     listed(as_json=True)
     assert "chains of limited length" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Pictures of `palpate fit`: data with the fitted curve and its band, all regressions, and the probability density."""
+"""Pictures of `palpate fit force`: data with the fitted curve and its band, regressions, and probability density."""
 
 from pathlib import Path
 from typing import Any, NamedTuple

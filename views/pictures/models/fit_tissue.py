@@ -1,4 +1,4 @@
-"""Pictures of `palpate fit-tissue`: force and residuals, and the profile of each parameter."""
+"""Pictures of `palpate fit tissue`: force and residuals, and the profile of each parameter."""
 
 from pathlib import Path
 

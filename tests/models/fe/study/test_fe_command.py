@@ -1,4 +1,4 @@
-"""The commands `palpate reduce` and `palpate fe`."""
+"""The commands `palpate build basis` and `palpate build fe`."""
 
 import json
 import shlex
@@ -14,7 +14,7 @@ import typer
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.cli.commands.models import fe
+from palpate.cli.commands.fitting.build import fe
 from palpate.cli.terminal.group import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
@@ -35,21 +35,21 @@ def run(*words):
 def test_reduce_builds_a_basis_once_and_the_node_finds_it(tmp_path, monkeypatch, model):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     sets = ["--set", "surface=sphere", "--set", "coarse=60", "--set", f"model={model}"]
-    first = json.loads(run("reduce", *sets, "--json").stdout)
-    again = json.loads(run("reduce", *sets, "--json").stdout)
+    first = json.loads(run("build", "basis", *sets, "--json").stdout)
+    again = json.loads(run("build", "basis", *sets, "--json").stdout)
     assert first["built"] and not again["built"] and first["path"] == again["path"]
     node = ReducedFE(surface="sphere", coarse=60, model=model, vertices=300, young=5e3, retardation=0.1)
     node.start()
-    other = json.loads(run("reduce", *sets, "--set", "bed=20", "--json").stdout)
+    other = json.loads(run("build", "basis", *sets, "--set", "bed=20", "--json").stdout)
     assert other["built"] and other["path"] != first["path"]
 
 
 def test_reduce_says_what_it_cannot_use(tmp_path):
-    wrong = run("reduce", "--set", "poisson=0.5")
+    wrong = run("build", "basis", "--set", "poisson=0.5")
     assert wrong.exit_code == 2 and "'poisson'" in wrong.output
-    wrong = run("reduce", "--set", "bed")
+    wrong = run("build", "basis", "--set", "bed")
     assert wrong.exit_code == 2 and "name=value" in wrong.output
-    wrong = run("reduce", "--set", f"surface={tmp_path / 'no.stl'}")
+    wrong = run("build", "basis", "--set", f"surface={tmp_path / 'no.stl'}")
     assert wrong.exit_code != 0 and "no.stl" in wrong.output
     assert "Traceback" not in wrong.output
 
@@ -62,16 +62,18 @@ def ball(path, corners):
 
 
 def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
-    one_line(run("reduce", "--set", "poisson=["), 2, "--set poisson=[", "expected a number")
-    one_line(run("reduce", "--set", "nosuch=1"), 2, "'nosuch'", "unknown")
-    one_line(run("reduce", *ball(tmp_path / "fine.stl", 4)), 2, "2562 vertices, expected at most 2500")
+    one_line(run("build", "basis", "--set", "poisson=["), 2, "--set poisson=[", "expected a number")
+    one_line(run("build", "basis", "--set", "nosuch=1"), 2, "'nosuch'", "unknown")
+    one_line(run("build", "basis", *ball(tmp_path / "fine.stl", 4)), 2, "2562 vertices, expected at most 2500")
     fine = json.loads(
-        run("reduce", "--set", "model=sampled", "--set", "coarse=900", "--to", str(tmp_path), "--json").stdout
+        run("build", "basis", "--set", "model=sampled", "--set", "coarse=900", "--out", str(tmp_path), "--json").stdout
     )
     assert "expected at most 18000" in fine["text"] and "`coarse`" in fine["text"]
     (tmp_path / "file").write_text("")
     small = ["--set", "surface=sphere", "--set", "coarse=61"]
-    one_line(run("reduce", *small, "--to", str(tmp_path / "file" / "bases")), 2, "Not a directory", "--to bases")
+    one_line(
+        run("build", "basis", *small, "--out", str(tmp_path / "file" / "bases")), 2, "Not a directory", "--out bases"
+    )
 
 
 def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
@@ -80,8 +82,8 @@ def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(np, "savez_compressed", stopped)
-    small = ["--set", "surface=sphere", "--set", "coarse=60", "--set", "model=linear", "--to", str(tmp_path), "--json"]
-    one_line(run("reduce", *small), 130, "nothing is stored")
+    small = ["--set", "surface=sphere", "--set", "coarse=60", "--set", "model=linear", "--out", str(tmp_path), "--json"]
+    one_line(run("build", "basis", *small), 130, "nothing is stored")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -90,21 +92,21 @@ def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst,
     given = Basis(np.zeros((4, 3)), np.zeros((1, 3), dtype=np.int32), np.eye(12))
     missed = {"mean": worst / 4, "worst": worst}
     monkeypatch.setattr(builder, "built", lambda node, stages: (given, missed))
-    made = run("reduce", "--set", "surface=plane", "--set", "coarse=120", "--to", str(tmp_path))
+    made = run("build", "basis", "--set", "surface=plane", "--set", "coarse=120", "--out", str(tmp_path))
     assert made.exit_code == code, made.output
     assert f"{worst:.1%} at worst" in made.stdout
     assert ("--set coarse=240 (now 120, by default 600)" in made.stderr) == bool(code)
 
 
 def fingertip(*words):
-    return run("fe", "fingertip", "--cells", "3", *words)
+    return run("build", "fe", "fingertip", "--cells", "3", *words)
 
 
 @pytest.fixture(scope="module")
 def steel(tmp_path_factory):
     """A short run on steel, all of it in its folder."""
     folder = tmp_path_factory.mktemp("runs")
-    report = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
+    report = json.loads(fingertip("--depth", "0.1", "--material", "20", "--out", str(folder), "--json").stdout)
     return folder, report
 
 
@@ -153,7 +155,7 @@ def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_for
 def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
     folder, _ = steel
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    again = fingertip("--depth", "0.1", "--material", "20", "--to", str(folder))
+    again = fingertip("--depth", "0.1", "--material", "20", "--out", str(folder))
     assert again.exit_code == 0 and 'pip install "palpate[view]"' in again.output, again.output
     assert "0.11 N: not reached" in again.output
 
@@ -161,7 +163,7 @@ def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monk
 @pytest.mark.long
 def test_a_run_beyond_the_papers_forces_has_all_four_pictures(tmp_path):
     pytest.importorskip("matplotlib")
-    report = json.loads(fingertip("--material", "cortical", "--depth", "0.9", "--to", str(tmp_path), "--json").stdout)
+    report = json.loads(fingertip("--material", "cortical", "--depth", "0.9", "--out", str(tmp_path), "--json").stdout)
     names = [path.rpartition("/")[2] for path in report["pictures"]]
     assert names == ["force.png", "strain.png", "isostrain.png", "flow.png"]
     assert min(path.stat().st_size for path in tmp_path.rglob("*.png")) > 20_000
@@ -171,7 +173,7 @@ def test_a_run_beyond_the_papers_forces_has_all_four_pictures(tmp_path):
 def test_the_same_command_again_computes_nothing(steel):
     folder, report = steel
     before = (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns
-    again = json.loads(fingertip("--depth", "0.1", "--material", "20", "--to", str(folder), "--json").stdout)
+    again = json.loads(fingertip("--depth", "0.1", "--material", "20", "--out", str(folder), "--json").stdout)
     assert again == report
     assert (folder / "steel-20-3-0.2" / "state.npz").stat().st_mtime_ns == before
 
@@ -194,25 +196,25 @@ def test_the_same_command_again_computes_nothing(steel):
     ],
 )
 def test_fe_fingertip_says_what_it_cannot_use(tmp_path, words, text):
-    one_line(fingertip("--to", str(tmp_path / "runs"), *words), 2, text)
+    one_line(fingertip("--out", str(tmp_path / "runs"), *words), 2, text)
     assert not (tmp_path / "runs").exists()
-    told = json.loads(fingertip("--to", str(tmp_path / "runs"), *words, "--json").stdout)
+    told = json.loads(fingertip("--out", str(tmp_path / "runs"), *words, "--json").stdout)
     assert not told["ok"] and text in told["text"]
 
 
 def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
-    one_line(fingertip("--to", str(tmp_path / "file" / "runs")), 2, "Not a directory")
+    one_line(fingertip("--out", str(tmp_path / "file" / "runs")), 2, "Not a directory")
 
 
 def test_a_measured_finger_that_does_not_fit_is_said(tmp_path):
     Anatomy(bone_height=2.2e-3).fingertip().save(tmp_path / "thin.npz")
-    one_line(fingertip("--finger", str(tmp_path / "thin.npz"), "--to", str(tmp_path)), 2, "between skin and bone")
+    one_line(fingertip("--finger", str(tmp_path / "thin.npz"), "--out", str(tmp_path)), 2, "between skin and bone")
 
 
 @pytest.mark.long
 def test_another_finger_of_the_same_name_does_not_go_on_with_a_run(tmp_path):
-    words = ["--depth", "0.05", "--to", str(tmp_path), "--finger", str(tmp_path / "me.npz")]
+    words = ["--depth", "0.05", "--out", str(tmp_path), "--finger", str(tmp_path / "me.npz")]
     Anatomy().fingertip(8e-4).save(tmp_path / "me.npz")
     assert fingertip(*words).exit_code == 0
     Anatomy(width=17e-3).fingertip(8e-4).save(tmp_path / "me.npz")
@@ -226,22 +228,22 @@ def test_a_damaged_run_is_said(steel, tmp_path, name):
     broken.mkdir()
     for path in (folder / "steel-20-3-0.2").iterdir():
         (broken / path.name).write_bytes(path.read_bytes()[:100] if path.name == name else path.read_bytes())
-    again = fingertip("--depth", "0.1", "--material", "20", "--to", str(tmp_path))
+    again = fingertip("--depth", "0.1", "--material", "20", "--out", str(tmp_path))
     one_line(again, 2, name, "damaged")
 
 
 def test_fe_table_and_compare_say_what_is_no_run(steel, tmp_path):
     folder, _ = steel
     mine = str(folder / "steel-20-3-0.2")
-    one_line(run("fe", "table", mine, str(tmp_path)), 2, "no run.json", "palpate fe fingertip")
-    one_line(run("fe", "table", mine, str(folder)), 2, "no run.json", f"such as {mine}")
-    one_line(run("fe", "compare", mine, mine), 2, "a run on steel, expected one on silicone")
-    one_line(run("fe", "compare", str(tmp_path / "no"), mine), 2, "no run.json")
+    one_line(run("build", "fe", "table", mine, str(tmp_path)), 2, "no run.json", "palpate build fe fingertip")
+    one_line(run("build", "fe", "table", mine, str(folder)), 2, "no run.json", f"such as {mine}")
+    one_line(run("build", "fe", "compare", mine, mine), 2, "a run on steel, expected one on silicone")
+    one_line(run("build", "fe", "compare", str(tmp_path / "no"), mine), 2, "no run.json")
 
 
 @pytest.mark.long
 def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
-    words = ["fe", "fingertip", "--cells", "3", "--depth", "0.3", "--to", str(tmp_path)]
+    words = ["build", "fe", "fingertip", "--cells", "3", "--depth", "0.3", "--out", str(tmp_path)]
     begun = subprocess.Popen([sys.executable, "-m", "palpate.cli", *words], stderr=subprocess.PIPE, text=True)
     first = tmp_path / "steel-calibrated-3-0.2" / "step-001.npz"
     until = time.monotonic() + 120
@@ -252,7 +254,7 @@ def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
     assert begun.returncode == 130 and "the same command continues from there" in errors and "Traceback" not in errors
     report = json.loads(run(*words, "--json").stdout)
     assert report["indentation"][-1] == pytest.approx(3e-4) and (np.diff(report["indentation"]) > 0).all()
-    whole = json.loads(run(*words, "--json", "--to", str(tmp_path / "whole")).stdout)
+    whole = json.loads(run(*words, "--json", "--out", str(tmp_path / "whole")).stdout)
     assert report["force"][-1] == pytest.approx(whole["force"][-1], rel=5e-3)
 
 
@@ -261,14 +263,14 @@ def test_fe_compare_puts_both_plates_side_by_side(steel, tmp_path):
     """Short runs: what they do not reach is left out, not made up."""
     pytest.importorskip("matplotlib")
     folder, _ = steel
-    words = ["--plate", "silicone", "--material", "20", "--depth", "0.1", "--to", str(tmp_path), "--json"]
+    words = ["--plate", "silicone", "--material", "20", "--depth", "0.1", "--out", str(tmp_path), "--json"]
     soft = json.loads(fingertip(*words).stdout)
     both = (str(folder / "steel-20-3-0.2"), soft["folder"])
-    report = json.loads(run("fe", "compare", *both, "--to", str(tmp_path / "both"), "--json").stdout)
+    report = json.loads(run("build", "fe", "compare", *both, "--out", str(tmp_path / "both"), "--json").stdout)
     (row,) = report["statements"]
     assert "strain 0.1" in row["statement"] and row["steel"] is None and row["holds"] is None
     assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
-    shown = run("fe", "compare", *both, "--to", str(tmp_path / "both"))
+    shown = run("build", "fe", "compare", *both, "--out", str(tmp_path / "both"))
     assert shown.exit_code == 0 and "less on silicone" in shown.output
 
 
@@ -277,11 +279,13 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     """From two runs by `fe table` to `tactile.Flow`, which reads what the runs hold; a steel run is scaled to the
     material of the other."""
     folder, hard = steel
-    soft = json.loads(fingertip("--plate", "silicone", "--depth", "0.05", "--to", str(tmp_path), "--json").stdout)
+    soft = json.loads(fingertip("--plate", "silicone", "--depth", "0.05", "--out", str(tmp_path), "--json").stdout)
     written = tmp_path / "tables" / "mine.npz"
-    made = run("fe", "table", str(folder / "steel-20-3-0.2"), soft["folder"], "--to", str(written))
+    made = run("build", "fe", "table", str(folder / "steel-20-3-0.2"), soft["folder"], "--out", str(written))
     assert made.exit_code == 0, made.output
-    one_line(run("fe", "compare", str(folder / "steel-20-3-0.2"), soft["folder"]), 2, "divisor is 20.0 on steel")
+    one_line(
+        run("build", "fe", "compare", str(folder / "steel-20-3-0.2"), soft["folder"]), 2, "divisor is 20.0 on steel"
+    )
     force = hard["force"][-1] * 20.0 / soft["divisor"]
     touch = Contact(foot=(0, 0, 0), normal=(0, 0, 1), force=force, compression=0, indentation=0, compression_rate=0,
                     indentation_rate=0)  # fmt: skip
@@ -293,26 +297,26 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
 @pytest.mark.long
 def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_path):
     sets = ["--set", "model=sampled", "--set", "modes=8", "--set", "coarse=50"]
-    told = json.loads(run("reduce", *sets, "--to", str(tmp_path), "--json").stdout)
+    told = json.loads(run("build", "basis", *sets, "--out", str(tmp_path), "--json").stdout)
     unseen = told["unseen"]
     assert 0.0 < unseen["mean"] < unseen["worst"] < 0.1 and 0.0 < unseen["linear_mean"] < unseen["linear_worst"]
     assert SampledBasis.load(Path(told["path"])).modes.shape[1] == 8
-    loose = run("reduce", *sets, "--set", "bed=0.01", "--to", str(tmp_path), "--json")
+    loose = run("build", "basis", *sets, "--set", "bed=0.01", "--out", str(tmp_path), "--json")
     assert loose.exit_code == 2 and "for 0 touches" in json.loads(loose.stdout)["text"]
 
 
 @pytest.mark.parametrize("page", ["README.md", "docs/fingertip.md"])
 def test_the_printed_commands_compare_folders_that_they_make(page):
-    """`palpate fe compare` as printed names folders of runs that are printed before it."""
+    """`palpate build fe compare` as printed names folders of runs that are printed before it."""
     verbs = typer.main.get_command(group(fe)).commands
     made = set()
     for line in (Path(__file__).parents[4] / page).read_text(encoding="utf-8").splitlines():
-        words = shlex.split(line, comments=True) if line.startswith("palpate fe ") else []
-        if words[2:3] == ["fingertip"]:
-            given = verbs["fingertip"].make_context("fingertip", words[3:]).params
+        words = shlex.split(line, comments=True) if line.startswith("palpate build fe ") else []
+        if words[3:4] == ["fingertip"]:
+            given = verbs["fingertip"].make_context("fingertip", words[4:]).params
             names = ("plate", "material", "cells", "friction", "finger")
-            made.add(str(given["folder"] / run_name(*(given[name] for name in names))))
-        elif words[2:3] == ["compare"]:
-            given = verbs["compare"].make_context("compare", words[3:]).params
+            made.add(str(given["out"] / run_name(*(given[name] for name in names))))
+        elif words[3:4] == ["compare"]:
+            given = verbs["compare"].make_context("compare", words[4:]).params
             assert {str(given["steel"]), str(given["silicone"])} <= made
     assert made or page == "README.md"

@@ -214,5 +214,5 @@ def test_flow_refuses_a_table_that_is_no_curve(tmp_path, wrong):
 
 
 def test_flow_refuses_a_table_that_is_not_there(tmp_path):
-    with pytest.raises(SettingError, match="palpate fe table"):
+    with pytest.raises(SettingError, match="palpate build fe table"):
         FakeBus(Flow(table=str(tmp_path / "no.npz")))

@@ -1,3 +1,0 @@
-"""`palpate new`: files to begin from."""
-
-HELP = "Write templates of files."

@@ -1,0 +1,3 @@
+"""`palpate bench`."""
+
+HELP = "Benchmark the models, and the haptic loop of a device."

@@ -1,0 +1,120 @@
+"""`palpate bench accuracy`: what the models cost and how wrong they are, on this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.progress import steps
+from palpate.physics.errors import RunError
+
+if TYPE_CHECKING:
+    from palpate.studies.accuracy.cells import Cell
+    from palpate.studies.accuracy.touches import BenchCase
+
+EXAMPLE = "palpate bench accuracy --quick"
+
+
+def accuracy(
+    touches: Annotated[list[str] | None, typer.Option("--touch", help="One touch only; may be given again.")] = None,
+    only: Annotated[list[str] | None, typer.Option("--method", help="One method only; may be given again.")] = None,
+    body: Annotated[
+        list[str] | None, typer.Option(help="A body of your own beside them: mylab.tissue.Liver; may be given again.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 4 minutes of a core.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
+    rebuild: Annotated[
+        bool,
+        typer.Option(
+            "--rebuild-references", help="Compute the stored references anew, or those of --touch; needs FElupe."
+        ),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Measure the error and the step time of every model.
+
+    Standard touches, against references. Writes a page, pictures and a table. An interrupted benchmark resumes.
+    """
+    from dataclasses import asdict
+
+    from palpate.launch.load.classes import find_class
+    from palpate.physics.writable import check_folder
+    from palpate.studies.accuracy import methods as known
+    from palpate.studies.accuracy.cells import compute, matrix
+    from palpate.studies.accuracy.output.report import about as versions
+    from palpate.studies.accuracy.output.report import written
+    from palpate.studies.accuracy.refinement import mostly, told_apart
+    from palpate.studies.accuracy.touches import chosen
+
+    about, wanted = versions(), chosen(touches)
+    if rebuild:
+        _rebuild(about, wanted, silent=as_json)
+        return
+    methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
+    todo = matrix(wanted, methods, quick)
+    check_folder(out)
+
+    title = f"bench accuracy: {len(todo)} cells, each a model on a touch"
+    with steps(title, len(todo), silent=as_json) as done:
+        cells = compute(todo, 1 if quick else 3, fresh, str(about["processor"]), done)
+    if not any(cell.status == "ok" for cell in cells):
+        why = dict.fromkeys(f"{cell.title}, {cell.touch}: {cell.why}" for cell in cells)
+        raise RunError(f"none of these methods computes any of these touches ({'; '.join(why)})")
+    told_apart(cells)
+    files = written(cells, about, out)
+    if as_json:
+        tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
+              "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
+    else:
+        _print(cells, files)
+
+
+def _rebuild(about: dict[str, Any], wanted: list[BenchCase], silent: bool) -> None:
+    from palpate.studies.accuracy.places import SHIPPED, on_path
+    from palpate.studies.accuracy.places import rebuild as work
+
+    places = list(dict.fromkeys(name for touch in wanted if touch.place for name in on_path(touch.place)))
+    about = {**about, "command": "palpate bench accuracy --rebuild-references"}
+    for what, share in work(places, about):
+        if not silent:
+            say(f"{100 * share:3.0f} %  {what}", wrap=True)
+    if silent:
+        tell({"ok": True, "folder": str(SHIPPED), "places": places})
+
+
+def _print(cells: list[Cell], files: dict[str, Path]) -> None:
+    from palpate.launch.run.busy import busy
+    from palpate.physics import extras
+    from palpate.studies.accuracy.laboratory import missing
+    from palpate.studies.accuracy.output.page import LEGEND, default_costs
+    from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
+
+    told = summaries(cells)
+    heads = ("", ">force error\nRMS, median [%]", ">worst\ntouch [%]", ">step\np50", ">\np99", ">touches\ncomputed",
+             ">\nunsupported")  # fmt: skip
+    rows = [
+        (f"{s.title}, {s.fidelity}", f"{100 * s.error:.2g}", f"{100 * s.worst:.2g}", duration(s.p50), duration(s.p99),
+         str(s.computed), str(s.charged or ""))
+        for s in told
+    ]  # fmt: skip
+    say(advice(told))
+    if why := busy(own=1):
+        say(f"{why}: p50 and p99 are too long.", "yellow")
+    console().print(table(heads, rows, fixed=heads[1:], bold=best(told)))
+    say(LEGEND, wrap=True)
+    if none := unable(cells):
+        say(f"Cannot do any touch: {', '.join(none)}.", wrap=True)
+    say(default_costs(told), wrap=True)
+    if kept := sum(cell.kept for cell in cells):
+        say(f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again")
+    for text in missing():
+        say(f"not installed  {text}")
+    if "overview" not in files:
+        say(extras.missing("no pictures", "matplotlib", "view"))
+    for name, file in files.items():
+        say(f"{name:14} {file}")

@@ -1,0 +1,120 @@
+"""`palpate rates`: the lowest update rate of each effect for a given error."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.progress import steps
+from palpate.physics.errors import TROUBLE
+
+if TYPE_CHECKING:
+    from palpate.studies.rates import Rate, Slowed
+    from palpate.studies.search import Trial
+
+EXAMPLE = "palpate rates kidney --error '1 %'"
+PER_TICK = 2e-3  # [s] of a run and its replay at two rates
+
+
+def rates(
+    graph: Graph,
+    error: Annotated[
+        str, typer.Option(help="Allowed error, RMS, % of peak: of each effect's own output and of the force.")
+    ] = "1 %",
+    sets: Sets = None,
+    scene: SceneOption = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Duration of the touch that is measured.", parser=seconds, metavar="TIME")
+    ] = None,
+    speeds: Annotated[
+        str, typer.Option(help="Speeds of the simulated hand, over that of the graph's path; the worst counts.")
+    ] = "0.5, 1, 2",
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-rates.yaml.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find the lowest update rate of each effect for a given error.
+
+    The search starts at the time constant of each effect, with the hand at several speeds and on other motions. It then
+    runs the graph at each, and on motions that it has not seen, raises the rates until the error is kept, and writes a
+    launch file with the figures. If no run keeps the error, nothing is written and the exit code is 1.
+    """
+    from palpate.physics.writable import check_file
+    from palpate.studies import rates as study
+    from palpate.studies.motions import at_speeds, reached
+    from palpate.studies.search import read_error
+
+    share, _ = read_error(error)
+    fast = study.read_speeds(speeds)
+    launch = chosen(graph, sets, scene).but(duration=duration)
+    planned = launch.plan()
+    study.effects_of(planned)
+    length = launch.duration or 0.0
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
+    check_file(file)
+    moves = at_speeds(launch, fast)
+    took = sum((motion.duration or 0.0) for motion in moves.values()) * (3 if reached(launch, fast)[1] else 1)
+    title = f"rates: a touch of {length:g} s, then again at other rates"
+    with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
+        found = study.rates(launch, share, file, done, fast)
+    if as_json:
+        assert found.promised is not None and found.came is not None
+        tell({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
+              "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
+              "predicted": _times(found.promised), "measured": _times(found.came),
+              "unseen": [_times(one) for one in found.unseen], "hand_m_s": found.reach,
+              "speeds": [{"speed": speed, **_times(one)} for speed, one in found.at.items()]})  # fmt: skip
+    else:
+        _print(found, file)
+    if not found.kept:
+        raise typer.Exit(TROUBLE)
+
+
+def _data(rate: Rate) -> dict[str, Any]:
+    constant = None if rate.idle else rate.constant
+    return {"node": rate.node, "effect": rate.effect, "every": rate.every, "before": rate.before,
+            "time_constant_s": constant, "error": rate.own, "force_error": rate.force}  # fmt: skip
+
+
+def _times(one: Trial) -> dict[str, float]:
+    return {"force_error": one.error, "force_error_worst": one.worst, "tick_s": one.mean,
+            "tick_at_full_rates_s": one.reference}  # fmt: skip
+
+
+def _print(found: Slowed, file: Path) -> None:
+    from palpate.studies.rates import percents, valid
+
+    rows = []
+    for rate in found.tried:
+        constant = "idle" if rate.idle else f"{1e3 * rate.constant:.3g} ms"
+        errors = ("", "") if rate.idle else (_percent(rate.own), _percent(rate.force) if rate.felt else "")
+        rows.append((rate.node, rate.effect, constant, str(rate.every), str(rate.before), *errors))
+    heads = ("", "effect", ">time\nconstant", ">every", ">\nnow", ">error, RMS %\noutput", ">\nforce")
+    console().print(table(heads, rows))
+    if any(rate.idle for rate in found.tried):
+        idle = "idle: its output does not change on this touch, so its rate is kept; try a touch that uses it"
+        say(idle, "dim", wrap=True)
+    for word, one in (("predicted", found.promised), ("measured", found.came)):
+        assert one is not None
+        full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
+        say(f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}", wrap=True)
+    if found.unseen:
+        say(f"          predicted from {len(found.unseen)} motions that the search has not seen", "dim", wrap=True)
+    for speed, one in found.at.items() if len(found.at) > 1 else ():
+        say(f"          at {speed:g} times its speed {percents(one)}", wrap=True)
+    say("Errors are differences from the same graph with all effects at every tick.", "dim", wrap=True)
+    say(valid(found.reach), "dim", wrap=True)
+    if found.kept:
+        say(f"written   {file}: palpate run {file}", wrap=True)
+    else:
+        why = "a new motion missed it" if found.unseen else "the touch itself changed as the hand reacts to the force"
+        say(f"The error is not kept: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g}" if share > 1e-9 else "0"

@@ -1,0 +1,110 @@
+"""`palpate tune`: the tissue model and fidelity for a time or error budget on this machine."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.progress import steps
+from palpate.physics.errors import TROUBLE
+
+if TYPE_CHECKING:
+    from palpate.studies.search import Trial
+    from palpate.studies.tune import Goal, Tuned
+
+EXAMPLE = "palpate tune kidney --budget '0.5 ms'"
+PER_TICK = 1e-3  # [s] that a body takes for a tick of the touch, the reference beside it and the start included
+
+
+def tune(
+    graph: Graph,
+    budget: Annotated[
+        float | None,
+        typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=seconds, metavar="TIME"),
+    ] = None,
+    error: Annotated[
+        str | None, typer.Option(help="Allowed error, RMS, % of peak: '2 % force', or of indentation or shape.")
+    ] = None,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(help="Duration of the touch that is used for tuning.", parser=seconds, metavar="TIME"),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-tuned.yaml.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Find the best tissue model for a time or error budget.
+
+    The most accurate model within a time budget, or the fastest within an error, on this machine. Writes a launch file
+    for `palpate run`, runs it, and prints predicted and measured figures. Exit code 1 if no model qualifies.
+    """
+    from palpate.physics.writable import check_file
+    from palpate.studies import tune as study
+    from palpate.studies.search import read_error
+
+    if budget is None and error is None:
+        raise typer.BadParameter("expected --budget '0.5 ms', --error '2 % force', or both")
+    goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
+    launch = chosen(graph, sets, scene).but(duration=duration)
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-tuned.yaml")
+    check_file(file)
+    loaded = launch.load()
+    bodies, length = len(study.candidates(loaded)), launch.duration or 0.0
+    title, count = f"tune: a touch of {length:g} s, then again with {bodies} bodies", bodies + 2
+    with steps(title, count, silent=as_json, seconds=PER_TICK * length * loaded.rate * count) as done:
+        tuned = study.tune(launch, goal, file, done)
+    if as_json:
+        told = {"ok": tuned.promised is not None, "file": str(file) if tuned.promised else None,
+                "reference": tuned.reference.overrides, "predicted": tuned.promised and _data(tuned.promised),
+                "measured": tuned.came and _data(tuned.came)}  # fmt: skip
+        tell(told | ({"why": tuned.why} if tuned.why else {}) | {"candidates": [_data(one) for one in tuned.tried]})
+    else:
+        _print(tuned, goal, file)
+    if tuned.promised is None:
+        raise typer.Exit(TROUBLE)
+
+
+def _data(one: Trial) -> dict[str, object]:
+    if one.why:
+        return {"set": one.overrides, "why": one.why}
+    wall = {"wall_p50_s": one.wall[0], "wall_p99_s": one.wall[1]}
+    return {"set": one.overrides, "error": one.error, "p50_s": one.p50, "p99_s": one.p99, **wall}
+
+
+def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
+    from palpate.studies.tune import times, title
+
+    found = sorted((one for one in tuned.tried if not one.why), key=lambda one: one.error)
+    rows = [
+        (title(one), f"{100 * one.error:.3g}", *(f"{1e6 * time:.0f}" for time in (one.p50, one.p99, *one.wall)))
+        for one in found
+    ]
+    promised = [k for k, one in enumerate(found) if one is tuned.promised]
+    priced = (">processor time\nof a tick [us], p50", ">\np99", ">by the clock\n[us], p50", ">\np99")
+    heads = ("", f">{goal.quantity} error\nRMS %", *priced)
+    console().print(table(heads, rows, bold=promised))
+    for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
+        titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
+        say(f"left out {titles}: {reason}", "dim", wrap=True)
+    known = "whose own error is unknown."
+    if tuned.estimated_error:
+        known = f"plus the known error of that reference: {100 * tuned.estimated_error:.2g} %."
+    say(f"Errors are differences from {title(tuned.reference)}, {known}", wrap=True)
+    here = "They are those of this graph's touch; `palpate bench accuracy` has other test cases, with other errors."
+    say(here, "dim", wrap=True)
+    if tuned.promised is None or tuned.came is None:
+        say(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), "yellow", wrap=True)
+        return
+    for word, one in (("predicted", tuned.promised), ("measured", tuned.came)):
+        say(f"{word:9} {goal.quantity} error {100 * one.error:.3g} % of peak (RMS), tick {times(one)}", wrap=True)
+    if not tuned.kept:
+        why = "The run missed the goal: the touch changes with this model."
+        say(why, "yellow", wrap=True)
+    say(f"written   {file}: palpate run {file}", wrap=True)

@@ -1,0 +1,76 @@
+"""`palpate build basis`: build the basis of a reduced finite-element body and store it."""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, say, tell
+from palpate.physics.errors import TROUBLE
+
+EXAMPLE = "palpate build basis --set surface=liver.stl --set young=5e3"
+MOST_COARSE = 2000  # what the setting `coarse` takes at most
+WORST = 0.25  # [1] error at the worst touch from which on a basis is of no use; those that ship have less
+
+
+def basis(
+    sets: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="A setting of deformation.ReducedFE: surface=liver.stl, poisson=0.48, bed=30."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Build it even if it is already stored.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Folder to store it in; by default the cache.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Build and store the basis of a ReducedFE body."""
+    from palpate.cli.terminal.progress import Stages
+    from palpate.engine.provenance import commit
+    from palpate.launch.load.values.overrides import settings_of
+    from palpate.models.build import basis as builder
+    from palpate.nodes.deformation.basis_store import SHIPPED, cache
+    from palpate.nodes.deformation.reduced_fe import ReducedFE
+
+    node = ReducedFE(**settings_of(sets or []))
+    target = out or cache()
+    path = builder.home(node, target)
+    known = None if force else node.stored(SHIPPED, target)
+    if known is not None:
+        _say(as_json, known[0], None, {})
+        return
+    started = time.perf_counter()
+    try:
+        with Stages(console(stderr=True), as_json) as stages:
+            missed = builder.make(node, path, stages, commit())
+    except KeyboardInterrupt as error:
+        again = "resumes after the touches already computed" if node.surface == "fingertip" else "starts again"
+        error.add_note(f"nothing is stored; the same command {again}")
+        raise
+    _say(as_json, path, time.perf_counter() - started, missed)
+    if missed.get("worst", 0.0) > WORST:
+        finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"
+        cure = f"more vertices in {node.surface}" if "." in node.surface else finer
+        text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
+        typer.secho(text, fg="red", err=True)
+        raise typer.Exit(TROUBLE)
+
+
+def _say(as_json: bool, path: Path, seconds: float | None, missed: dict[str, float]) -> None:
+    size = path.stat().st_size
+    if as_json:
+        stored = {"path": str(path), "bytes": size, "built": seconds is not None, "seconds": seconds}
+        tell(stored | ({"unseen": missed} if missed else {}))
+        return
+    done = "stored already" if seconds is None else f"built in {seconds:.0f} s"
+    say(f"{done}: {path} ({size / 1e6:.1f} MB)")
+    if missed:
+        linear = ""
+        if "linear_mean" in missed:
+            linear = f"; of the linear body {missed['linear_mean']:.1%}, {missed['linear_worst']:.1%}"
+        say(
+            f"error at touches that it was not built from: {missed['mean']:.1%} in the mean, "
+            f"{missed['worst']:.1%} at worst{linear}"
+        )

@@ -1,0 +1,4 @@
+"""`palpate build fe`."""
+
+HELP = "Run the full finite-element models."
+ORDER = ("fingertip", "compare", "table")

@@ -1,0 +1,120 @@
+"""`palpate build fe fingertip`: one pressing of the layered fingertip."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, drawn, table, tell
+
+if TYPE_CHECKING:
+    from palpate.models.fe.study.press_record import PressRun, Record
+    from palpate.models.fe.study.pressing import Pressing
+
+EXAMPLE = "palpate build fe fingertip --plate steel --depth 1.5"
+RUNS = Path("runs/fingertip")
+
+
+def fingertip(
+    plate: Annotated[str, typer.Option(help="steel or silicone.")] = "steel",
+    material: Annotated[
+        str,
+        typer.Option(
+            help="printed, calibrated (printed / 16.3), cortical (bone of 17 GPa) with a divisor, or a divisor"
+        ),
+    ] = "calibrated",
+    depth: Annotated[float, typer.Option(help="Travel of the plate, mm.")] = 2.4,
+    cells: Annotated[int, typer.Option(help="Elements across an eighth of the circumference.")] = 6,
+    friction: Annotated[float, typer.Option(help="Coulomb's coefficient.")] = 0.2,
+    finger: Annotated[
+        Path | None, typer.Option(help="A measured finger instead, of `palpate build fingertip SCAN -o FILE`.")
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder; an interrupted run resumes.")] = RUNS,
+    as_json: Json = False,
+) -> None:
+    """Press the layered fingertip on a plate: force, area, volumes."""
+    from palpate.models.fe.study.paper_claims import numbers
+    from palpate.models.fe.study.press_record import PressRun, run_name
+    from palpate.physics.writable import check_folder
+    from palpate.views.pictures.models.fe_fingertip import draw
+
+    pressing = _pressing(plate, material, depth, cells, friction, finger)
+    place = out / run_name(plate, material, cells, friction, finger)
+    check_folder(place)
+    place.mkdir(parents=True, exist_ok=True)
+    record = _press(pressing, 1e-3 * depth, PressRun(place), as_json)
+    pressing.write(place / "finger.vtu")
+    made = drawn(draw, {plate: PressRun(place)}, place)
+    if as_json:
+        files = {"folder": str(place), "pictures": [str(path) for path in made]}
+        tell({"ok": True} | numbers(plate, material, record, finger is None) | files)
+        return
+    _print(plate, material, record, finger is None)
+    lines = f"{place / 'finger.vtu'}: displacement, equivalent strain and contact pressure", *made
+    typer.echo("\n".join(map(str, lines)))
+
+
+def _pressing(plate: str, material: str, depth: float, cells: int, friction: float, finger: Path | None) -> Pressing:
+    """The pressing that the options describe. MeshError: what is wrong with them."""
+    from palpate.models.fe.element.mesh import MeshError
+    from palpate.models.fe.meshing.fingertip import FingertipDimensions, divisor_and_bone
+    from palpate.models.fe.meshing.scanned import Scanned
+    from palpate.models.fe.study.pressing import Pressing
+    from palpate.physics.fingertip.surfaces import FingertipSurfaces as Measured
+
+    try:
+        divisor_and_bone(material)
+    except MeshError as error:
+        raise MeshError(f"--{error}") from None
+    if not 3 <= cells <= 20:
+        raise MeshError(f"--cells {cells}: expected 3 ... 20")
+    tip = FingertipDimensions(cells=cells) if finger is None else Scanned(Measured.load(finger), cells=cells)
+    most = 1e3 * float(tip.radii[-1] - tip.radii[0])
+    if not 0.0 < depth < most:
+        raise MeshError(f"--depth {depth:g}: expected more than 0 and less than {most:.2f} mm, from skin to bone")
+    try:
+        return Pressing(tip, plate, material, friction)
+    except ValueError as error:
+        raise error if isinstance(error, MeshError) else MeshError(f"--{error}") from None
+
+
+def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
+    from palpate.cli.terminal.progress import Stages
+    from palpate.models.fe.study.press_record import record
+
+    done: Callable[..., None] | None = None
+    with Stages(console(stderr=True), quiet) as stages:
+
+        def tick(load: float) -> None:
+            nonlocal done
+            if done is None:  # not before the folder has been read, so that what is wrong with it stands alone
+                done = stages.begin("pressing", f"{3 * len(pressing.solver.mesh.points)} degrees of freedom")
+            done(load / end, f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
+
+        try:
+            return record(pressing, end, run, tick)
+        except KeyboardInterrupt as error:
+            at = f"{1e3 * pressing.solver.load:.2f} mm"
+            error.add_note(f"pressed to {at}; the same command continues from there ({run.folder})")
+            raise
+
+
+def _print(plate: str, material: str, record: Record, paper: bool) -> None:
+    from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
+
+    divisor, bone = divisor_and_bone(material)
+    heads = (">mm", ">N", ">mm²", *(f">V({x:g})" for x in record.levels))
+    rows = (
+        (1e3 * record.indentation[k], record.force[k], 1e6 * record.area[k], *(1e9 * record.volumes[k]))
+        for k in range(0, len(record.force), max(1, len(record.force) // 15))
+    )
+    cells = ([f"{x:.3g}" if x < 1000 else f"{x:.0f}" for x in row] for row in rows)
+    title = f"{plate}, moduli / {divisor:g}, bone {bone / divisor:.3g} Pa; V in mm³ by strain"
+    console().print(table(heads, cells, title=title, fixed=heads))
+    for force, depth in PAPER[plate] if paper else ():
+        found = f"{1e3 * record.at(force)[0]:.2f} mm" if force <= record.force[-1] else "not reached"
+        typer.echo(f"{force} N: {found} (paper: {1e3 * depth:.2f} mm)")

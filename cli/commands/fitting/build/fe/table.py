@@ -1,0 +1,46 @@
+"""`palpate build fe table`: what a finger feels on both plates, as a table for tactile.Flow."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import tell
+
+EXAMPLE = (
+    "palpate build fe table runs/fingertip/steel-calibrated-6-0.2 runs/fingertip/silicone-calibrated-6-0.2 -o flow.npz"
+)
+
+
+def table(
+    steel: Annotated[Path, typer.Argument(help="Folder of a run on steel, of `palpate build fe fingertip`.")],
+    silicone: Annotated[Path, typer.Argument(help="Folder of a run on silicone with the same material.")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("fingertip.npz"),
+    as_json: Json = False,
+) -> None:
+    """Write the table that tactile.Flow reads.
+
+    Area and isostrain volumes against force for both plates. A steel run with another divisor is scaled: on a rigid
+    plate the force is proportional to the moduli.
+    """
+    import numpy as np
+
+    from palpate.models.fe.study.press_record import LEVELS, PressRun, check_pair
+    from palpate.physics.errors import ArgumentError
+
+    runs = {"steel": PressRun(steel), "silicone": PressRun(silicone)}
+    ratio = check_pair(runs, scaled=True)
+    if out.suffix != ".npz":
+        raise ArgumentError(f"--out {out}: expected a name that ends in .npz")
+    records = {"steel": runs["steel"].record().softened(ratio), "silicone": runs["silicone"].record()}
+    data = {"levels": LEVELS}
+    for plate, record in records.items():
+        keep = np.concatenate([[True], np.diff(record.force) > 0])
+        data |= {f"{plate}.{n}": getattr(record, n)[keep] for n in ("force", "area", "volumes", "indentation")}
+    out.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(out, allow_pickle=False, **data)
+    if as_json:
+        tell({"ok": True, "table": str(out), "force": {p: r.force[-1] for p, r in records.items()}})
+    else:
+        typer.echo(f"{out}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in records.items())}")

@@ -1,0 +1,115 @@
+"""`palpate build fingertip`: from images of a finger to the file that a beam bundle is filled from."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from palpate.cli.terminal.options import Json, NoPictures
+from palpate.cli.terminal.output import console, table, tell
+from palpate.physics.errors import ArgumentError
+from palpate.physics.extras import missing
+
+EXAMPLE = "palpate build fingertip scan/ -o finger.npz"
+Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in the images
+
+
+def fingertip(
+    scan: Annotated[
+        Path | None, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("finger.npz"),
+    spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
+    skin: Annotated[
+        float | None, typer.Option(help="Thickness of the skin in mm, where images do not show it.")
+    ] = None,
+    dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = "auto",
+    axes: Annotated[
+        str,
+        typer.Option(
+            help="Directions of slices, rows, columns: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip,"
+            " nail up. By default for images: tip and nail are detected, each slice lies behind the previous one."
+        ),
+    ] = "",
+    no_pictures: NoPictures = False,
+    phantom: Annotated[
+        Path | None, typer.Option(help="Write images of a synthetic finger, and exit: a new folder, or .nii.gz.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Build a fingertip from images of a finger.
+
+    Finds skin, tissue and bone, and writes the file that a beam bundle is filled from, with a picture of it.
+    """
+    try:
+        from palpate.models.scan import read, segment
+        from palpate.models.scan.measures import measures, of_images
+        from palpate.models.scan.rebuild import reconstruct
+        from palpate.views.pictures.models.scan import draw
+    except ImportError as error:
+        raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
+    if phantom is not None:
+        _phantom(phantom, as_json)
+        return
+    if scan is None:
+        raise typer.BadParameter("no images: give SCAN, or --phantom FOLDER to write some to try")
+    if out.suffix != ".npz":
+        raise typer.BadParameter(f"found {out}, expected a name that ends in .npz", param_hint="--out")
+    if skin is not None and not 0.1 <= skin <= 4:
+        raise typer.BadParameter(f"found {skin} mm, expected 0.1 ... 4", param_hint="--skin")
+    if not out.absolute().parent.is_dir():
+        raise typer.BadParameter(f"{out.parent}: no such folder", param_hint="--out")
+    stack = read(scan, _spacing(spacing), axes)
+    outlines = segment(stack, None if skin is None else skin * 1e-3)
+    tip, frame = reconstruct(outlines, dorsal=dorsal)
+    tip.save(out)
+    picture = None if no_pictures else out.with_suffix(".png")
+    if picture is not None:
+        draw(tip, picture, stack, outlines)
+    files = {"output": str(out), "picture": picture and str(picture)}
+    report = {"ok": True, **files, **of_images(stack, frame), **measures(tip)}
+    if as_json:
+        tell(report)
+        return
+    _table(report)
+
+
+def _phantom(path: Path, as_json: bool) -> None:
+    """Images of the default anatomy, with noise: a DICOM series in a new folder, or a NIfTI file."""
+    from palpate.models.scan.phantom import scan, write_dicom, write_nifti
+
+    file = path.name.endswith((".nii", ".nii.gz"))
+    if path.exists():
+        raise typer.BadParameter(f"{path} exists; choose a new name", param_hint="--phantom")
+    try:
+        (write_nifti if file else write_dicom)(scan(), path)
+    except OSError as error:
+        raise typer.BadParameter(f"{path}: {error.strerror or error}", param_hint="--phantom") from None
+    if as_json:
+        tell({"ok": True, "phantom": str(path)})
+    else:
+        typer.echo(f"Wrote images of a synthetic finger to {path}; read them with `palpate build fingertip {path}`.")
+
+
+def _spacing(text: str) -> tuple[float, float, float] | None:
+    if not text:
+        return None
+    try:
+        slice_, row, column = (float(part) * 1e-3 for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"found {text!r}, expected three numbers in mm: 1.2,0.23,0.23",
+                                 param_hint="--spacing") from None  # fmt: skip
+    return slice_, row, column
+
+
+def _table(report: dict) -> None:
+    rows = []
+    for name, value in report.items():
+        if name == "ok" or value is None:
+            continue
+        text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list) else value
+        *words, unit = name.split("_")
+        unit = {"mm3": "mm³", "deg": "°"}.get(unit, unit)
+        label = f"{' '.join(words)} [{unit}]" if unit in ("mm", "mm³", "°") else name.replace("_", " ")
+        rows.append((label, f"{text:.2f}" if isinstance(text, float) else str(text)))
+    console().print(table(("", ""), rows))

@@ -1,0 +1,59 @@
+"""`palpate fit body`: calibrate MassSpring or BeamBundle to a reference body under the scene's patch."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.cli.terminal.output import say, tell
+from palpate.cli.terminal.progress import steps
+
+EXAMPLE = "palpate fit body kidney"
+PER_TICK = 1e-3  # [s] that a body and its reference take for a tick of the touch
+
+
+def body(
+    graph: Graph,
+    reference: Annotated[
+        list[str] | None,
+        typer.Option(help="What makes the reference, as --set takes it; default: ReducedFE in the body's place."),
+    ] = None,
+    sets: Sets = None,
+    scene: SceneOption = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Duration of the touch that is used.", parser=seconds, metavar="TIME")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-fitted.yaml.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Fit MassSpring or BeamBundle to a reference body.
+
+    Fits the model's constants to the force and indentation of the reference on the graph's own touch, writes a launch
+    file, and prints what the model differs by in force, indentation and shape before and after.
+    """
+    from palpate.physics.writable import check_file
+    from palpate.studies import fit_body as study
+
+    launch = chosen(graph, sets, scene).but(duration=duration)
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-fitted.yaml")
+    check_file(file)
+    length = launch.duration or 0.0
+    expected = 5e3 * PER_TICK * length
+    with steps(f"fit body: a touch of {length:g} s", 3, silent=as_json, seconds=expected, timed=False) as done:
+        fitted = study.fit_body(launch, file, reference or [], done)
+    if as_json:
+        tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after,
+              "caution": fitted.caution})  # fmt: skip
+        return
+    for key, value in fitted.overrides.items():
+        say(f"{key} = {value}", wrap=True)
+    say("Differences from the reference, RMS of its peak:", wrap=True)
+    for word, off in (("before", fitted.before), ("after", fitted.after)):
+        say(f"{word:7} {study.words(off)}", wrap=True)
+    say(fitted.reference, wrap=True)
+    if fitted.caution:
+        say(fitted.caution, "yellow", wrap=True)
+    say(f"written {file}: palpate run {file}", wrap=True)

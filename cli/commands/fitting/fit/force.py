@@ -1,0 +1,86 @@
+"""`palpate fit force SESSIONS.csv`: force models, their spread and their errors, from measured indentation sessions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json, NoPictures
+from palpate.cli.terminal.output import console, drawn, say, tell
+
+if TYPE_CHECKING:
+    from palpate.models.fit.fit import Told
+
+EXAMPLE = "palpate fit force sessions.csv -o finger.model.yaml"
+
+
+def force(
+    sessions: Annotated[
+        Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N).")
+    ] = None,
+    subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="YAML to write; else SESSIONS.model.yaml. Pictures beside it.")
+    ] = None,
+    no_pictures: NoPictures = False,
+    mean: Annotated[
+        str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential.")
+    ] = None,
+    deviation: Annotated[str | None, typer.Option(help="Use this model of the standard deviation, same names.")] = None,
+    folds: Annotated[int, typer.Option(help="Folds of the cross-validation.", min=3)] = 9,
+    protocol: Annotated[
+        str, typer.Option(help="whole: all sessions, a band for new ones; published: two dropped, a normal law.")
+    ] = "whole",
+    any_stiffness: Annotated[
+        bool, typer.Option("--any-stiffness", help="Accept forces and depths even if the stiffness is implausible.")
+    ] = False,
+    depth_limit: Annotated[float | None, typer.Option(help="Leave out rows deeper than this, in mm.")] = None,
+    as_json: Json = False,
+    example: Annotated[Path | None, typer.Option(help="Write a CSV of synthetic sessions, and exit.")] = None,
+) -> None:
+    """Fit force models and their spread to indentation sessions.
+
+    Five models of the force and of its standard deviation are compared by nine-fold cross-validation; the best go into
+    a YAML file that the node contact.Probabilistic takes as its `model`.
+    """
+    from palpate.models.fit.fit import fit_sessions, write_example
+    from palpate.models.fit.sessions import SessionError
+
+    if example is not None:
+        write_example(example)
+        if as_json:
+            tell({"ok": True, "file": str(example)})
+        else:
+            typer.echo(f"Wrote synthetic sessions of two subjects to {example}.")
+        return
+    if sessions is None:
+        raise SessionError("no file: give SESSIONS.csv, or --example FILE.csv to write one to try")
+    fitted = fit_sessions(
+        sessions, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
+        depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,
+    )  # fmt: skip
+    pictures = [] if no_pictures else [str(path) for path in drawn(_draw, fitted)]
+    if as_json:
+        tell(
+            {"ok": True, "subjects": fitted.data, "notes": fitted.notes, "file": str(fitted.file), "pictures": pictures}
+        )
+        return
+    for table in fitted.tables:
+        console(markup=True).print(table)
+    for note in [*fitted.notes, f"Wrote {', '.join([str(fitted.file), *pictures])}"]:
+        say(note, wrap=True)
+
+
+def _draw(fitted: Told) -> list[Path]:
+    """The pictures of every subject, in a folder beside the file of the model; their paths."""
+    from palpate.views.pictures.models.fit import draw_choice
+
+    folder = fitted.file.with_name(f"{fitted.file.name.removesuffix('.yaml')}-pictures")
+    folder.mkdir(parents=True, exist_ok=True)
+    return [
+        Path(path)
+        for number, choice in enumerate(fitted.chosen, 1)
+        for path in draw_choice(choice, folder / f"subject-{number}")
+    ]

@@ -1,0 +1,118 @@
+"""`palpate fit tissue PRESS.csv ...`: the parameters of a material from measured presses, with what they leave open."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.output import console, drawn, say, table, tell
+
+if TYPE_CHECKING:
+    from palpate.models.fit.tissue.fit import Fit
+
+EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
+RIGS = ("ball", "punch", "fingertip", "cylinder")
+
+
+def tissue(
+    files: Annotated[
+        list[Path],
+        typer.Argument(help="CSV files or recordings (.mcap) of presses by one rig.", metavar="PRESS.csv..."),
+    ],
+    rig: Annotated[str, typer.Option(help=f"What pressed: {', '.join(RIGS)} (between plates)")],
+    law: Annotated[
+        str, typer.Option(help="hertz, layer, exponential, power; ogden, demiray, yeoh, yeoh3, neo_hooke, ...")
+    ],
+    columns: Annotated[
+        str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way.")
+    ] = "",
+    unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
+    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'.")] = None,
+    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder.")] = None,
+    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed.")] = None,
+    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded.")] = "frictionless",
+    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell.", min=0, max=0.5)] = 0.5,
+    relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3.")] = "none",
+    holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted.")] = None,
+    compare: Annotated[
+        list[str] | None, typer.Option(help="Another law, fitted to the same rows and ranked by AICc.")
+    ] = None,
+    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone).")] = "fit",
+    depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Fit a material to measured presses: force over indentation.
+
+    Writes scene.yaml, which runs at once, report.md with pictures, and report.json: parameters with 95 % intervals,
+    what the data cannot tell apart, what was fixed, and the error on presses that were held out.
+    """
+    import math
+
+    from palpate.cli.terminal.progress import steps
+    from palpate.models.fit.sessions import SessionError
+    from palpate.models.fit.tissue.fit import fit_tissue as fitted_to
+    from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
+    from palpate.models.fit.tissue.rigs import Rig
+    from palpate.physics.writable import check_folder
+    from palpate.studies.presses import Presses, length
+
+    for option, found, known in (
+        ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
+    ):  # fmt: skip
+        if found not in known:
+            raise SessionError(f"{option}: found {found!r}, expected {', '.join(known)}")
+    size = length("--radius", radius) if radius else 0.5 * length("--diameter", diameter) if diameter else None
+    if (radius and diameter) or (rig != "fingertip" and size is None):
+        raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
+    made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
+    if kept := [name for name in WRITTEN if not force and (out / name).exists()]:
+        raise SessionError(f"{out}: has {', '.join(kept)} of an earlier fit; expected another folder (-o), or --force")
+    try:
+        check_folder(out)
+    except OSError as error:
+        raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
+    read = Presses(columns.split(","), unit or [], rig == "fingertip")
+    presses = [p for file in files for p in read(file)]
+    others = [p for file in holdout or [] for p in read(file)]
+    with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:
+        fit = fitted_to(
+            presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
+            deepest=length("--depth-limit", depth_limit) if depth_limit else math.inf,
+            report=lambda share: done("presses in finite elements", share),
+        )  # fmt: skip
+    told = data(fit)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        pictures = drawn(_draw, fit, out)
+        (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
+        (out / "report.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
+    except OSError as error:
+        raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
+    if as_json:
+        tell({"ok": True, "out": str(out)} | told)
+        return
+    ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
+    rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in told["parameters"].items()]
+    console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
+    for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
+        say(text, wrap=True)
+    for row in fit.compared:
+        say(
+            f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} over the least"
+        )
+    for tried in fit.held_out:
+        say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
+    say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
+
+
+def _draw(fit: Fit, out: Path) -> list[Path]:
+    from palpate.views.pictures.models.fit_tissue import draw_fit
+
+    return draw_fit(fit, out)

@@ -1,0 +1,3 @@
+"""`palpate list`."""
+
+HELP = "List nodes, messages, effects, tissues and material laws."

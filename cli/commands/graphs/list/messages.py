@@ -1,0 +1,51 @@
+"""`palpate list messages`: the message types with units and shapes."""
+
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, say, table, tell
+
+EXAMPLE = "palpate list messages Contact"
+
+
+def messages(
+    name: Annotated[str | None, typer.Argument(help="One type, such as Contact.", metavar="[TYPE]")] = None,
+    as_json: Json = False,
+) -> None:
+    """List the message types: fields, units and shapes.
+
+    `(k)` is a length found at run time, `*` a field that a sender must give.
+    """
+    from palpate.engine.faults import Fault, GraphError, choices
+    from palpate.messages import Message
+    from palpate.messages.docs import message_types
+
+    kinds = message_types()
+    if name is not None and name not in kinds:
+        raise GraphError([Fault(f"no message type {name!r}", choices("Types", name, kinds))])
+    shown: list[type] = [Message, *kinds.values()] if name is None else [kinds[name]]
+    descriptions = [describe(kind) for kind in shown]
+    if as_json:
+        tell({"messages": descriptions})
+        return
+    for data in descriptions:
+        rows = []
+        for field in data["fields"]:
+            shape = f"({', '.join(map(str, field['shape']))})"
+            rows.append((f"{'*' * field['required']:2}{field['name']}", f"[{field['unit']}]", shape, field["about"]))
+        say(f"{data['name']}  {data['about']}", "bold", wrap=True)
+        console().print(table(("", "", "", ""), rows), "")
+    say("* a sender must give it; the others have a default", "dim")
+
+
+def describe(kind: type) -> dict[str, Any]:
+    """A message type as plain data; the words on each field come from the class's docstring."""
+    import msgspec
+
+    from palpate.messages.docs import documented, summary
+
+    required = {field.name for field in msgspec.structs.fields(kind) if field.required}
+    listed = [{**field._asdict(), "required": field.name in required} for field in documented(kind)]
+    return {"name": kind.__name__, "about": summary(kind), "fields": listed}

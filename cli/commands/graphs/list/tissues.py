@@ -1,0 +1,59 @@
+"""`palpate list tissues`: the published tissues."""
+
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import console, say, table, tell
+
+EXAMPLE = "palpate list tissues liver-human"
+
+
+def tissues(
+    name: Annotated[str | None, typer.Argument(help="Show this tissue in full.")] = None, as_json: Json = False
+) -> None:
+    """List published tissues, or show one with its source.
+
+    A scene takes one by its name, `tissue: liver-human`.
+    """
+    from palpate.engine.faults import NOWHERE
+    from palpate.launch.load.tissues import GRADES, bodies, settings
+    from palpate.launch.load.tissues import tissues as known
+
+    found, left_out = known()
+    if name is not None:
+        taken = settings(name, NOWHERE)
+        record = {**found[name], "scene": taken, "bodies": bodies(found[name])}
+        if as_json:
+            tell({"ok": True, "tissues": {name: record}})
+        else:
+            from palpate.launch.load.classes import find_class
+            from palpate.nodes.base import settings as settings_of
+
+            bodies_of = [settings_of(find_class(f"deformation.{body}")) for body in ("MassSpring", "ReducedFE")]
+            units = {key: one.unit for known in bodies_of for key, one in known.items()}
+            numbers = {key: f"{_shown(value)} {units[key]}" for key, value in taken.items() if value is not None}
+            record |= {"grade": GRADES[found[name]["grade"]], "scene": numbers}
+            console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
+        return
+    if as_json:
+        tell({"ok": True, "tissues": {k: {**v, "bodies": bodies(v)} for k, v in found.items()}, "left_out": left_out})
+        return
+    rows = [
+        (key, str(r["shear"]), str(r["law"]), GRADES[r["grade"]], str(r["rate"]).replace("not read", ""))
+        for key, r in found.items()
+    ]
+    heads = ("tissue", ">shear", "law", "number is", "rate")
+    console().print(table(heads, rows, fixed=heads[:4]))
+    say("MassSpring and ReducedFE take the modulus at rest; full finite elements take law and relaxation.", wrap=True)
+    say("\nLeft out:", style="bold")
+    for key, why in left_out.items():
+        say(f"{key}: {why}", wrap=True)
+    say("palpate list tissues NAME shows one with its source; palpate run kidney --set scene.tissue=NAME", wrap=True)
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, dict):
+        return "\n".join(f"{key}: {_shown(part)}" for key, part in value.items())
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

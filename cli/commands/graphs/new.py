@@ -1,0 +1,116 @@
+"""`palpate new`: a file to begin from, of any kind."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.output import tell
+
+EXAMPLE = "palpate new graph mine --like kidney"
+NODE = "node"
+KINDS = {
+    "graph": ("", "kidney", "palpate check {file} && palpate run {file}"),
+    "scene": ("scenes", "kidney", "palpate run kidney --scene {file}"),
+    "study": ("studies", "kidney-stiffness", "palpate study {file}"),
+    "experiment": ("experiments", "kidney-stiffness", "palpate experiment {file} --simulate"),
+    "launch": ("", "kidney", "palpate run {file}"),
+}
+"""Of each kind the folder of shipped files below graphs/, the one that is copied, and the command that uses the new."""
+_LAUNCH = """\
+# One run: palpate run {file}
+graph: {graph}
+# scene: frictionless                # in place of the graph's scene
+# place: two                         # processes; without it each node has one, `fused` means a single one
+clock: simulated                     # or real
+duration: 2 s
+record: all                          # or sources (smaller, the rest is computed again), or NAME.mcap
+# set: {{rate: 500}}                   # values as after `--set`, such as tissue.stiffness: 2e3
+"""
+
+
+def new(
+    kind: Annotated[str, typer.Argument(help=f"{', '.join(KINDS)} or {NODE}.", metavar="KIND")],
+    name: Annotated[str, typer.Argument(help="Name of the file, without ending; of a node its class: MyDrag.")],
+    like: Annotated[
+        str | None, typer.Option(help="Shipped file that is copied; for a launch file the graph that it runs.")
+    ] = None,
+    takes: Annotated[str, typer.Option(help="Of a node: message type that drives it.")] = "Contact",
+    sends: Annotated[str, typer.Option(help="Of a node: message type that it sends.")] = "Force",
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a graph, scene, study, experiment, launch file or node.
+
+    Each is valid as it stands: a copy of a shipped file with its comments, a launch file, or a node with its test.
+    """
+    from palpate.cli.terminal.options import one_of
+
+    one_of("KIND", kind, *KINDS, NODE)
+    if kind == NODE:
+        texts, following = _node(name, takes, sends)
+    else:
+        texts, following = _file(kind, name, like, out)
+    files = _write(texts, out, force)
+    if as_json:
+        tell({"ok": True, "files": [str(file) for file in files], "next": following})
+    else:
+        typer.echo("\n".join([*map(str, files), f"Next:  {following}"]))
+
+
+def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, str], str]:
+    """Name and text of the new file, and the command that uses it. GraphError: no such name, or nothing is like it."""
+    from palpate.engine.faults import Fault, GraphError
+    from palpate.launch.load.files import GRAPHS, find_file
+    from palpate.launch.load.launchfile import find
+
+    if not name.replace("-", "_").isidentifier():
+        raise GraphError([Fault(f"{name!r} cannot name a {kind}; expected letters, digits, - and _, a letter first")])
+    folder, usual, command = KINDS[kind]
+    like, file = like or usual, out / f"{name}.yaml"
+    if kind == "launch":
+        graph = find(like).graph
+        text = _LAUNCH.format(file=file, graph=graph.stem if graph.parent == GRAPHS else graph)
+    else:
+        shipped = find_file(like, GRAPHS / folder, GRAPHS / folder, what=kind).read_text(encoding="utf-8")
+        text = shipped.replace(f"record: {like}.mcap", f"record: {name}.mcap")
+    return {file.name: text}, command.format(file=file)
+
+
+def _node(name: str, takes: str, sends: str) -> tuple[dict[str, str], str]:
+    """Names and texts of a node and its test, and how it is used. GraphError: the name or a message type is wrong."""
+    from palpate.engine.faults import Fault, Faults, GraphError, choices
+    from palpate.launch.template import class_name, node_files
+    from palpate.messages.docs import message_types
+
+    faults, kinds = Faults(), message_types()
+    for option, given in (("--takes", takes), ("--sends", sends)):
+        if given not in kinds:
+            faults.add(f"{option}: no message type {given!r}", choices("Types", given, kinds))
+    faults.done()
+    try:
+        texts = node_files(name, kinds[takes], kinds[sends])
+    except ValueError as error:
+        raise GraphError([Fault(str(error))]) from None
+    module, test = texts
+    use = f"{{use: {module.removesuffix('.py')}.{class_name(name)}, in: {{...}}}}"
+    return texts, f"python -m pytest {test}; in a graph: {use}"
+
+
+def _write(texts: dict[str, str], folder: Path, force: bool) -> list[Path]:
+    """Write texts to files of a folder. GraphError: some exist."""
+    from palpate.engine.faults import Faults
+
+    faults, files = Faults(), [folder / name for name in texts]
+    for file in files:
+        if file.exists() and not force:
+            faults.add(f"{file} exists", "Choose another name, or overwrite it with --force.")
+    faults.done()
+    folder.mkdir(parents=True, exist_ok=True)
+    for file, text in zip(files, texts.values(), strict=True):
+        file.write_text(text, encoding="utf-8")
+    return files

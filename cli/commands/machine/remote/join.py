@@ -1,0 +1,39 @@
+"""`palpate remote join`: run one group of a placement on this machine for a launcher elsewhere."""
+
+import os
+from typing import Annotated
+
+import typer
+
+EXAMPLE = "palpate remote join tcp://10.0.0.1:5600 loop"
+
+
+def join(
+    address: Annotated[str, typer.Argument(help="Address of the launcher, tcp://host:port.", metavar="ADDRESS")],
+    group: Annotated[str, typer.Argument(help="Name of the group in the placement.", metavar="GROUP")],
+    timeout: Annotated[float, typer.Option(help="Time to wait for the launcher, in s.", min=0.1)] = 60.0,
+    key: Annotated[str, typer.Option(help="Key that secures the run; see `palpate remote keys`.")] = "rig",
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="For a run without encryption.")] = False,
+) -> None:
+    """Run a group of a placement here, for a launcher elsewhere.
+
+    The launcher on the other machine is `palpate run GRAPH --place FILE --address tcp://HOST:PORT`.
+    """
+    from palpate.physics.arithmetic import environment
+
+    host, _, port = address.removeprefix("tcp://").rpartition(":")
+    if not host or not port.isdecimal():
+        raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
+    os.environ.update(environment())  # as the launcher gives it to its workers, before numpy is imported
+    from palpate.launch.run.descendants import adopt_orphans, end_descendants
+    from palpate.launch.run.wire import keys
+    from palpate.launch.run.work.process import join as serve
+
+    secured = None if unencrypted else keys.load(key)
+    typer.echo(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
+    adopt_orphans()
+    try:
+        code = serve(address, group, timeout, secured)
+    finally:
+        end_descendants()  # what its nodes have started
+    raise typer.Exit(code)

@@ -1,0 +1,35 @@
+"""`palpate remote keys`: the keys that secure connections to other machines."""
+
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.output import say, tell
+
+EXAMPLE = "palpate remote keys --make"
+
+
+def keys(
+    name: Annotated[str, typer.Argument(help="Name of the key to make.", metavar="[NAME]")] = "rig",
+    make: Annotated[bool, typer.Option("--make", help="Make a new key.")] = False,
+    as_json: Json = False,
+) -> None:
+    """List the keys of this user, or make one.
+
+    Whoever has the file of a key can take part in the runs that it secures. Copy it to the same place on every machine
+    of a rig, and let nobody else read it.
+    """
+    from palpate.launch.run.wire import keys as known
+
+    made = known.make(name) if make else None
+    paths = dict(known.known())
+    if as_json:
+        tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}})
+        return
+    if made is not None:
+        say(f"made {made}; copy it to the same place on the other machines", "green")
+    for key_name, path in paths.items():
+        say(f"{key_name}  {path}")
+    if not paths:
+        say(f"no keys in {known.folder()}; `palpate remote keys --make` makes one", "dim")

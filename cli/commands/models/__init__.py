@@ -1,1 +1,0 @@
-"""Off-line computations: bases, fits, fingers, finite elements."""

@@ -1,4 +1,0 @@
-"""`palpate fe`: finite-element runs."""
-
-HELP = "Run the full finite-element models."
-ORDER = ("fingertip", "compare", "table", "laws")

@@ -1,0 +1,106 @@
+"""`palpate picture`: whatever is drawn of a recording: pictures, fields over time, the surface, a film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import ColourOption, File, Json, Trust, instant
+from palpate.cli.terminal.output import console, tell
+from palpate.physics.errors import TROUBLE
+
+EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
+ENDINGS = (".png", ".svg", ".pdf")
+
+
+def picture(
+    file: File,
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Fields: contact.force tissue.indentation.", metavar="[FIELD...]")
+    ] = None,
+    at: Annotated[
+        float | None,
+        typer.Option(help="The surface at this instant: 1.2, '1200 ms'.", parser=instant, metavar="TIME"),
+    ] = None,
+    film: Annotated[bool, typer.Option("--film", help="A film of the surface, MP4 or GIF.")] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="File; of the standard pictures the folder. Default: next to the recording."),
+    ] = None,
+    over: Annotated[str | None, typer.Option(help="Field to draw over, instead of time.", metavar="FIELD")] = None,
+    colour: ColourOption = "displacement",
+    rate: Annotated[float, typer.Option(help="[1/s] frames of the film.", min=1, max=60)] = 25.0,
+    speed: Annotated[float, typer.Option(help="Of the film; 0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
+    trust: Trust = None,
+    as_json: Json = False,
+) -> None:
+    """Draw a recording: pictures, fields, one instant, a film.
+
+    Without options: the standard pictures of all streams. With FIELD...: these fields over time or --over another
+    field. With --at: the surface under the finger at one instant. With --film: the surface as a film. Exit code 1 if
+    there was nothing that could be drawn.
+    """
+    if sum((bool(names), at is not None, film)) > 1:
+        raise typer.BadParameter("FIELD..., --at and --film are different pictures: use one of them")
+    if over is not None and not names:
+        raise typer.BadParameter("--over needs a FIELD to draw over it")
+    note = ""
+    if names:
+        made = [_plot(file, names, over, out or file.with_name(f"{file.stem}-plot.png"))]
+    elif at is not None:
+        target = out or file.with_name(f"{file.stem}-picture.png")
+        note = _instant(file, at, colour, target)
+        made = [target]
+    elif film:
+        made = [out or file.with_suffix(".mp4")]
+        note = _film(file, made[0], rate, speed, colour, as_json)
+    else:
+        from palpate.views.pictures import draw
+
+        made = draw(file, out or file.parent, console=None if as_json else console())
+    if as_json:
+        tell({"ok": bool(made), "pictures": [str(path) for path in made]})
+    else:
+        for path in made:
+            typer.echo(f"{path}{note}")
+        if not made:
+            typer.echo(f"{file}: nothing that could be drawn", err=True)
+    if not made:
+        raise typer.Exit(TROUBLE)
+
+
+def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
+    from palpate.views.run import Run
+
+    _check_ending(target, ENDINGS)
+    figure = Run(file).plot(*names, over=over)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(target)
+    return target
+
+
+def _instant(file: Path, at: float, colour: str, target: Path) -> str:
+    from palpate.views.surface import colour as colours
+    from palpate.views.surface.film import picture
+
+    _check_ending(target, ENDINGS[:1])
+    return f"  at {picture(file, at, target, colours.colour(colour)):.3f} s"
+
+
+def _film(file: Path, target: Path, rate: float, speed: float, colour: str, silent: bool) -> str:
+    from palpate.cli.terminal.progress import Stages
+    from palpate.views.surface import colour as colours
+    from palpate.views.surface.film import film
+
+    with Stages(console(stderr=True), silent) as stages:
+        drawn = stages.begin("film", "drawing frames")
+        frames = film(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)
+    return f"  {frames} frames, {frames / rate:.1f} s"
+
+
+def _check_ending(target: Path, endings: tuple[str, ...]) -> None:
+    """BadParameter: a picture of this name cannot be written."""
+    if target.suffix.lower() not in endings:
+        raise typer.BadParameter(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(endings)}")

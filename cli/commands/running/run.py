@@ -1,0 +1,107 @@
+"""`palpate run`: one run of a graph, seen live, recorded, and drawn."""
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal import options
+from palpate.cli.terminal.output import console
+from palpate.physics.errors import TROUBLE
+
+EXAMPLE = "palpate run kidney --set tissue.use=deformation.ReducedFE"
+
+
+def run(
+    graph: options.Graph = "kidney",
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    repair: options.RepairOption = False,
+    place: options.PlaceOption = None,
+    fused: options.Fused = False,
+    clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            help="Duration on the graph's clock: seconds, or with a unit.", parser=options.seconds, metavar="TIME"
+        ),
+    ] = None,
+    pace: Annotated[
+        float | None, typer.Option(help="Pace of simulated time, as a multiple of real time.", min=1e-3, max=1e6)
+    ] = None,
+    record: Annotated[Path | None, typer.Option(help="File of the recording; pictures are written next to it.")] = None,
+    no_record: Annotated[bool, typer.Option("--no-record", help="Record nothing.")] = False,
+    record_only: Annotated[
+        str | None,
+        typer.Option(
+            help="sources: record only what cannot be recomputed; the rest is computed when the file is read."
+        ),
+    ] = None,
+    leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
+    thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record only every N-th message.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of recording and pictures.")] = None,
+    no_pictures: options.NoPictures = False,
+    see: Annotated[bool, typer.Option("--view", help="Show the run in the browser while it runs.")] = False,
+    timeout: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,
+    address: Annotated[str | None, typer.Option(help="tcp://host:port where workers of other hosts join.")] = None,
+    key: Annotated[
+        str, typer.Option(help="Key that secures connections to other hosts; see `palpate remote keys`.")
+    ] = "rig",
+    unencrypted: Annotated[bool, typer.Option("--unencrypted", help="Do not encrypt TCP connections.")] = False,
+    reconnect: Annotated[bool, typer.Option("--reconnect", help="Wait for a device that is unplugged.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit code 1 if the real clock was not kept.")] = False,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Run a graph: live view, recording, summary, pictures.
+
+    Ctrl-C or SIGTERM ends the run cleanly. Exit code 1 if a node failed or the recording is incomplete; with
+    --strict also if a run on the real clock did not keep its rate; 130 after Ctrl-C, 143 after SIGTERM.
+    """
+    from palpate.launch.run.forkserver import ForkServer
+
+    with contextlib.ExitStack() as ending:
+        forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
+        if forkserver is not None:
+            ending.callback(forkserver.close)
+        launch = options.chosen(graph, sets, scene, place, fused)
+        launch, organ_notes = options.with_own_organ(launch, organ, unit, repair, silent=as_json)
+        options.one_of("clock", clock, "simulated", "real")
+        launch = launch.but(clock=clock, duration=duration, pace=pace)
+        launch = options.reconnecting(launch) if reconnect else launch
+        name = (organ or launch.path or launch.graph).stem
+        launch, folder = options.recorded_to(launch, name, record, out, no_record, record_only)
+        loaded = page = None
+        if see:
+            from palpate.cli.terminal.browser import RunPage
+
+            page = RunPage(launch, as_json)
+            launch, loaded = page.launch, page.graph
+            ending.callback(page.close)
+
+        from palpate.cli.terminal.run_summary import ended
+        from palpate.launch.run.descendants import none_left
+        from palpate.launch.run.execute import Network, execute
+        from palpate.records.times import step_times
+
+        with none_left():
+            outcome = execute(
+                launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
+                patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
+                thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
+                watch=page.live.on_update if page else lambda _: None, fit_cores=True,
+            )  # fmt: skip
+        if forkserver is not None:
+            forkserver.close()
+        if page is not None:
+            page.live.over()
+        ended(outcome, name, None if no_pictures else folder, organ_notes, as_json, quiet)
+        if page is not None and not (outcome.result.interrupted or as_json):
+            page.stay()
+    if not outcome.ok or (strict and outcome.verdict is not None and not outcome.verdict.kept):
+        raise typer.Exit(TROUBLE)
+    if outcome.result.signal:
+        raise typer.Exit(128 + outcome.result.signal)

@@ -1,0 +1,57 @@
+"""`palpate touch`: a page in the browser where the mouse is the finger."""
+
+import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal import options
+from palpate.cli.terminal.browser import show
+from palpate.physics.errors import TROUBLE
+
+EXAMPLE = "palpate touch kidney"
+
+
+def touch(
+    graph: options.Graph = "kidney",
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    organ: options.OrganOption = None,
+    unit: options.UnitOption = None,
+    repair: options.RepairOption = False,
+    port: options.Port = 0,
+    host: options.Host = "127.0.0.1",
+    no_open: options.NoOpen = False,
+    no_record: Annotated[
+        bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
+    ] = False,
+    record_only: Annotated[
+        str, typer.Option(help="sources: what suffices to compute the rest when the file is read; all: every message.")
+    ] = "sources",
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the recordings.")] = None,
+) -> None:
+    """Touch a graph with the mouse, on a page in the browser.
+
+    A simulated hand replaces the device and follows the pointer of the page. The graph runs on the real clock in
+    processes of its own. Ctrl-C ends it. Exit code 1 if a node failed or a recording is incomplete.
+    """
+    from palpate.views.page import check
+
+    check()
+    options.one_of("--record-only", record_only, "all", "sources")
+    from palpate.views.page.session import Session
+
+    folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
+    launch, _ = options.with_own_organ(
+        options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
+    )
+    session = Session(launch, folder, list(sets or []), record_only)
+    session.keep = not no_record
+    show(session, "touch", port, host, no_open)
+    for file in session.kept:
+        typer.echo(f"recording {file} ({file.stat().st_size / 1e6:.1f} MB)")
+    for trouble in session.troubles:
+        typer.echo(trouble, err=True)
+    if session.troubles:
+        raise typer.Exit(TROUBLE)

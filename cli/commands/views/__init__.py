@@ -1,1 +1,0 @@
-"""Pictures, films and the page."""
