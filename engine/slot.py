@@ -222,7 +222,8 @@ class Slot:
         stepped before its time. NodeError: it raised."""
         self.begin()
         if not (self.node.hardware or self.node.sink):
-            warm(self.node, self.counts)
+            ports = zip(inputs(type(self.node)), self.counts, strict=True)
+            warm(self._step, [port for port, count in ports for _ in range(abs(count))])
             self.restart()
 
     def restart(self) -> None:

@@ -53,15 +53,6 @@ class FakeBus:
             self.hold(name, message)
 
     @property
-    def time(self) -> int | None:
-        """[ns] of the last step; None, before the first, may be set again when the node was started anew."""
-        return self.slot.time
-
-    @time.setter
-    def time(self, time: int | None) -> None:
-        self.slot.time = time
-
-    @property
     def driver(self) -> str | None:
         """Name of the driving port; None for a paced node."""
         return None if self.node.paced else next(iter(self.ports), None)

@@ -8,6 +8,7 @@ Each worker leads a process group: when the worker ends, the fork server kills t
 """
 
 import contextlib
+import gc
 import importlib
 import os
 import select
@@ -124,9 +125,8 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, workers: dict[int, 
             for name in modules:
                 with contextlib.suppress(Exception):  # the worker meets the same error and reports it
                     importlib.import_module(name)
-            from palpate.launch.run.work.loops import set_aside
-
-            set_aside()  # so that the workers' collections do not touch, and so copy, the shared pages
+            gc.collect()
+            gc.freeze()  # so that the workers' collections do not touch, and so copy, the shared pages
         case Start(job):
             pid = os.fork()
             if pid == 0:

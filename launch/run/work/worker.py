@@ -356,7 +356,7 @@ class Worker:
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
             health = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
-            self.audience.tell([health])
+            self.audience.tell(health)
             if far and self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(health)))
 
