@@ -7,7 +7,6 @@ rules of simulated time.
 """
 
 import inspect
-from collections import deque
 from collections.abc import Iterable
 from time import thread_time_ns
 
@@ -24,6 +23,8 @@ from palpate.messages import Message, pack
 from palpate.nodes.base import Node, SettingError
 from palpate.records.format.head import Head, head_of
 from palpate.records.stored import RecordingError, Stored
+
+MOST = 65_536  # messages that wait at most for a node which takes none: far more than a logger can bring out of order
 
 
 class MissingInput(Exception):
@@ -95,14 +96,13 @@ class Player:
         self.parts = [Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
         self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
         self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
-        self.history: dict[str, History] = {}
+        self._readers: dict[str, list[Input]] = {}
         for part in self.parts:
-            for index, port in enumerate(part.inputs):
-                if port.dead:
-                    continue
-                self.history.setdefault(port.stream, History()).readers[(part.name, index)] = -1
-                self._check_input(part, port)
-        self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
+            for port in part.inputs:
+                if not port.dead:
+                    self._readers.setdefault(port.stream, []).append(port)
+                    self._check_input(part, port)
+        self.kinds = {s: kind for s, kind in self.played.items() if s in self._readers}
         self.substituted = 0
         """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
         self.missing: tuple[str, str, int] | None = None
@@ -145,7 +145,13 @@ class Player:
         for stream, kind in self.kinds.items():
             payload = payloads.get(stream)
             if payload is not None:
-                self.history[stream].add(self.recording.decoded(stream, tick, payload, kind))
+                self._deliver(stream, self.recording.decoded(stream, tick, payload, kind))
+
+    def _deliver(self, stream: str, message: Message) -> None:
+        for port in self._readers.get(stream, ()):
+            port.put(message, 0)
+            if len(port.queue) > MOST:
+                port.queue.popleft()
 
     def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
         """Run all nodes that step at this tick; what they send, in its wire form. NodeError: one raised.
@@ -196,8 +202,8 @@ class Player:
             part.cpu.add(thread_time_ns() - self._cpu)
         self._stepped.append(part)
         for output in part.outputs:
-            if self.live and output.stream in self.history and output.last is not None:
-                self.history[output.stream].add(output.last)
+            if self.live and output.last is not None:
+                self._deliver(output.stream, output.last)
 
     def _was_recorded(self, part: Part) -> bool:
         """Whether each of its steps can be seen in the file, and is to come again."""
@@ -209,22 +215,21 @@ class Player:
     def _input(self, part: Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:
             return None
-        history, reader = self.history[port.stream], (part.name, index)
         place = part.places[index]
         if head is not None and place is not None and place < len(head.used):
             wanted = head.used[place]
             if wanted < 0:
                 return None
-            message = history.at(wanted, reader)
+            message = port.of(wanted)
             if message is None and not self.live:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
             if message is None:
                 self.substituted += 1
                 self.missing = self.missing or (part.name, port.stream, wanted)
-                message = history.newest(wanted, reader)
+                message = port.newest(wanted)
             return message
         limit = needed(tick, port.every, port.loop)
-        return None if limit < 0 else history.newest(limit, reader)
+        return None if limit < 0 else port.newest(limit)
 
 
 def _every(plan: Plan, node: str) -> int | None:
@@ -249,39 +254,3 @@ def plan_of(recording: Stored) -> Plan:
             f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
         ) from None
     return planned
-
-
-MOST = 65_536  # messages kept at most for a reader that asks for none: far more than a logger can bring out of order
-
-
-class History:
-    """The last messages of one stream; older than what every reader has used is forgotten."""
-
-    def __init__(self) -> None:
-        self.last: Message | None = None
-        self.readers: dict[object, int] = {}  # of each reader the last tick that it has used
-        self._messages: dict[int, Message] = {}
-        self._ticks: deque[int] = deque()
-
-    def add(self, message: Message) -> None:
-        """Take the next message."""
-        self.last = message
-        self._messages[message.tick] = message
-        self._ticks.append(message.tick)
-        oldest = min(self.readers.values(), default=message.tick)
-        ticks = self._ticks
-        while ticks and (ticks[0] < oldest or len(ticks) > MOST):
-            del self._messages[ticks.popleft()]
-
-    def at(self, tick: int, reader: object) -> Message | None:
-        """The message of this tick, None where there is none."""
-        if tick > self.readers.get(reader, -1):
-            self.readers[reader] = tick
-        return self._messages.get(tick)
-
-    def newest(self, limit: int, reader: object) -> Message | None:
-        """The newest message up to tick `limit`."""
-        for tick in reversed(self._ticks):
-            if tick <= limit:
-                return self.at(tick, reader)
-        return None
