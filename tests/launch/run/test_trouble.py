@@ -1,9 +1,6 @@
 """A node that fails in whatever way: the device is without torque, the culprit is named, nothing outlives the run, and
 what was recorded before can be checked."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -100,18 +97,3 @@ def test_in_one_process_no_node_is_blamed_for_memory_that_all_have_used(tmp_path
     (death,) = go(tmp_path, how, "simulated", place="fused").result.deaths
     assert death.node == "" and death.where == "process" and not death.trace
     assert str(death).startswith("process: there was no memory left while node 'spring' had its turn (" + where)
-
-
-def test_a_limit_of_memory_is_named(tmp_path):
-    limit = 1 << 45  # [bytes] more than any run asks for
-    run = (
-        "import resource, sys; from pathlib import Path; sys.path.insert(0, sys.argv[2]);"
-        f"resource.setrlimit(resource.RLIMIT_AS, ({limit}, {limit}));"
-        "from test_trouble import go;"
-        "print(go(Path(sys.argv[1]), 'no memory', 'simulated', place='fused').result.deaths[0])"
-    )
-    folders = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "support"), *sys.path]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(folders)}
-    command = [sys.executable, "-c", run, str(tmp_path), folders[0]]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert f"the limit is {limit / 1e6:.0f} MB (`ulimit -v`)" in done.stdout, done.stderr
