@@ -16,11 +16,11 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import psutil
 from tables import parser, tell
 from websockets.sync.client import connect
 
 from palpate.launch.load.launchfile import find
-from palpate.launch.run.descendants import descendants
 from palpate.views.page import serve
 from palpate.views.page.renderers import FRAME, binary
 from palpate.views.page.session import Session
@@ -93,7 +93,7 @@ def main() -> None:
         try:
             while not session.frame:
                 time.sleep(0.1)
-            run = descendants(os.getpid())
+            run = {child.pid for child in psutil.Process().children(recursive=True)}
             session.take(session, PRESSED)
             time.sleep(2.0)
             for _ in range(given.turns):

@@ -21,12 +21,12 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import psutil
 from rich.console import Console
 from rich.progress import Progress
 from tables import parser, tell
 
 from palpate.launch.load.launchfile import find
-from palpate.launch.run.descendants import descendants
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
@@ -38,7 +38,7 @@ SAMPLES = 200
 def held(pid: int) -> dict[str, float]:
     """Memory [MB], descriptors and threads of a process and all below it."""
     sums = {"memory": 0.0, "descriptors": 0.0, "threads": 0.0}
-    for one in {pid, *descendants(pid)}:
+    for one in {pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))}:
         try:
             text = (Path("/proc") / str(one) / "smaps_rollup").read_text()
             # without pages of files: their share depends on who else on the machine has the same libraries open

@@ -161,8 +161,10 @@ class Slot:
         self.awaited: list[tuple[int, Input]] = []
         """The inputs by their place, those first that come last: while a step waits for them the others come."""
         self.near = False  # whether all inputs come from nodes of this worker that run at each tick
+        self.follows = False  # whether the time of a step is that of its driving message, else that of the tick
+        self.blocked = False  # whether it cannot do without a node that has died
         self.health = HealthCounters()
-        self.due = 0
+        self.due = 0  # the first tick of its next step
         self.missed = -1  # number of the last run, tick // every, that lacked an input
         self.period = 1
         """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
@@ -220,7 +222,8 @@ class Slot:
         stepped before its time. NodeError: it raised."""
         self.begin()
         if not (self.node.hardware or self.node.sink):
-            warm(self.node, self.counts)
+            ports = zip(inputs(type(self.node)), self.counts, strict=True)
+            warm(self._step, [port for port, count in ports for _ in range(abs(count))])
             self.restart()
 
     def restart(self) -> None:
@@ -233,7 +236,7 @@ class Slot:
 
     def begin(self) -> None:
         """Start the node as a new process would: without a step before. NodeError: it raised."""
-        self.time = None
+        self.time, self.due = None, 0
         for output in self.outputs:
             output.previous = output.last = None
         try:

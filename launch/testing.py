@@ -16,6 +16,7 @@ import msgspec
 from palpate.engine.job import NodeJob
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot, counts
+from palpate.engine.tick import run_tick
 from palpate.messages import Message, pack, unpack
 from palpate.nodes.base import Node, Port, inputs, outputs
 
@@ -35,7 +36,7 @@ class FakeBus:
         self.rate = rate
         self.ports = {} if node.paced and not inputs(type(node)) else {p.name: p for p in inputs(type(node))}
         self.held: dict[str, Given] = {name: [] if port.many else None for name, port in self.ports.items()}
-        self.tick = 0
+        self.tick = self.at = 0
         self._drop = self._late = 0
         self._delay = 0.0
         self._twice = self._swap = False
@@ -50,15 +51,6 @@ class FakeBus:
             raise _cause(fault) from None
         for name, message in held.items():
             self.hold(name, message)
-
-    @property
-    def time(self) -> int | None:
-        """[ns] of the last step; None, before the first, may be set again when the node was started anew."""
-        return self.slot.time
-
-    @time.setter
-    def time(self, time: int | None) -> None:
-        self.slot.time = time
 
     @property
     def driver(self) -> str | None:
@@ -149,11 +141,11 @@ class FakeBus:
         if driving is not None:
             name, port = next(iter(self.ports.items()))
             given[name] = _arrived([*driving] if port.many else driving[0], port)
-            tick, time = driving[0].tick, driving[0].time
+            tick, self.at = driving[0].tick, driving[0].time
         else:
-            tick, time = self.tick, nanoseconds(self.tick, self.rate)
+            tick, self.at = self.tick, nanoseconds(self.tick, self.rate)
             self.tick += 1
-        messages: list[Message | None] = []
+        messages = self._inputs = list[Message | None]()
         connected: list[str] = []
         for name, value in given.items():
             several = [value] if value is None or isinstance(value, Message) else value
@@ -162,11 +154,18 @@ class FakeBus:
         if (given_counts := counts(type(self.node), connected)) != self.slot.counts:
             self.slot.takes(given_counts)
         try:
-            self.slot.step(tick, time, messages, 1.0 / self.rate)
+            run_tick([self.slot], tick, self)
         except NodeError as fault:
             raise _cause(fault) from None
         sent = [unpack(pack(output.last), output.kind) for output in self.slot.outputs if output.last is not None]
         return tuple(sent) if len(sent) != 1 else sent[0]
+
+    def gather(self, slot: Slot, tick: int) -> list[Message | None]:
+        """The inputs of a step, as `engine.tick` asks for them."""
+        return self._inputs
+
+    def sent(self, slot: Slot, tick: int) -> None:
+        """The answers stay in the node's outputs."""
 
 
 def _arrived(given: Given, port: Port) -> Given:

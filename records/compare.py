@@ -161,12 +161,12 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
 
 def _totals(player: Player) -> tuple[int, int]:
     """[ns] Duration and processor time of all steps so far."""
-    return sum(part.slot.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
+    return sum(part.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
 
 
 def _outputs(player: Player) -> dict[type[Message], Output]:
     """The first output of each message type."""
-    every = [output for part in player.parts for output in part.slot.outputs]
+    every = [output for part in player.parts for output in part.outputs]
     return {output.kind: output for output in reversed(every)}
 
 
@@ -214,7 +214,7 @@ def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.nda
 
 def _collect(variant: Variant, player: Player) -> None:
     variant.notes = player.notes()
-    variant.nodes = {part.name: part.slot.health.step for part in player.parts}
+    variant.nodes = {part.name: part.health.step for part in player.parts}
     variant.nodes_cpu = {part.name: part.cpu for part in player.parts}
     chosen = [p for p in player.parts if p.name in variant.swapped]
     # As recorded: the time of the body, so that the table has something to hold the others against.
@@ -222,7 +222,7 @@ def _collect(variant: Variant, player: Player) -> None:
         p for p in player.parts if any(k is Surface for k in variant.plan.graph.nodes[p.name].streams.values())
     ]
     for part in chosen:
-        own = part.slot.health.step
+        own = part.health.step
         variant.step.bins = [a + b for a, b in zip(variant.step.bins, own.bins, strict=True)]
         variant.step.total += own.total
         variant.step.longest = max(variant.step.longest, own.longest)

@@ -136,7 +136,7 @@ class _Filling:
         return bool(whole) and self.report.first is None
 
     def _compare(self, part: Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
-        for output in part.slot.outputs:
+        for output in part.outputs:
             if output.stream not in whole:
                 continue
             own = self.report.nodes[part.name]

@@ -7,7 +7,6 @@ rules of simulated time.
 """
 
 import inspect
-from collections import deque
 from collections.abc import Iterable
 from time import thread_time_ns
 
@@ -19,25 +18,28 @@ from palpate.engine.job import node_job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.schedule import needed
 from palpate.engine.slot import Input, NodeError, Slot
+from palpate.engine.tick import run_tick
 from palpate.messages import Message, pack
 from palpate.nodes.base import Node, SettingError
 from palpate.records.format.head import Head, head_of
 from palpate.records.stored import RecordingError, Stored
+
+MOST = 65_536  # messages that wait at most for a node which takes none: far more than a logger can bring out of order
 
 
 class MissingInput(Exception):
     """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
 
 
-class Part:
-    """One running node: its slot, and how its inputs are found."""
+class Part(Slot):
+    """One running node, and how its inputs are found."""
 
     def __init__(self, plan: Plan, name: str, path: set[str], recorded: Plan) -> None:
         job = node_job(plan, name, path)
-        self.name = name
         try:
-            self.slot = Slot(job, plan.make(name), {})
-            self.slot.wire({})
+            super().__init__(job, plan.make(name), ())
+            self.wire({})
+            self.near = False  # one without inputs, too, steps when it was recorded
         except (NodeError, SettingError, TypeError) as error:
             raise RecordingError(
                 f"node {name!r} ({job.cls}) no longer fits the recording: {error}. "
@@ -55,25 +57,25 @@ class Part:
     def _places(self, recorded: Plan) -> list[int | None]:
         spec = recorded.graph.nodes.get(self.name)
         if spec is None or self.name not in recorded.edges or not self.as_recorded:
-            return [None] * len(self.slot.inputs)
+            return [None] * len(self.inputs)
         read = places(spec.cls, recorded.edges[self.name])
         before = {(port.name, edge.stream if edge else ""): place for place, (port, edge) in enumerate(read)}
-        same = [port.dead or _every(recorded, port.producer) == port.every for port in self.slot.inputs]
-        known = [before.get((port.port.name, port.stream)) for port in self.slot.inputs]
+        same = [port.dead or _every(recorded, port.producer) == port.every for port in self.inputs]
+        known = [before.get((port.port.name, port.stream)) for port in self.inputs]
         return [place if kept else None for place, kept in zip(known, same, strict=True)]
 
     def forget_new_inputs(self, count: int) -> None:
         """Leave out inputs beyond the first `count`, which the class has gained since the recording was made: nothing
         is connected there, `step` has a default, and `used` had no place for them."""
-        ports = self.slot.inputs
+        ports = self.inputs
         if len(ports) <= count:
             return
-        parameters = inspect.signature(type(self.slot.node).step).parameters
+        parameters = inspect.signature(type(self.node).step).parameters
         while len(ports) > count and ports[-1].dead:
             if parameters[ports[-1].port.name].default is inspect.Parameter.empty:
                 break
             ports.pop()
-            self.slot.takes(self.slot.counts[:-1])
+            self.takes(self.counts[:-1])
 
 
 class Player:
@@ -94,19 +96,19 @@ class Player:
         self.parts = [Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
         self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
         self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
-        self.history: dict[str, History] = {}
+        self._readers: dict[str, list[Input]] = {}
         for part in self.parts:
-            for index, port in enumerate(part.slot.inputs):
-                if port.dead:
-                    continue
-                self.history.setdefault(port.stream, History()).readers[(part.name, index)] = -1
-                self._check_input(part, port)
-        self.kinds = {s: kind for s, kind in self.played.items() if s in self.history}
+            for port in part.inputs:
+                if not port.dead:
+                    self._readers.setdefault(port.stream, []).append(port)
+                    self._check_input(part, port)
+        self.kinds = {s: kind for s, kind in self.played.items() if s in self._readers}
         self.substituted = 0
         """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
         self.missing: tuple[str, str, int] | None = None
         """Of the first of them the node, and stream and tick of the message."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
+        self.rate, self.at = plan.graph.rate, 0
 
     def _check_input(self, part: Part, port: Input) -> None:
         lack = self.recording.lack(port.stream)
@@ -123,27 +125,33 @@ class Player:
     def start(self) -> None:
         """Start all nodes. NodeError: one raised."""
         for part in self.parts:
-            part.slot.start()
+            part.start()
 
     def last(self, node: str) -> list[Message | None]:
         """The newest message of each output of a node, None before its first; nothing of a node that does not run."""
-        return next(([output.last for output in part.slot.outputs] for part in self.parts if part.name == node), [])
+        return next(([output.last for output in part.outputs] for part in self.parts if part.name == node), [])
 
     def notes(self) -> list[str]:
         """Lines of the nodes that the user should see, each given once."""
-        return list(dict.fromkeys(text for part in self.parts for text in part.slot.node.notes()))
+        return list(dict.fromkeys(text for part in self.parts for text in part.node.notes()))
 
     def stop(self) -> None:
         """Stop all nodes."""
         for part in self.parts:
-            part.slot.node.stop()
+            part.node.stop()
 
     def hear(self, tick: int, payloads: dict[str, bytes]) -> None:
         """Take the recorded messages of one tick. RecordingError: bytes that do not fit their type."""
         for stream, kind in self.kinds.items():
             payload = payloads.get(stream)
             if payload is not None:
-                self.history[stream].add(self.recording.decoded(stream, tick, payload, kind))
+                self._deliver(stream, self.recording.decoded(stream, tick, payload, kind))
+
+    def _deliver(self, stream: str, message: Message) -> None:
+        for port in self._readers.get(stream, ()):
+            port.put(message, 0)
+            if len(port.queue) > MOST:
+                port.queue.popleft()
 
     def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
         """Run all nodes that step at this tick; what they send, in its wire form. NodeError: one raised.
@@ -153,43 +161,49 @@ class Player:
         self.hear(tick, payloads)
         if now is None:
             now = min((head_of(payload).time for payload in payloads.values()), default=0)
-        sent = {}
-        for part in self.parts:
-            if self.step_one(part, tick, payloads, now):
-                for output in part.slot.outputs:
-                    assert output.last is not None
-                    sent[output.stream] = pack(output.last)
-                    if self.live and output.stream in self.history:
-                        self.history[output.stream].add(output.last)
-        return sent
+        stepped = self.run(self.parts, tick, payloads, now)
+        return {output.stream: pack(output.last) for part in stepped for output in part.outputs if output.last}
 
-    def step_one(self, part: Part, tick: int, payloads: dict[str, bytes], now: int) -> bool:
-        """Run one node, if it steps at this tick. MissingInput, NodeError."""
-        own = next((payloads[s] for s in part.streams if s in payloads), None) if part.as_recorded else None
+    def run(self, parts: Iterable[Part], tick: int, payloads: dict[str, bytes], now: int = 0) -> list[Part]:
+        """Run those of these nodes that step at this tick, and return them. MissingInput, NodeError."""
+        self._payloads, self._now, self._stepped = payloads, now, list[Part]()
+        run_tick(parts, tick, self)
+        return self._stepped
+
+    def gather(self, part: Part, tick: int) -> list[Message | None] | None:
+        """The inputs of a step, and its time; None where the node does not step. MissingInput."""
+        own = next((self._payloads[s] for s in part.streams if s in self._payloads), None) if part.as_recorded else None
         head = None
         if own is not None:
             head = head_of(own)
             part.forget_new_inputs(len(head.used))
-        elif self._was_recorded(part) or tick % part.slot.every:
-            return False
+        elif self._was_recorded(part) or tick % part.every:
+            return None
         messages: list[Message | None] = []
-        for index, port in enumerate(part.slot.inputs):
+        for index, port in enumerate(part.inputs):
             message = self._input(part, index, port, tick, head)
-            drives = head is None and port is part.slot.driver
+            drives = head is None and port is part.driver
             if message is None and (drives or not port.port.optional):
-                return False
+                return None
             messages.append(message)
+        self.at = head.time if head else self._now
         if head is None and messages and messages[0] is not None and messages[0].tick == tick:
-            now = messages[0].time
+            self.at = messages[0].time
         due = self.restarts.get(part.name)
         if due and tick >= due[0]:  # where the node was started again in the run, with a new state, so it is here
             due.pop(0)
-            part.slot.restart()
-        wall, begun = part.slot.health.step.total, thread_time_ns()
-        part.slot.step(tick, head.time if head else now, messages, part.slot.every / self.plan.graph.rate)
-        if part.slot.health.step.total > wall:  # it does not sleep
-            part.cpu.add(thread_time_ns() - begun)
-        return True
+            part.restart()
+        self._wall, self._cpu = part.health.step.total, thread_time_ns()
+        return messages
+
+    def sent(self, part: Part, tick: int) -> None:
+        """Give the answers to the nodes that run on them."""
+        if part.health.step.total > self._wall:  # it does not sleep
+            part.cpu.add(thread_time_ns() - self._cpu)
+        self._stepped.append(part)
+        for output in part.outputs:
+            if self.live and output.last is not None:
+                self._deliver(output.stream, output.last)
 
     def _was_recorded(self, part: Part) -> bool:
         """Whether each of its steps can be seen in the file, and is to come again."""
@@ -201,22 +215,21 @@ class Player:
     def _input(self, part: Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:
             return None
-        history, reader = self.history[port.stream], (part.name, index)
         place = part.places[index]
         if head is not None and place is not None and place < len(head.used):
             wanted = head.used[place]
             if wanted < 0:
                 return None
-            message = history.at(wanted, reader)
+            message = port.of(wanted)
             if message is None and not self.live:
                 raise MissingInput(f"{port.stream!r} of tick {wanted}")
             if message is None:
                 self.substituted += 1
                 self.missing = self.missing or (part.name, port.stream, wanted)
-                message = history.newest(wanted, reader)
+                message = port.newest(wanted)
             return message
         limit = needed(tick, port.every, port.loop)
-        return None if limit < 0 else history.newest(limit, reader)
+        return None if limit < 0 else port.newest(limit)
 
 
 def _every(plan: Plan, node: str) -> int | None:
@@ -241,39 +254,3 @@ def plan_of(recording: Stored) -> Plan:
             f"{recording.path}: its plan cannot be read ({error!r}); `palpate replay --graph GRAPH` needs none"
         ) from None
     return planned
-
-
-MOST = 65_536  # messages kept at most for a reader that asks for none: far more than a logger can bring out of order
-
-
-class History:
-    """The last messages of one stream; older than what every reader has used is forgotten."""
-
-    def __init__(self) -> None:
-        self.last: Message | None = None
-        self.readers: dict[object, int] = {}  # of each reader the last tick that it has used
-        self._messages: dict[int, Message] = {}
-        self._ticks: deque[int] = deque()
-
-    def add(self, message: Message) -> None:
-        """Take the next message."""
-        self.last = message
-        self._messages[message.tick] = message
-        self._ticks.append(message.tick)
-        oldest = min(self.readers.values(), default=message.tick)
-        ticks = self._ticks
-        while ticks and (ticks[0] < oldest or len(ticks) > MOST):
-            del self._messages[ticks.popleft()]
-
-    def at(self, tick: int, reader: object) -> Message | None:
-        """The message of this tick, None where there is none."""
-        if tick > self.readers.get(reader, -1):
-            self.readers[reader] = tick
-        return self._messages.get(tick)
-
-    def newest(self, limit: int, reader: object) -> Message | None:
-        """The newest message up to tick `limit`."""
-        for tick in reversed(self._ticks):
-            if tick <= limit:
-                return self.at(tick, reader)
-        return None

@@ -90,7 +90,7 @@ class Replay:
                     break
                 sent = player.step(tick, payloads)
                 for part in player.parts:
-                    for output in part.slot.outputs:
+                    for output in part.outputs:
                         if output.stream in sent and output.stream in payloads and output.last is not None:
                             report = reports[part.name]
                             report.checked += 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from palpate.engine.faults import choices
 from palpate.messages import Field, Message, fields
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-
-if TYPE_CHECKING:
-    pass
 
 
 class Samples(np.ndarray):

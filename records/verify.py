@@ -63,7 +63,7 @@ def verify(
                 since, what = gaps.get(part.name, (tick, ""))
                 own.gap = own.gap or (what if tick >= since else "")
                 try:
-                    if not player.step_one(part, tick, payloads, 0):
+                    if not player.run([part], tick, payloads):
                         own.stopped = f"from tick {tick} on: it was recorded without an input that it cannot do without"
                         continue
                 except MissingInput as missing:
@@ -78,7 +78,7 @@ def verify(
                     own.stopped = f"from tick {tick} on: the step failed"
                     continue
                 before = replace(own)
-                for output in part.slot.outputs:
+                for output in part.outputs:
                     payload = payloads.get(output.stream)
                     if payload is not None and output.last is not None:
                         own.checked += 1

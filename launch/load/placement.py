@@ -46,7 +46,6 @@ class _Line(msgspec.Struct):
         msgspec.Meta(description="a name or address such as tcp://10.0.0.2 or tcp://10.0.0.2:5600"),
     ] = None
     join: Annotated[bool, msgspec.Meta(description="true or false")] = False
-    unencrypted: Annotated[bool, msgspec.Meta(description="true or false")] = False
 
 
 @dataclass
@@ -58,7 +57,6 @@ class ProcessGroup:
     priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
     host      name or address of the machine, with or without a port; None: this one, no network
     join      started by hand with `palpate remote join`, as a group on another machine always is
-    unencrypted  what goes over TCP is not secured by a key
     why       these nodes, where `auto` has chosen them
     """
 
@@ -68,7 +66,6 @@ class ProcessGroup:
     priority: int | None = None
     host: str | None = None
     join: bool = False
-    unencrypted: bool = False
     why: str = ""
 
 
@@ -198,5 +195,4 @@ def _group(name: str, line: YamlSource, known: list[str], taken: dict[str, str],
         priority=given.priority,
         host=given.host and given.host.removeprefix("tcp://"),
         join=given.join,
-        unencrypted=given.unencrypted,
     )

@@ -21,7 +21,7 @@ from palpate.engine.job import Job
 from palpate.engine.plan import Plan, force_path
 from palpate.engine.provenance import about
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
-from palpate.launch.load.placement import APART, AUTO, Placement, auto
+from palpate.launch.load.placement import APART, AUTO, auto
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs, spared
@@ -135,7 +135,7 @@ def execute(
     work = jobs(planned, place, clock=clock, ticks=ticks, pace=launch.pace, about=provenance)
     if joined:
         work = _reachable(work, joined, network)
-    key = _key(place, joined, network)
+    key = _key(joined, network)
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
@@ -230,12 +230,12 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
     return launch.clock or ("real" if hardware else "simulated")
 
 
-def _key(place: Placement, joined: frozenset[str], network: Network) -> Key | None:
+def _key(joined: frozenset[str], network: Network) -> Key | None:
     """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
     one that is made for this run. RunError."""
     from palpate.launch.run.wire import keys
 
-    if network.unencrypted or any(group.unencrypted for group in place.groups):
+    if network.unencrypted:
         return None
     return keys.load(network.key_name) if joined else keys.Key.make()
 

@@ -4,11 +4,11 @@ It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a s
 requests and gives answers, a JSON object a line (`reports`). When the launcher goes, the socket closes, and the fork
 server ends all workers and itself.
 
-Each worker leads a process group: when the worker ends, the fork server kills that group. Processes that a node started
-in another session end with the run.
+Each worker leads a process group: when the worker ends, the fork server kills that group.
 """
 
 import contextlib
+import gc
 import importlib
 import os
 import select
@@ -20,7 +20,7 @@ from typing import NoReturn
 
 import msgspec
 
-from palpate.launch.run.descendants import adopt_orphans, awake, die_with_parent, end_descendants, set_title
+from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
 from palpate.physics.arithmetic import environment
 
@@ -78,7 +78,6 @@ class ForkServer:
         if self.output.closed:
             return ""
         self.socket.close()
-        awake(self.process.pid)
         self.process.terminate()  # it may be busy importing, and would notice the socket much later
         try:
             self.process.wait(10)
@@ -90,12 +89,12 @@ class ForkServer:
         return last
 
 
-def _serve(end: socket.socket) -> NoReturn:
+def _serve(end: socket.socket, workers: dict[int, str]) -> None:
+    """Answer requests until the launcher goes. `workers`: their groups by process."""
     wake, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     signal.set_wakeup_fd(wake_write)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    workers: dict[int, str] = {}  # groups by process
     rest = b""
     while True:
         ready = select.select([end.fileno(), wake], [], [])[0]
@@ -105,17 +104,18 @@ def _serve(end: socket.socket) -> NoReturn:
         if end.fileno() in ready:
             data = end.recv(1 << 20)
             if not data:
-                break
+                return
             rest += data
             *lines, rest = rest.split(b"\n")
             for line in lines:
                 _do(end, REQUESTS.decode(line), workers)
-    _end_all()
 
 
-def _end_all(*_: object) -> NoReturn:
-    """End the workers, whatever their nodes have started, and the fork server itself."""
-    end_descendants()
+def _end_all(workers: dict[int, str]) -> NoReturn:
+    """End the workers with their process groups, and the fork server itself."""
+    for pid in workers:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(pid, signal.SIGKILL)
     os._exit(0)
 
 
@@ -125,9 +125,8 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, workers: dict[int, 
             for name in modules:
                 with contextlib.suppress(Exception):  # the worker meets the same error and reports it
                     importlib.import_module(name)
-            from palpate.launch.run.work.loops import set_aside
-
-            set_aside()  # so that the workers' collections do not touch, and so copy, the shared pages
+            gc.collect()
+            gc.freeze()  # so that the workers' collections do not touch, and so copy, the shared pages
         case Start(job):
             pid = os.fork()
             if pid == 0:
@@ -187,11 +186,12 @@ def load() -> None:
 
 def main(descriptor: int) -> NoReturn:
     """Serve the launcher at the other end of this socket."""
-    signal.signal(signal.SIGTERM, _end_all)
+    workers: dict[int, str] = {}
+    signal.signal(signal.SIGTERM, lambda *_: _end_all(workers))
     die_with_parent(signal.SIGTERM)
-    adopt_orphans()
     load()
-    _serve(socket.socket(fileno=descriptor))
+    _serve(socket.socket(fileno=descriptor), workers)
+    _end_all(workers)
 
 
 if __name__ == "__main__":

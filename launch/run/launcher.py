@@ -21,7 +21,6 @@ from palpate.engine.clock import Silence, now
 from palpate.engine.job import Job, members
 from palpate.launch.run import reports
 from palpate.launch.run.barrier import Barrier
-from palpate.launch.run.descendants import awake, stopped
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
@@ -33,7 +32,7 @@ from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
 HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
-BEAT = 0.5  # [s] between signs of life for workers on other machines, and checks of the fork server
+BEAT = 0.5  # [s] between signs of life for workers on other machines
 GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
 LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
 MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
@@ -367,11 +366,9 @@ class Launcher:
 
     def _check_time(self) -> None:
         moment = time.monotonic()
-        if moment - self._beat > BEAT:
+        if self.address and moment - self._beat > BEAT:
             self._beat = moment
-            if self.address:
-                self._control.tell("*", reports.Beat())
-            awake(self.forkserver.process.pid)  # stopped, it would never report the end of a worker
+            self._control.tell("*", reports.Beat())
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()
@@ -386,26 +383,21 @@ class Launcher:
             self._died(gone[0], reports.NodeFault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:
-        """A worker that was stopped by a signal, or one that computes nodes and is silent for too long."""
+        """A worker that is silent for too long."""
         for group, member in self.members.items():
             if not member.alive or (member.state == "starting" and member.joined):
                 continue
-            silence = member.silence()
-            if silence <= self.patience:
+            limit = LIMITS.get(member.state, self.patience)
+            if member.silence() <= limit:
                 continue
-            halted = member.pid is not None and stopped(member.pid)
-            limit = self.patience if halted else LIMITS.get(member.state, self.patience)
-            if silence <= limit:
-                continue
-            how = "it was stopped by a signal" if halted else "it hangs"
             self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
-            before, until = len(self._tail), time.monotonic() + (0.05 if halted else 0.5)
+            before, until = len(self._tail), time.monotonic() + 0.5
             while len(self._tail) == before and time.monotonic() < until:
                 time.sleep(0.05)
                 self._listen()
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
-            text = f"no sign of life for {limit:.3g} s: {how}"
+            text = f"no sign of life for {limit:.3g} s: it hangs, or was stopped"
             self._died(member, reports.NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
             if member.joined:

@@ -20,7 +20,7 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.load.values.settings import in_si
 from palpate.launch.load.values.units import UnitError
 from palpate.launch.run.assign import jobs
-from palpate.launch.run.work.simulated import run_tick
+from palpate.launch.run.work.simulated import SimulatedClock
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Message
 from palpate.nodes.base import Node, SettingError, settings
@@ -106,6 +106,7 @@ class Stepper:
         ticks = max(1, round(launch.duration * graph.rate)) if launch and launch.duration is not None else None
         (job,) = jobs(self.plan, fused(self.plan), ticks=ticks)
         self._worker = Worker(job, None, lambda report: None)
+        self._clock = SimulatedClock(self._worker)
         self.rate, self.last = graph.rate, self._worker.last
         self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
 
@@ -142,8 +143,7 @@ class Stepper:
     def tick(self) -> Tick:
         """Run one tick. NodeError: a node failed."""
         number = self._worker.tick + 1
-        self._worker.tick = number
-        run_tick(self._worker, number)
+        self._clock.run(number)
         return Tick(self._worker, number)
 
     def stop(self) -> None:

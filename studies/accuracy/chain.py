@@ -1,7 +1,7 @@
 """A touch through the nodes that run in a graph: contact.Series, friction.LuGre, spread.Kernel and a body.
 
-They are wired as in graphs/kidney.yaml (the body's law reaches the contact one tick later) and called as in a fused
-run, without encoding their messages: what is priced is the steps of the nodes.
+They are wired as in graphs/kidney.yaml (the body's law reaches the contact one tick later) and stepped as in a fused
+run, without encoding their messages: what is priced is the steps of the nodes, none of which sleeps.
 """
 
 import gc
@@ -12,9 +12,12 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
+from palpate.engine.job import InputJob, NodeJob
+from palpate.engine.schedule import nanoseconds
+from palpate.engine.slot import NodeError, Output, Slot
+from palpate.engine.tick import run_tick
 from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface
-from palpate.nodes.base import Node, SettingError
-from palpate.nodes.base.contacts import press
+from palpate.nodes.base import Node, SettingError, inputs
 from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
@@ -26,7 +29,9 @@ from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcom
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import SLIDING, worked
 
-Sent = TypeVar("Sent", bound=Message)
+M = TypeVar("M", bound=Message)
+Sent = tuple[Any, Any, Any, Any]
+"""Contact, Friction (None where nothing rubs), Load and Surface of one tick."""
 VERTICES = 10000
 """Of the surface, unless a setting says otherwise."""
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "finger_power_exponent": 1.0,
@@ -54,13 +59,13 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     begun = time.perf_counter()
     chain = _Chain(body, fidelity, contact, touch)
     offline = time.perf_counter() - begun
-    inputs = list(_proximities(touch, approach, place, slip))
+    approaches = list(_proximities(touch, fidelity.rate, approach, place, slip))
     seconds: list[np.ndarray] = []
-    first: list[tuple[Contact, Friction | None, Load | None, Surface]] = []
+    first: list[Sent] = []
     for turn in range(repeats):
         if turn:
             chain.start()
-        heard, spent = chain.through(inputs, 1.0 / fidelity.rate, keep=turn == 0)
+        heard, spent = chain.through(approaches, keep=turn == 0)
         seconds.append(spent)
         first = first or heard
     force = np.array([c.force for c, *_ in first])
@@ -89,7 +94,9 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
 
 
-def _proximities(touch: BenchCase, approach: np.ndarray, place: np.ndarray, slip: np.ndarray) -> Iterator[Proximity]:
+def _proximities(
+    touch: BenchCase, rate: float, approach: np.ndarray, place: np.ndarray, slip: np.ndarray
+) -> Iterator[Proximity]:
     """On the plane, or along the top of the kidney."""
     if touch.body == "kidney":
         feet, normals, ahead = along(place)
@@ -97,10 +104,10 @@ def _proximities(touch: BenchCase, approach: np.ndarray, place: np.ndarray, slip
         feet, normals, ahead = (np.zeros((len(place), 3)) for _ in range(3))
         feet[:, 0], normals[:, 2], ahead[:, 0] = place, 1.0, 1.0
     told = (approach, feet, normals, slip[:, None] * ahead)
-    for e, foot, normal, v in zip(*(one.tolist() for one in told), strict=True):
+    for tick, (e, foot, normal, v) in enumerate(zip(*(one.tolist() for one in told), strict=True)):
         yield Proximity(
-            foot=tuple(foot), normal=tuple(normal), coordinates=(0.0, 0.0), element=0, gap=-e, approach=max(e, 0.0),
-            slip=tuple(v),
+            tick=tick, time=nanoseconds(tick, rate), foot=tuple(foot), normal=tuple(normal), coordinates=(0.0, 0.0),
+            element=0, gap=-e, approach=max(e, 0.0), slip=tuple(v),
         )  # fmt: skip
 
 
@@ -112,8 +119,12 @@ def _pressed(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
     return float(own.sum()), float((-load.forces[:, 2] / own).max())
 
 
+class _Awake(Slot):
+    sleeps = False
+
+
 class _Chain:
-    """Contact, friction, spread and body."""
+    """Contact, friction, spread and body, whose steps `engine.tick` runs."""
 
     def __init__(self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: BenchCase) -> None:
         given = fidelity.settings
@@ -121,50 +132,78 @@ class _Chain:
         own = given.get("body", {})
         if issubclass(body, OnSurface):
             own = {**surface, **own}
+        self.rate, self.at = fidelity.rate, 0
+        self.near = Output("near", Proximity, False)
         try:
-            self.body = body(**own)
-            self.contact = Series(**contact)
-            self.friction = LuGre(**SLIDING._asdict()) if touch.friction else None
-            self.spread = Kernel(**surface, **given.get("spread", {}))
-            self.nodes = [n for n in (self.contact, self.friction, self.spread, self.body) if n is not None]
+            nodes = {
+                "contact": Series(**contact),
+                "friction": LuGre(**SLIDING._asdict()) if touch.friction else None,
+                "spread": (spread := Kernel(**surface, **given.get("spread", {}))),
+                "body": (pressed := body(**own)),
+            }
+            self.slots = [_slot(name, node, touch.friction) for name, node in nodes.items() if node is not None]
             self.start()
         except SettingError as error:
             raise UnsupportedError(str(error)) from None
-        self.mesh = self.spread.mesh() if self.body.wants("displacement") else None
+        self.nodes = [slot.node for slot in self.slots]
+        outputs = {slot.name: slot.outputs[0] for slot in self.slots}
+        for slot in self.slots:
+            slot.wire(outputs | {"near": self.near})
+        self.outputs = [outputs.get(name) for name in nodes]
+        self.mesh = spread.mesh() if pressed.wants("displacement") else None
 
     def start(self) -> None:
         """At rest, and compiled."""
-        for node in self.nodes:
-            node.start()
+        for slot in self.slots:
+            try:
+                slot.begin()
+            except NodeError as fault:
+                raise fault.cause if isinstance(fault.cause, Exception) else fault from None
 
-    def through(
-        self, inputs: list[Proximity], dt: float, keep: bool
-    ) -> tuple[list[tuple[Contact, Friction | None, Load | None, Surface]], np.ndarray]:
-        """What was sent at each tick, if it is kept, and how long the tick took [s] (T,)."""
-        contact, friction, spread, body = self.contact.step, self.friction, self.spread.step, self.body
-        nothing = Load(nodes=NO_NODES, forces=NO_VECTORS, foot=inputs[0].foot, normal=inputs[0].normal)
-        surface = press(body, nothing, dt=dt)
-        spent = np.empty(len(inputs))
-        heard: list[tuple[Contact, Friction | None, Load | None, Surface]] = []
+    def through(self, approaches: list[Proximity], keep: bool) -> tuple[list[Sent], np.ndarray]:
+        """What was sent at each tick, if it is kept, and how long the steps of the nodes took [s] (T,)."""
+        nothing = Load(nodes=NO_NODES, forces=NO_VECTORS, foot=approaches[0].foot, normal=approaches[0].normal)
+        self.slots[-1].step(-1, nanoseconds(-1, self.rate), [nothing], 1.0 / self.rate)
+        spent = np.empty(len(approaches))
+        heard: list[Sent] = []
         gc.collect()
         gc.disable()
         try:
-            for k, proximity in enumerate(inputs):
-                begun = time.perf_counter_ns()
-                touched = contact(proximity, surface, dt=dt)
-                rubbed = None if friction is None else friction.step(touched, proximity, dt=dt)
-                load = spread(touched, rubbed, dt=dt)
-                surface = press(body, load, dt=dt)
-                spent[k] = time.perf_counter_ns() - begun
+            for tick, self.near.last in enumerate(approaches):
+                begun, self.at = self._spent(), self.near.last.time
+                run_tick(self.slots, tick, self)
+                spent[tick] = self._spent() - begun
                 if keep:
-                    kept = _copied(load, "nodes", "forces"), _copied(surface, "nodes", "displacement")
-                    heard.append((touched, rubbed, *kept))
+                    touched, rubbed, load, surface = (output and output.last for output in self.outputs)
+                    heard.append((touched, rubbed, _copied(load, "nodes", "forces"),
+                                  _copied(surface, "nodes", "displacement")))  # fmt: skip
         finally:
             gc.enable()
         return heard, 1e-9 * spent
 
+    def _spent(self) -> int:
+        return sum(slot.health.step.total for slot in self.slots)
 
-def _copied(message: Sent, *arrays: str) -> Sent:
+    def gather(self, slot: Slot, tick: int) -> None:
+        """Nothing comes from elsewhere: each node has its inputs, or none."""
+        raise NodeError(slot.name, f"tick {tick}", "an input is missing")
+
+    def sent(self, slot: Slot, tick: int) -> None:
+        """Answers stay in the outputs."""
+
+
+def _slot(name: str, node: Node, friction: bool) -> Slot:
+    """A node of the chain with its senders; the body's law reaches the contact one tick later."""
+    senders = {Proximity: "near", Contact: "contact", Friction: "friction", Load: "spread", Surface: "body"}
+    wires = [
+        InputJob(port.name, senders[port.type], senders[port.type], loop=port.type is Surface)
+        for port in inputs(type(node))
+        if port.type in senders and (friction or port.type is not Friction)
+    ]
+    return _Awake(NodeJob(name, "", {}, 1, tuple(wires), (name,)), node, ())
+
+
+def _copied(message: M, *arrays: str) -> M:
     """With arrays of its own, apart from the buffers of the node that sent it."""
     return msgspec.structs.replace(message, **{name: np.array(getattr(message, name)) for name in arrays})
 

@@ -135,16 +135,12 @@ def test_what_typer_itself_says_is_left_to_it():
 
 def test_join_says_for_whom_it_waits(monkeypatch):
     monkeypatch.setattr("palpate.launch.run.work.process.join", lambda *given: 0)
-    for name in ("adopt_orphans", "end_descendants"):
-        monkeypatch.setattr(f"palpate.launch.run.descendants.{name}", lambda: None)
     words = ["remote", "join", "tcp://10.0.0.1:5600", "far", "--unencrypted", "--timeout", "7"]
     told = CliRunner().invoke(app, words)
     assert told.exit_code == 0 and "waiting up to 7 s for the launcher at tcp://10.0.0.1:5600" in told.stderr
 
 
-def test_join_without_a_launcher_ends_in_one_line(monkeypatch):
-    for name in ("adopt_orphans", "end_descendants"):
-        monkeypatch.setattr(f"palpate.launch.run.descendants.{name}", lambda: None)
+def test_join_without_a_launcher_ends_in_one_line():
     words = ["remote", "join", "tcp://127.0.0.1:1", "far", "--unencrypted", "--timeout", "0.3"]
     told = CliRunner().invoke(app, words)
     assert told.exit_code == 1

@@ -43,11 +43,6 @@ def check(seeds: Sequence[int]) -> None:
     assert not failed, "\n".join(failed)
 
 
-def test_a_run_ends_while_its_fork_server_is_stopped(tmp_path):
-    """The run waited without end for the news of its workers' ends."""
-    assert run(Fault("signal", "SIGSTOP", "fork server", "real", "each", "loop", 0.5), tmp_path) == []
-
-
 FIRST = ((0, 2, 4, 5), (7, 8, 12, 13), (17, 18, 21, 23))
 """Seeds of faults that no other test puts into a run."""
 

@@ -143,7 +143,7 @@ def live(name: str, days: list[tuple[int, dict]]) -> list[bytes]:
     """Run the node through these steps; FakeBus refuses what is not finite."""
     it = bus(name)
     it.node.start()
-    it.time, it.tick, time = None, 0, 0
+    it.slot.time, it.tick, time = None, 0, 0
     said = []
     for tick, (step, held) in enumerate(days):
         time = max(time + step, 0)

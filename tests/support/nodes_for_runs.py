@@ -119,8 +119,6 @@ class Faulty(Spring):
             raise RuntimeError("cannot start")
         if self.how == "no memory in start":
             raise MemoryError
-        if self.how == "stop in start":
-            os.kill(os.getpid(), signal.SIGSTOP)
         self.count = 0
 
     def step(self, pose: Pose) -> Force:
@@ -168,8 +166,6 @@ class Faulty(Spring):
                     os.kill(os.getpid(), signal.SIGTERM)
                 case "kill group" if os.getpgrp() == os.getpid() and os.getppid() != 1 and not replayed():
                     os.killpg(0, signal.SIGKILL)
-                case "own session":
-                    subprocess.Popen(["sleep", "1234"], start_new_session=True)
         return super().step(pose)
 
 

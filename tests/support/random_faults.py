@@ -44,6 +44,10 @@ LIMITED, FUSED, APART = 9.0, 40.0, 20.0
 times as fast in one process and 13 times in several: nobody is at the end before."""
 
 
+NOT_FUSED = ("stops itself", "exits", "forks", "starts a program")
+"""What a node does to its whole process: a stopped run waits, an exit ends it, and its children are the user's."""
+
+
 class Fault(NamedTuple):
     """What goes wrong, where and when.
 
@@ -73,13 +77,13 @@ def draw(seed: int) -> Fault:
         return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "node":
         how = rng.choice(sorted(BREAKS | BEARABLE))
-        if how in ("stops itself", "exits") and placement == "fused":  # a stopped run waits; an exit ends it
+        if how in NOT_FUSED and placement == "fused":
             placement = "each"
         return Fault(kind, how, "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "signal":
         whom = rng.choice(("launcher", "fork server", "one", "one", "one"))
         name = rng.choice(SIGNALS[:5] if whom == "launcher" else SIGNALS)
-        name = "SIGTERM" if whom == "launcher" and name == "SIGSTOP" else name  # a stopped run waits, as it should
+        name = "SIGTERM" if whom in ("launcher", "fork server") and name == "SIGSTOP" else name  # a stopped run waits
         return Fault(kind, name, whom, clock, placement, graph, rng.uniform(0.0, 1.5))
     if kind == "limit":
         what = rng.choice(("file size", "descriptors", "disk"))
@@ -210,12 +214,13 @@ def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: in
         assert master is not None
         os.close(master)
         return child.poll() is None
-    below = _below(child.pid)
+    under = below(child.pid)
     pid = child.pid
     if fault.whom == "fork server":
-        pid = below[0] if below else 0
+        pid = under[0] if under else 0
     elif fault.whom == "one":
-        pid = below[int(1000 * fault.moment) % len(below)] if below else 0
+        under = under[1:] or under  # who stops the fork server has the run wait
+        pid = under[int(1000 * fault.moment) % len(under)] if under else 0
     if not pid or child.poll() is not None:
         return False
     try:
@@ -225,7 +230,7 @@ def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: in
     return True
 
 
-def _below(pid: int) -> list[int]:
+def below(pid: int) -> list[int]:
     """Processes below one, parents first."""
     parents: dict[int, list[int]] = {}
     for entry in Path("/proc").iterdir():

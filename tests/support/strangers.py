@@ -7,7 +7,7 @@ import struct
 from pathlib import Path
 from typing import NamedTuple
 
-from palpate.launch.run.descendants import descendants
+from random_faults import below
 
 NOBODY = 65534  # uid and gid of no person
 PROBE = b"GET /info/main/workers.html HTTP/1.0\r\n\r\n"
@@ -25,7 +25,7 @@ class Listening(NamedTuple):
 def listening(pid: int) -> list[Listening]:
     """Sockets that others can connect or send to."""
     inodes = set()
-    for each in (pid, *descendants(pid)):
+    for each in (pid, *below(pid)):
         with contextlib.suppress(OSError):
             for link in Path(f"/proc/{each}/fd").iterdir():
                 with contextlib.suppress(OSError):

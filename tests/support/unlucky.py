@@ -89,7 +89,6 @@ BEARABLE = {
     "sends a state of a megabyte": lambda: _force(state="x" * 1_000_000),
     "forks": _fork,
     "starts a program": lambda: subprocess.Popen(["sleep", "1000"]),
-    "starts a program in a session of its own": lambda: subprocess.Popen(["sleep", "1000"], start_new_session=True),
     "steps the clock": _step_clock,
 }
 """Ways that a run may survive, or not: what counts is that nothing is left of it."""

@@ -14,6 +14,7 @@ keeps its parent's `environ` there, is that environment: `started_in` finds the 
 import atexit
 import contextlib
 import ctypes
+import gc
 import importlib
 import io
 import json
@@ -184,12 +185,12 @@ def main(end: socket.socket) -> None:
     forkserver.load()
     for name in ("typer._adapters", "palpate.cli.__main__", "palpate.launch.run.execute", *AT_A_RUN):
         importlib.import_module(name)
-    from palpate.launch.run.work.loops import set_aside
     from palpate.registry import modules
 
     for room in ("palpate.nodes.device", "palpate.nodes.contact"):  # one value of a scene brings them in
         modules(importlib.import_module(room))
-    set_aside()  # else each fork goes through all of it, and so copies it
+    gc.collect()
+    gc.freeze()  # else each fork goes through all of it, and so copies it
 
     while True:
         request, descriptors, *_ = socket.recv_fds(end, 1 << 20, 2)

@@ -39,7 +39,6 @@ PURPOSE = {
     "gym": [f"python -c {shlex.quote(GYM)}"],
     "view": [
         "palpate picture touch.mcap contact.force",
-        "palpate export touch.mcap --to vtk",
         "palpate picture touch.mcap --at 0.35",
     ],
     "scan": ["palpate build fingertip --phantom images", "palpate build fingertip images -o finger.npz"],

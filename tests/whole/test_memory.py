@@ -13,7 +13,7 @@ from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.load.plan import plan
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
-from palpate.launch.run.work.simulated import run_tick
+from palpate.launch.run.work.simulated import SimulatedClock
 from palpate.launch.run.work.worker import Worker
 from palpate.nodes.controller import Haptic
 from palpate.records.reader import Recording
@@ -34,6 +34,7 @@ def kept(body: str) -> tuple[float, int]:
     worker = Worker(job, None, lambda report: None)
     worker.start()
     worker.begin(now())
+    clock = SimulatedClock(worker)
     try:
         blocks, ran = [], []
         for tick in range(BEGUN + TICKS):
@@ -42,7 +43,7 @@ def kept(body: str) -> tuple[float, int]:
                 gc.freeze()
                 blocks.append(sys.getallocatedblocks())
                 ran.append(sum(generation["collections"] for generation in gc.get_stats()))
-            run_tick(worker, tick)
+            clock.run(tick)
         ran.append(sum(generation["collections"] for generation in gc.get_stats()))
         gc.collect()
         blocks.append(sys.getallocatedblocks())

@@ -15,7 +15,7 @@ MCAP = "mcap"
 
 def export(
     file: File,
-    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk; mcap: a complete recording.")],
+    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet or csv; mcap: a complete recording.")],
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", help="File (foxglove, rerun, mcap) or folder; by default next to the recording."),
@@ -33,7 +33,7 @@ def export(
 ) -> None:
     """Write a recording for other tools, or repair a truncated one.
 
-    As MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV or VTK (ParaView). With --to mcap: a
+    As MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet or CSV. With --to mcap: a
     complete recording from the readable part of a truncated or damaged one. Exit code 1 if a message that --full
     computes differs from the recorded one; the messages before it are written.
     """

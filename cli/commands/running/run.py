@@ -83,17 +83,15 @@ def run(
             ending.callback(page.close)
 
         from palpate.cli.terminal.run_summary import ended
-        from palpate.launch.run.descendants import none_left
         from palpate.launch.run.execute import Network, execute
         from palpate.records.times import step_times
 
-        with none_left():
-            outcome = execute(
-                launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
-                patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
-                thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
-                watch=page.live.on_update if page else lambda _: None, fit_cores=True,
-            )  # fmt: skip
+        outcome = execute(
+            launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
+            patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),
+            thin=options.thin_factors(thin or []), step_times=lambda planned: step_times(planned, None)[0],
+            watch=page.live.on_update if page else lambda _: None, fit_cores=True,
+        )  # fmt: skip
         if forkserver is not None:
             forkserver.close()
         if page is not None:

@@ -15,7 +15,6 @@ from typing import Any
 
 import yaml
 from yaml.reader import ReaderError
-from yaml.scanner import ScannerError
 
 from palpate.engine.faults import Fault, GraphError, Location
 
@@ -27,10 +26,7 @@ _WORDS = {
     "": None, "~": None, "null": None, "true": True, "yes": True, "on": True, "false": False, "no": False, "off": False,
     ".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf, ".nan": math.nan,
 }  # fmt: skip
-_TOO_MANY = 20_000  # nodes of the YAML, counted while they are composed: in Python 0.15 ms each
-_DEEPEST = 100  # levels inside one another: the scanner in Python looks at all brackets at each word
-_SHORT = 20_000  # characters: by indentation alone they nest 200 levels
-_SHALLOW = 400  # brackets and dashes, each of which may nest
+_TOO_MANY = 20_000  # entries: aliases may multiply those that are written
 
 
 @dataclass
@@ -132,31 +128,11 @@ def merge(base: YamlSource, top: YamlSource) -> YamlSource:
 
 
 def _compose(text: str | bytes) -> yaml.Node | None:
-    """By libyaml, six times as fast, unless the text may nest deeper than the stack of a small thread bears, or has a
-    tab, of which libyaml takes more; what it refuses is told by the scanner in Python, which says it better."""
-    plain = text if isinstance(text, str) else text.decode("latin-1")
-    nests = sum(map(plain.count, ("[", "{", "- ", "? "))) if len(plain) < _SHORT else _SHALLOW
-    if nests < _SHALLOW and "\t" not in plain and hasattr(yaml, "CSafeLoader"):
+    """By libyaml, six times as fast; what it refuses is told by the scanner in Python, which says it better."""
+    if hasattr(yaml, "CSafeLoader"):
         with contextlib.suppress(yaml.YAMLError):
             return yaml.compose(text, Loader=yaml.CSafeLoader)
-    return yaml.compose(text, Loader=_Loader)
-
-
-class _Loader(yaml.SafeLoader):
-    """Refuses what is nested too deeply while it scans, and not after the minutes that this would take."""
-
-    def fetch_flow_collection_start(self, TokenClass: Any) -> None:
-        if self.flow_level >= _DEEPEST:
-            raise ScannerError(
-                None, None, f"nested too deeply: more than {_DEEPEST} brackets inside one another", self.get_mark()
-            )
-        super().fetch_flow_collection_start(TokenClass)
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        self.composed = getattr(self, "composed", 0) + 1
-        if self.composed > _TOO_MANY:
-            raise ScannerError(None, None, f"more than {_TOO_MANY} entries", self.peek_event().start_mark)
-        return super().compose_node(parent, index)
+    return yaml.compose(text, Loader=yaml.SafeLoader)
 
 
 class _Builder:
@@ -170,8 +146,6 @@ class _Builder:
         self.places.setdefault(keys, place)
         if id(node) in parents:
             raise GraphError([Fault("an alias that contains itself", place=place)])
-        if len(parents) > _DEEPEST:
-            raise GraphError([Fault(f"nested too deeply: more than {_DEEPEST} levels", place=place)])
         if len(self.places) > _TOO_MANY:
             raise GraphError([Fault(f"more than {_TOO_MANY} entries", place=place)])
         if not node.tag.startswith("tag:yaml.org,2002:"):

@@ -1,6 +1,6 @@
 """The observers of one worker, a logger or a viewer: they get messages as they travel, and how the nodes are doing."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from palpate.engine.imports import load_class
 from palpate.engine.job import Job
@@ -52,7 +52,7 @@ class Audience:
         stream = topic.decode(errors="replace")
         try:
             if stream == HEALTH:
-                self.tell([unpack(payload, Health)])
+                self.tell(unpack(payload, Health))
                 return -1
             if stream == END:
                 group = payload.decode(errors="replace")
@@ -69,11 +69,10 @@ class Audience:
                 slot.observe(stream, tick, payload)
         return tick
 
-    def tell(self, reports: Iterable[Health]) -> None:
-        """How nodes are doing."""
-        for report in reports:
-            for slot in self.begun:
-                slot.node.health(report)
+    def tell(self, report: Health) -> None:
+        """How a node is doing."""
+        for slot in self.begun:
+            slot.node.health(report)
 
     def has_all(self, last: int | None) -> bool:
         """Whether every stream has brought its last message; on the real clock nobody knows which that is."""

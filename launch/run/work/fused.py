@@ -117,12 +117,8 @@ def death(fault: NodeError) -> Death:
     """A fault as the result tells it."""
     cause = fault.cause
     if isinstance(cause, MemoryError):  # whoever asks last is not to blame
-        import resource  # POSIX; this module is imported where there is none, too
-
-        most = resource.getrlimit(resource.RLIMIT_AS)[0]
-        limit = "" if most == resource.RLIM_INFINITY else f"; the limit is {most / 1e6:.0f} MB (`ulimit -v`)"
         during = f"while node {fault.node!r} had its turn ({fault.where})"
-        return Death("", "process", f"there was no memory left {during}: {cause or 'MemoryError'}{limit}")
+        return Death("", "process", f"there was no memory left {during}: {cause or 'MemoryError'}")
     if isinstance(cause, BaseException):
         return Death(fault.node, fault.where, f"{type(cause).__name__}: {cause}".removesuffix(": "), _trace(cause))
     return Death(fault.node, fault.where, cause)

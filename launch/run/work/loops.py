@@ -18,7 +18,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     """
     worker.begin(origin)
     collects = gc.isenabled()
-    freezes = not _others_froze()
+    freezes = worker.bus is None and not gc.get_freeze_count()  # else the fork server, or the user, has done so
     if worker.job.clock == "real":
         gc.collect()
         gc.disable()
@@ -39,24 +39,6 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
         if freezes:
             gc.unfreeze()
         worker.finish()
-
-
-_frozen = False
-
-
-def set_aside() -> None:
-    """Have the collector pass over what is there now, to the end of this process."""
-    global _frozen
-    gc.collect()
-    gc.freeze()
-    _frozen = True
-
-
-def _others_froze() -> bool:
-    """Whether somebody has set aside what was there before. To ask takes the longer the more that is: a yes is kept."""
-    global _frozen
-    _frozen = _frozen or gc.get_freeze_count() > 0
-    return _frozen
 
 
 def _run_to_stop(worker: Worker, origin: int) -> None:

@@ -23,6 +23,7 @@ comes back after an outage comes in from zero (nodes/base/absence.py).
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot
+from palpate.engine.tick import run_tick
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
@@ -32,34 +33,50 @@ RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: 
 
 def run_real(worker: Worker, origin: int) -> None:
     """Run until the worker's last tick or until it is stopped. `origin` [ns]: when tick 0 is."""
-    rate = worker.job.rate
-    period = round(1e9 / rate)
     paced = next((slot for slot in worker.slots if slot.node.paced), None)
     lead = paced or worker.slots[0]
+    clock = _RealClock(worker, lead, origin)
+    for slot in worker.slots:
+        slot.follows = slot.driver is not None
     while worker.last is None or worker.tick < worker.last:
-        started = _pace(worker, lead, origin, 1e9 / rate) if paced else _follow(worker, lead)
-        if started is None:
-            continue
-        tick, at = started
-        worker.tick = tick
-        deadline = now() + period
-        for slot in worker.slots:
-            if tick < slot.due or slot.name in worker.blocked:
-                continue
-            messages = _gather(worker, slot, tick, deadline, slot is lead)
-            if messages is None:  # it tries again at the next tick; a run of the divisor is lost once
-                slot.health.lost += tick // slot.every != slot.missed
-                slot.missed = tick // slot.every
-                continue
-            slot.due = next_run(tick, slot.every)
-            driving = messages[0] if slot.driver is not None else None
-            slot.step(tick, driving.time if driving is not None else at, messages, slot.every / rate)
-            worker.send(slot)
-            age = max(0, now() - origin - at)
-            slot.health.age.add(age)
-            slot.health.overdue += age > period
+        started = _pace(worker, lead, origin, 1e9 / clock.rate) if paced else _follow(worker, lead)
+        if started is not None:
+            clock.run(*started)
+
+
+class _RealClock:
+    """Runs the nodes of a worker in real time. `lead`: the node whose input, or clock, begins a tick."""
+
+    def __init__(self, worker: Worker, lead: Slot, origin: int) -> None:
+        self.worker, self.lead, self.origin, self.rate = worker, lead, origin, worker.job.rate
+        self.period = round(1e9 / self.rate)
+        self.at = self.deadline = 0
+
+    def run(self, tick: int, at: int) -> None:
+        """Run the nodes that step at this tick, and what is due after it."""
+        worker = self.worker
+        worker.tick, self.at = tick, at
+        self.deadline = now() + self.period
+        run_tick(worker.slots, tick, self)
         worker.check_orders()
         worker.housekeep()
+
+    def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
+        """The inputs of a step, see `_gather`. A node that lacks one tries again at the next tick; a run of its divisor
+        is lost once."""
+        messages = _gather(self.worker, slot, tick, self.deadline, slot is self.lead)
+        if messages is None:
+            slot.health.lost += tick // slot.every != slot.missed
+            slot.missed = tick // slot.every
+        return messages
+
+    def sent(self, slot: Slot, tick: int) -> None:
+        """Send the answers at once, and count how late they are."""
+        slot.due = next_run(tick, slot.every)
+        self.worker.send(slot)
+        age = max(0, now() - self.origin - self.at)
+        slot.health.age.add(age)
+        slot.health.overdue += age > self.period
 
 
 def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
@@ -82,12 +99,12 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
     """Wait for the next driving message; of several that wait, the newest counts. Each run of the node's divisor whose
     messages are passed over is lost; messages between two runs are not."""
     port = lead.inputs[0]
-    while port.dead or lead.name in worker.blocked or not port.queue:
+    while port.dead or lead.blocked or not port.queue:
         if port.feed is None or port.dead:
             worker.pause()
         else:
             worker.wait(port.feed)
-            if lead.name in worker.blocked:  # its input comes on, and so nobody else looks whether it is wanted again
+            if lead.blocked:  # its input comes on, and so nobody else looks whether it is wanted again
                 worker.drain()
             worker.check_orders()
         if worker.stopping:

@@ -5,8 +5,9 @@ placement. Every worker runs its nodes in the graph's order, which excludes dead
 """
 
 from palpate.engine.clock import now, sleep_until
-from palpate.engine.schedule import nanoseconds
+from palpate.engine.schedule import nanoseconds, next_run
 from palpate.engine.slot import Input, NodeError, Slot
+from palpate.engine.tick import run_tick
 from palpate.launch.run.reports import Paused
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
@@ -14,14 +15,13 @@ from palpate.messages import Message
 
 def run_simulated(worker: Worker, origin: int) -> None:
     """Run the ticks from 0 to the worker's last. `origin` [ns]: when tick 0 is, where the run is paced."""
-    rate, pace = worker.job.rate, worker.job.pace
+    rate, pace, clock = worker.job.rate, worker.job.pace, SimulatedClock(worker)
     lead = next((slot for slot in worker.slots if slot.node.paced), None)
     tick, begun = 0, now()
     while worker.last is None or tick <= worker.last:
-        worker.tick = tick
         if pace is not None and lead is not None:
             sleep_until(origin + round(nanoseconds(tick, rate) / pace))
-        run_tick(worker, tick)
+        clock.run(tick)
         if lead is not None:
             ended = now()
             lead.health.age.add(ended - begun)
@@ -31,32 +31,34 @@ def run_simulated(worker: Worker, origin: int) -> None:
         tick += 1
 
 
-def run_tick(worker: Worker, tick: int) -> None:
-    """Run the nodes that step at this tick, and what is due after it."""
-    rate = worker.job.rate
-    at = nanoseconds(tick, rate)
-    for slot in worker.slots:
-        if tick % slot.every or slot.name in worker.blocked:
-            continue
-        messages = slot.ready(tick) if slot.near else None
-        if messages is None:
-            messages = _gather(worker, slot, tick)
-            if slot.name in worker.blocked:
-                continue
-        slot.step(tick, at, messages, slot.every / rate)
+class SimulatedClock:
+    """Runs the nodes of a worker on simulated time: each input is waited for."""
+
+    def __init__(self, worker: Worker) -> None:
+        self.worker, self.rate, self.at = worker, worker.job.rate, 0
+
+    def run(self, tick: int) -> None:
+        """Run the nodes that step at this tick, and what is due after it."""
+        self.worker.tick = tick
+        self.at = nanoseconds(tick, self.rate)
+        run_tick(self.worker.slots, tick, self)
+        self.worker.housekeep()
+
+    def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
+        """The messages that a step uses, each waited for; None: the node has been blocked meanwhile."""
+        messages: list[Message | None] = [None] * len(slot.inputs)
+        for place, port in slot.awaited:
+            need = port.need(tick)
+            if need >= 0 and not port.dead:
+                messages[place] = port.of(need) or _await(self.worker, slot, port, need)
+        return None if slot.blocked else messages
+
+    def sent(self, slot: Slot, tick: int) -> None:
+        """Send the answers that somebody takes."""
+        if slot.every > 1:
+            slot.due = next_run(tick, slot.every)
         if tick >= slot.sends:
-            worker.send(slot)
-    worker.housekeep()
-
-
-def _gather(worker: Worker, slot: Slot, tick: int) -> list[Message | None]:
-    """The messages that a step uses, each waited for."""
-    messages: list[Message | None] = [None] * len(slot.inputs)
-    for place, port in slot.awaited:
-        need = port.need(tick)
-        if need >= 0 and not port.dead:
-            messages[place] = port.of(need) or _await(worker, slot, port, need)
-    return messages
+            self.worker.send(slot)
 
 
 def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None:
@@ -71,7 +73,7 @@ def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None
                 raise NodeError(port.producer, f"stream {port.stream!r}", f"its message of tick {need} was lost")
             if came:
                 continue
-            if port.dead or slot.name in worker.blocked:
+            if port.dead or slot.blocked:
                 return None
             if worker.last is not None and worker.tick > worker.last:
                 raise EndedError

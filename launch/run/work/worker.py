@@ -51,7 +51,6 @@ class Worker:
             self._feed(slot)
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
-        self.blocked: set[str] = set()
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
         self.tick = -1
@@ -280,8 +279,9 @@ class Worker:
 
     def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:
         """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""
-        self.blocked = self.blocked - blocked if back else self.blocked | blocked
         for slot in self.slots:
+            if slot.name in blocked:
+                slot.blocked = not back
             for port in slot.inputs:
                 if port.producer in nodes | blocked:
                     port.dead = not back
@@ -356,7 +356,7 @@ class Worker:
         for slot in self.slots:
             last = slot.outputs[0].last if slot.outputs else None
             health = message(slot.name, last.time if last is not None else 0, self._since, nodes[slot.name])
-            self.audience.tell([health])
+            self.audience.tell(health)
             if far and self.bus is not None:
                 self.bus.keep(frame(HEALTH, pack(health)))
 

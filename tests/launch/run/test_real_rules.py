@@ -39,7 +39,6 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
         stopping=False,
         tick=-1,
         last=None,
-        blocked=set(),
         drain=lambda: None,
     )
 
@@ -242,15 +241,13 @@ class Here(SimpleNamespace):
     """A worker with a paced node at each tick, one at every second, and one that is blocked."""
 
     def __init__(self, last: int) -> None:
-        super().__init__(
-            job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, blocked={"silent"}, stopping=False
-        )
+        super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, stopping=False)
         self.clock = [0]
         self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
         for made in self.slots:
             made.begin()
         self.slots[1].every = 2
-        self.slots[2].name = "silent"
+        self.slots[2].blocked = True
         self.sent: list[tuple[int, int]] = []
 
     def send(self, made: Slot) -> None:
@@ -373,13 +370,13 @@ def test_a_wait_ends_when_its_sender_dies_or_the_run_stops():
 
 def test_a_node_that_is_not_wanted_looks_at_what_comes_while_its_input_comes_on():
     made, here, drained = slot("Drag", ("pose", {}), ("force", {})), worker(), []
-    here.blocked, here.check_orders = {"node"}, lambda: None
+    made.blocked, here.check_orders = True, lambda: None
     put(made, 0, POSE, 3)
 
     def drain():
         drained.append(None)
         if len(drained) == 3:
-            here.blocked.clear()
+            made.blocked = False
 
     here.drain = drain
     assert real._follow(here, made) == (3, 3 * MS)

@@ -7,7 +7,6 @@ import signal
 from types import SimpleNamespace
 
 import pytest
-from test_wire import GREETING, SUB, End, stranger
 
 from palpate.engine import clock
 from palpate.engine.job import Job, NodeJob
@@ -63,18 +62,6 @@ def test_an_observer_next_to_a_node_takes_what_was_under_way_when_the_machine_st
     observe(worker, {"other"})
     assert heard[:3] == [True, False, True]
     assert len(heard) == 3 + QUIET // (20 * MS) + 1
-
-
-def test_a_reader_that_had_no_time_to_greet_is_not_refused(time, tmp_path):
-    writer = End(tmp_path / "out").listen()
-    reader = stranger(writer, GREETING + SUB)
-    writer.watch.poll()  # it is let in
-    time.ns += 5000 * MS
-    writer.outlet.tend()
-    writer.serve(lambda: not writer.outlet._greeting)
-    assert not writer.outlet.foreign and len(writer.outlet._readers) == 1
-    reader.close()
-    writer.outlet.close()
 
 
 def test_after_a_death_the_others_get_their_time_to_hear_of_it_when_the_machine_goes_on(time):

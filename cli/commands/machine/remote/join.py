@@ -25,15 +25,9 @@ def join(
     if not host or not port.isdecimal():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
     os.environ.update(environment())  # as the launcher gives it to its workers, before numpy is imported
-    from palpate.launch.run.descendants import adopt_orphans, end_descendants
     from palpate.launch.run.wire import keys
     from palpate.launch.run.work.process import join as serve
 
     secured = None if unencrypted else keys.load(key)
     typer.echo(f"waiting up to {timeout:g} s for the launcher at {address}", err=True)
-    adopt_orphans()
-    try:
-        code = serve(address, group, timeout, secured)
-    finally:
-        end_descendants()  # what its nodes have started
-    raise typer.Exit(code)
+    raise typer.Exit(serve(address, group, timeout, secured))
