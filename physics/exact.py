@@ -73,17 +73,17 @@ def _fill(which, x, y, out):
 def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """x (...,n,m) with a x = b, of a (...,n,n) and b (...,n,m).
 
-    ValueError: a is singular.
+    ValueError: a is singular, or not finite.
     """
     x = np.array(b, dtype=float, order="C")
     rows, columns = x.shape[-2:]
-    if not _solve(np.array(a, dtype=float, order="C").reshape(-1, rows, rows), x.reshape(-1, rows, columns)):
+    if not solve_in_place(np.array(a, dtype=float, order="C").reshape(-1, rows, rows), x.reshape(-1, rows, columns)):
         raise ValueError("a singular matrix")
     return x
 
 
 @kernel(error_model="numpy")
-def _solve(a, x):
+def solve_in_place(a, x):
     """Gaussian elimination with row pivots, in place; whether all pivots are there. a (k,n,n), x (k,n,m)."""
     count, n, columns = x.shape
     for k in range(count):
@@ -92,7 +92,7 @@ def _solve(a, x):
             for j in range(i + 1, n):
                 if abs(a[k, j, i]) > abs(a[k, best, i]):
                     best = j
-            if not abs(a[k, best, i]) > 0.0:
+            if not 0.0 < abs(a[k, best, i]) < np.inf:
                 return False
             if best != i:
                 for j in range(n):

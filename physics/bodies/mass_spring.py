@@ -15,7 +15,7 @@ import math
 
 import numpy as np
 
-from palpate.physics.bodies.stretch import neighbours
+from palpate.physics.bodies.stretch import StretchWorkspace, hold_together, neighbours
 from palpate.physics.contact.terminal import indentation
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
@@ -126,7 +126,7 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
 
 
 @kernel(error_model="numpy")
-def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, count):
+def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, room, count):
     """One step of the nodal law; returns how many nodes are displaced.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
@@ -135,6 +135,7 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, 
     slots    (2,V)   slot of each node in the list, -1 outside, and node of each slot
     state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
     out      (V,3)   displacement [m] by slot
+    room             work space of `stretch.hold_together`
     count            length of the list before the step
     """
     stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
@@ -164,7 +165,7 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, 
             state[slot, 0] = max(0.0, u - dt / damping) if damping > 0.0 else 0.0
         widest = max(widest, state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2)
     if 2.0 * math.sqrt(widest) > MOST_STRAIN * shortest:
-        limit_differences(state, 1, count, edges, where, active)
+        hold_together(state[:, 1:4], count, MOST_STRAIN, edges, where, active, room)
     count = drop_rested(where, active, state, count)
     for slot in range(count):
         for k in range(3):
@@ -190,46 +191,6 @@ def drop_rested(where, active, state, count):
                 state[kept, k] = state[slot, k]
         kept += 1
     return kept
-
-
-@kernel(error_model="numpy")
-def limit_differences(state, column, count, edges, where, active):
-    """Hold |u_i - u_j| <= 0.8 edge length between neighbours, for the vectors in three columns of `state`.
-
-    A few sweeps that move both ends equally spread the excess; what is left is scaled away, which always suffices.
-    """
-    first, neighbours, spans = edges
-    for sweep in range(9):
-        worst = 1.0
-        for slot in range(count):
-            node = active[slot]
-            for at in range(first[node], first[node + 1]):
-                other = where[neighbours[at]]
-                if 0 <= other < slot:
-                    continue
-                x, y, z = state[slot, column], state[slot, column + 1], state[slot, column + 2]
-                if other >= 0:
-                    x, y, z = x - state[other, column], y - state[other, column + 1], z - state[other, column + 2]
-                square = x * x + y * y + z * z
-                limit = MOST_STRAIN * spans[at]
-                if square <= limit * limit:
-                    continue
-                ratio = limit / math.sqrt(square)
-                worst = min(worst, ratio)
-                if sweep < 8:
-                    shift = (1.0 - ratio) * (0.5 if other >= 0 else 1.0)
-                    state[slot, column] -= shift * x
-                    state[slot, column + 1] -= shift * y
-                    state[slot, column + 2] -= shift * z
-                    if other >= 0:
-                        state[other, column] += shift * x
-                        state[other, column + 1] += shift * y
-                        state[other, column + 2] += shift * z
-        if worst == 1.0:
-            return
-    for slot in range(count):
-        for k in range(3):
-            state[slot, column + k] *= worst
 
 
 class NodalBody:
@@ -261,7 +222,15 @@ class NodalBody:
         self.slots = np.stack([np.full(size, -1, np.int32), np.zeros(size, np.int32)])
         self.displacement = np.zeros((size, 3))
         self.count = 0
-        self._fixed = (law, nodal, edges, self.slots, np.zeros((size, 10)), self.displacement)
+        self._fixed = (
+            law,
+            nodal,
+            edges,
+            self.slots,
+            np.zeros((size, 10)),
+            self.displacement,
+            StretchWorkspace.of(size),
+        )
         self._step = entry_point(nodal_step, NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0), 0.0, *self._fixed, 0)
 
     def step(

@@ -15,6 +15,7 @@ Optim. Theory Appl. 22 (1977) 465-485).
 import numpy as np
 
 from palpate.physics.contact.series import balance
+from palpate.physics.exact import solve_in_place
 from palpate.physics.kernel import kernel
 
 EXACT = 1e-13
@@ -74,7 +75,7 @@ def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
             least = worst
             for i in range(count):
                 best[i] = force[i]
-            if _solve(matrix, miss):
+            if solve_in_place(matrix.reshape(1, count, count), miss.reshape(1, count, 1)):
                 for i in range(count):
                     force[i] = max(force[i] + miss[i], 0.0)
                 continue
@@ -84,30 +85,3 @@ def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
             _one(i, _others(i, coupling, force), approach, dt, before, fingers, laws, out)
             force[i] = out[i, 0]
         least = np.inf
-
-
-@kernel(error_model="numpy")
-def _solve(matrix, right):
-    """Solve matrix x = right in place, by elimination with pivots; False where it is singular."""
-    count = len(right)
-    for k in range(count):
-        pivot = k
-        for i in range(k + 1, count):
-            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
-                pivot = i
-        if not 0.0 < abs(matrix[pivot, k]) < np.inf:
-            return False
-        if pivot != k:
-            for j in range(count):
-                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
-            right[k], right[pivot] = right[pivot], right[k]
-        for i in range(k + 1, count):
-            factor = matrix[i, k] / matrix[k, k]
-            for j in range(k, count):
-                matrix[i, j] -= factor * matrix[k, j]
-            right[i] -= factor * right[k]
-    for k in range(count - 1, -1, -1):
-        for j in range(k + 1, count):
-            right[k] -= matrix[k, j] * right[j]
-        right[k] /= matrix[k, k]
-    return True

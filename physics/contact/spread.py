@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.physics.entry_point import entry_point
-from palpate.physics.geometry.grid import Grid, cell_range
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh_closest import nearest_weights
 from palpate.physics.kernel import kernel
 
 Triple = tuple[float, float, float]
@@ -43,20 +43,60 @@ def kernel_values(name: str, q: ArrayLike) -> np.ndarray:
     return np.array([kernel_value(kind, float(x)) for x in flat.ravel()]).reshape(flat.shape)
 
 
+def cells(points: np.ndarray, side: float) -> tuple[np.ndarray, float, np.ndarray, np.ndarray, np.ndarray]:
+    """A uniform grid over points [m] (V,3): its corner [m] (3), the side of a cell [m], cells along each axis (3), the
+    place in the order of each cell's first point (C+1), cells in C order, and the points by cell (V).
+
+    Cells are larger than asked for where they would by far outnumber the points.
+    """
+    origin = points.min(axis=0)
+    extent = points.max(axis=0) - origin
+    while np.prod(np.floor(extent / side) + 1.0) > 4 * len(points) + 100_000:
+        side *= 1.25
+    shape = (np.floor(extent / side) + 1.0).astype(np.int64)
+    cell = np.minimum(((points - origin) / side).astype(np.int64), shape - 1)
+    flat = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    first = np.zeros(int(shape.prod()) + 1, np.int32)
+    np.cumsum(np.bincount(flat, minlength=len(first) - 1), out=first[1:])
+    return origin, side, shape, first, np.argsort(flat, kind="stable").astype(np.int32)
+
+
+@kernel(error_model="numpy")
+def _cell(x, count):
+    # Held within the grid before it becomes an integer, which a point far away would overflow.
+    return int(min(max(x, 0.0), count - 1.0))
+
+
+@kernel(error_model="numpy")
+def _cell_range(point, radius, origin, side, shape):
+    """First and last cell (3), (3) along each axis that a ball round a point touches, limited to the grid."""
+    lo = (
+        _cell((point[0] - radius - origin[0]) / side, shape[0]),
+        _cell((point[1] - radius - origin[1]) / side, shape[1]),
+        _cell((point[2] - radius - origin[2]) / side, shape[2]),
+    )
+    hi = (
+        _cell((point[0] + radius - origin[0]) / side, shape[0]),
+        _cell((point[1] + radius - origin[1]) / side, shape[1]),
+        _cell((point[2] + radius - origin[2]) / side, shape[2]),
+    )
+    return lo, hi
+
+
 @kernel(error_model="numpy")
 def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes, weights, forces):
     """Spread `force` [N] over the nodes round `foot` [m]; returns how many, 0 where no node is in range.
 
     foot, normal, force  (3) each
     scalars              radius R [m], kind (index into KERNELS), then origin (3) and side [m] of the grid
-    shape, first, order  of the `Grid`
+    shape, first, order  see `cells`
     near     (V,7)       position, normal and area of each vertex, in the order of the grid
     nodes (V), weights (V), forces (V,3)  are filled as far as the returned count
 
     The work depends on the number of nodes near the foot, not on the mesh.
     """
     radius, kind, origin, side = scalars[0], int(scalars[1]), scalars[2:5], scalars[5]
-    lo, hi = cell_range(foot, radius, origin, side, shape)
+    lo, hi = _cell_range(foot, radius, origin, side, shape)
     count = 0
     total = 0.0
     reach = radius * radius
@@ -81,6 +121,26 @@ def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes
     return count
 
 
+@kernel(error_model="numpy")
+def nearest_triangle(point, normal, points, triangles, vectors):
+    """The triangle nearest to a point [m] (3), and the weights of the second and third corner at its nearest point.
+
+    Triangles that look away from `normal` count only where there is no other; -1: there are none with an area.
+    points [m] (V,3), triangles (T,3), vectors [m²] (T,3) along the triangles' normals
+    """
+    best, least, faces, v, w = -1, np.inf, False, 0.0, 0.0
+    for t in range(len(triangles)):
+        facing = vectors[t, 0] * normal[0] + vectors[t, 1] * normal[1] + vectors[t, 2] * normal[2]
+        if facing == 0.0 or (faces and facing < 0.0):
+            continue
+        a, b, c = points[triangles[t, 0]] - point, points[triangles[t, 1]] - point, points[triangles[t, 2]] - point
+        y, z, _ = nearest_weights(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
+        square = np.sum(((1.0 - y - z) * a + y * b + z * c) ** 2)
+        if square < least or (facing > 0.0 and not faces):
+            best, least, faces, v, w = t, square, facing > 0.0, y, z
+    return best, v, w
+
+
 class Spreader:
     """Spreads a force that acts at a foot point of a mesh.
 
@@ -96,12 +156,13 @@ class Spreader:
             raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
         if not 0.0 < radius < math.inf:
             raise ValueError(f"radius {radius} m: expected a positive number")
-        self.grid = grid = Grid.of(mesh, radius)
-        near = np.concatenate([mesh.vertices, mesh.normals, mesh.areas[:, None]], axis=1)[grid.order]
+        self.mesh = mesh
+        origin, side, shape, first, order = cells(mesh.vertices, radius)
+        near = np.concatenate([mesh.vertices, mesh.normals, mesh.areas[:, None]], axis=1)[order]
         size = max(len(near), 3)
         self.nodes, self.weights, self.forces = np.empty(size, np.int32), np.empty(size), np.empty((size, 3))
-        scalars = np.array([radius, KERNELS.index(kernel), *grid.origin, grid.side])
-        self._fixed = (scalars, grid.shape, grid.first, grid.order, near, self.nodes, self.weights, self.forces)
+        scalars = np.array([radius, KERNELS.index(kernel), *origin, side])
+        self._fixed = (scalars, shape, first, order, near, self.nodes, self.weights, self.forces)
         self._kernel = entry_point(spread_kernel, *3 * ((0.0, 0.0, 0.0),), *self._fixed)
 
     def spread(self, foot: Triple, normal: Triple, force: Triple) -> int:
@@ -116,12 +177,14 @@ class Spreader:
         if count:
             return count
         # From far away only the direction matters; held near the mesh, squares of distances stay finite.
-        low, high = self.grid.points.min(axis=0), self.grid.points.max(axis=0)
-        margin = 10 * (self.grid.longest + float(np.max(high - low)))
-        triangle, shares = self.grid.nearest(np.clip(foot, low - margin, high + margin), normal)
-        if triangle < 0:
+        vertices, triangles = self.mesh.vertices, self.mesh.triangles
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        margin = 20 * float(np.max(high - low))
+        point = np.clip(foot, low - margin, high + margin)
+        nearest, v, w = nearest_triangle(point, np.asarray(normal, float), vertices, triangles, self.mesh.face_vectors)
+        if nearest < 0:
             return 0
-        self.nodes[:3] = self.grid.triangles[triangle]
-        self.weights[:3] = shares / shares.sum()
+        shares = np.maximum((1.0 - v - w, v, w), 0.0)
+        self.nodes[:3], self.weights[:3] = triangles[nearest], shares / shares.sum()
         self.forces[:3] = self.weights[:3, None] * np.asarray(force)
         return 3

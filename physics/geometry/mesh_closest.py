@@ -130,15 +130,15 @@ def _on_triangle(points, cells, t, p0, p1, p2):
             w = 1.0 - s
         place = EDGE + edge if 0.0 < s < 1.0 else VERTEX + (edge if s == 0.0 else (edge + 1) % 3)
     else:
-        v, w, place = _region(ax, ay, az, bx, by, bz, cx, cy, cz)
+        v, w, place = nearest_weights(ax, ay, az, bx, by, bz, cx, cy, cz)
     u = 1.0 - v - w
     x, y, z = u * ax + v * bx + w * cx, u * ay + v * by + w * cy, u * az + v * bz + w * cz
     return x * x + y * y + z * z, v, w, place
 
 
 @kernel
-def _region(ax, ay, az, bx, by, bz, cx, cy, cz):
-    """The Voronoi region of a triangle that holds the origin: weights of b and c, place."""
+def nearest_weights(ax, ay, az, bx, by, bz, cx, cy, cz):
+    """Weights of b and c at the point of a triangle nearest to the origin, and its place: by Voronoi regions."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = cx - ax, cy - ay, cz - az
     d1, d2 = -(ux * ax + uy * ay + uz * az), -(vx * ax + vy * ay + vz * az)
