@@ -37,7 +37,7 @@ FREE, CONTACT = 0.0, 1.0
 SPEED = 3  # state[WAY] = last way booked [m], speed out of the surface [m/s]
 SMOOTH = 0.5e-3  # [s] of that speed: at a high rate one count within one step is a great speed
 FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
-FILTER_LAG = 8.0  # [1] samples, twice the delay of the velocity filter
+FILTER_LAG = 8e-3  # [s] for which the observer between the counts of an encoder may be off after a change of speed
 RECOVERY = 10.0  # [N/s] by which the rendered force may rise without motion after an outage
 CARRIED = 1e-2  # [J] largest debt carried over a switch
 HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
@@ -232,8 +232,8 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         slow = 2.0 * lag / dt  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
         if way < 1.5 * gains[RESOLUTION]:
-            wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG
-            way = FILTER_LAG * dt * math.sqrt(wx * wx + wy * wy + wz * wz)
+            wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG / dt
+            way = FILTER_LAG * math.sqrt(wx * wx + wy * wy + wz * wz)
         alpha = 0.0
         if way >= 1.5 * gains[RESOLUTION]:  # less is rounding
             alpha = dissipation(state[ENERGY, 0], dt, wx * wx + wy * wy + wz * wz, 0.5 * gains[MASS] / slow)

