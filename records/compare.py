@@ -203,12 +203,15 @@ def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
 def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.ndarray) -> float:
     """RMS of the lengths of rows (k,c) of vertices `nodes` (k,) less `others` (m,c) of `other` (m,), over all vertices
     of one of both; what is not there is zero. In the unit of the rows."""
-    every = np.union1d(nodes, other)
-    if not len(every):
+    if np.array_equal(nodes, other):  # as in most ticks
+        difference = rows - others
+    else:
+        every = np.union1d(nodes, other)
+        difference = np.zeros((len(every), rows.shape[1]))
+        difference[np.searchsorted(every, nodes)] += rows
+        difference[np.searchsorted(every, other)] -= others
+    if not len(difference):
         return 0.0
-    difference = np.zeros((len(every), rows.shape[1]))
-    difference[np.searchsorted(every, nodes)] += rows
-    difference[np.searchsorted(every, other)] -= others
     return float(np.sqrt((difference**2).sum(1).mean()))
 
 

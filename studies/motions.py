@@ -57,13 +57,14 @@ def reached(launch: LaunchFile, speeds: Sequence[float]) -> tuple[float, float]:
 
 def others(launch: LaunchFile, reach: tuple[float, float], seeds: Iterable[int]) -> Iterator[LaunchFile]:
     """The run with other motions of its hands: straight strokes between random places on its path. The first and the
-    last have the fastest speed of `reach` [m/s]. None where no hand moves."""
+    last have the fastest speed of `reach` [m/s], and of every third motion all, with short holds: the worst that it
+    covers. None where no hand moves."""
     hands = hands_of(launch) if reach[1] else {}
     free = replace(launch, overrides=tuple(each for each in launch.overrides if not _sets_path(each)))
     for seed in seeds if hands else ():
         draw, texts, longest = np.random.default_rng(seed), list[str](), 0.0
         for name, hand in hands.items():
-            path = _strokes(hand, _moves(hand, launch.duration), reach[1], draw)
+            path = _strokes(hand, _moves(hand, launch.duration), reach[1], draw, seed % 3 == 0)
             texts += [f"{name}.path={json.dumps(path)}", f"{name}.speed_factor=1"]
             longest = max(longest, sum(step.get("time", 0.0) + step.get("hold", 0.0) for step in path))
         yield free.but(overrides=texts, duration=longest + AFTER)
@@ -82,7 +83,7 @@ def _moves(hand: SimulatedOperator, duration: float | None) -> np.ndarray:
 
 
 def _strokes(
-    hand: SimulatedOperator, moves: np.ndarray, fastest: float, draw: np.random.Generator
+    hand: SimulatedOperator, moves: np.ndarray, fastest: float, draw: np.random.Generator, hurried: bool
 ) -> list[dict[str, Any]]:
     """A path of one hand, between places on these segments of its own path; at rest where it has none."""
     points = hand.points() + np.array(hand.origin)
@@ -90,11 +91,12 @@ def _strokes(
     for number in range(STROKES if len(moves) else 0):
         k, share = draw.choice(moves), draw.uniform()
         there = points[k] + share * (points[k + 1] - points[k])
-        speed = fastest * (1.0 if number in (0, STROKES - 1) else SLOWEST ** draw.uniform())
+        speed = fastest * (1.0 if hurried or number in (0, STROKES - 1) else SLOWEST ** draw.uniform())
         straight = bool(draw.integers(2))
         time = float(np.linalg.norm(there - here)) / speed * (1.0 if straight else PEAK)
         if time > 1e-3:
             shape = "linear" if straight else "minimum-jerk"
-            path += [{"to": there.tolist(), "time": time, "shape": shape}, {"hold": float(draw.uniform(0.01, 0.1))}]
+            hold = float(draw.uniform(0.01, 0.02 if hurried else 0.1))
+            path += [{"to": there.tolist(), "time": time, "shape": shape}, {"hold": hold}]
             here = there
     return path or [{"hold": AFTER}]

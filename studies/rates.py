@@ -81,8 +81,8 @@ def rates(
     launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None, speeds: Sequence[float] = SPEEDS
 ) -> Slowed:
     """The lowest rates that keep an error [1] on the fastest path and some motions, raised until runs of the path at
-    each speed and of new motions keep it. Others then give the prediction and decide nothing but whether it is kept;
-    if so, a launch file is written."""
+    each speed and of new motions keep it. Twelve others then give the prediction and decide nothing but whether the
+    error is kept; if so, a launch file is written."""
     effects_of(launch.plan())  # reports a graph without any before anything runs
     motions, drawn, reach = at_speeds(launch, speeds), itertools.count(), reached(launch, speeds)
 
@@ -94,36 +94,42 @@ def rates(
         searched = [motions[max(motions)], *fresh(SEARCHED)]
         recordings = [touched(motion, folder / f"{number}.mcap") for number, motion in enumerate(searched)]
         show("the touch")
-        picked, promised = together(recordings, chosen(recordings[0], error), error)
+        picked, _ = together(recordings, chosen(recordings[0], error), error)
         show("the search")
-        finer: list[Rate] | None = picked
-        while finer:
-            at, finer = dict[float, Trial](), None
-            for speed, motion in [*((0.0, other) for other in fresh(ACCEPTED)), *motions.items()]:
-                at[speed] = ran(motion, picked, folder)
-                finer = oftener(picked, at[speed], error if speed else MARGIN * error)
-                if finer:
-                    picked, promised = together(recordings, finer, error)
-                    break
+        for motion in fresh(ACCEPTED):
+            picked, _ = accepted(motion, picked, MARGIN * error, folder)
+        at = dict[float, Trial]()
+        while missing := motions.keys() - at.keys():
+            before, speed = picked, max(missing)  # the fastest hand misses first
+            picked, one = accepted(motions[speed], picked, error, folder)
+            at = {**(at if picked == before else {}), speed: one}
         show("runs that accept the rates")
-        at.pop(0.0, None)
         came = worst_of(list(at.values()))
         unseen = [ran(motion, picked, folder) for motion in fresh(HELD_OUT)] if came.most <= error else []
+        promised = worst_of(unseen) if unseen else together(recordings, picked, math.inf)[1]
         show("runs that predict")
-    if unseen:
-        promised = worst_of(unseen)
     picked = [replace(rate, own=own) for rate, own in zip(picked, worst_of([came, *unseen]).own, strict=True)]
     kept = max(one.most for one in (came, *unseen)) <= error
     if kept:
         told = [
             f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %.",
             f"Measured on the path of this graph at {spread(at)}:",
-            *(f"  {speed:g} times its speed: force error {percents(one)}" for speed, one in at.items()),
+            *(f"  {speed:g} times its speed: {percents(picked, one)}" for speed, one in sorted(at.items())),
         ]
         if unseen:
-            told.append(f"Predicted from {len(unseen)} other motions: force error {percents(promised)}")
+            told.append(f"Predicted from {len(unseen)} other motions: {percents(picked, promised)}")
         write(launch, promised.overrides, [*told, valid(reach)], file)
-    return Slowed(picked, promised, came, kept, at, tuple(unseen), reach)
+    return Slowed(picked, promised, came, kept, dict(sorted(at.items())), tuple(unseen), reach)
+
+
+def accepted(motion: LaunchFile, rates: list[Rate], error: float, folder: Path) -> tuple[list[Rate], Trial]:
+    """The rates, raised until a run of this motion keeps the error [1], and that run."""
+    while True:
+        one = ran(motion, rates, folder)
+        finer = oftener(rates, one, error)
+        if finer is None:
+            return rates, one
+        rates = finer
 
 
 def ran(motion: LaunchFile, rates: Sequence[Rate], folder: Path) -> Trial:
@@ -148,9 +154,10 @@ def valid(reach: tuple[float, float]) -> str:
     )
 
 
-def percents(one: Trial) -> str:
-    """Its error in words."""
-    return f"{100 * one.error:.2g} % of peak (RMS), {100 * one.worst:.2g} % at worst"
+def percents(rates: Sequence[Rate], one: Trial) -> str:
+    """Errors of the force and of the outputs in words."""
+    own = ", ".join(f"{rate.node} {100 * own:.2g} %" for rate, own in zip(rates, one.own, strict=True))
+    return f"force error {100 * one.error:.2g} % of peak (RMS), {100 * one.worst:.2g} % at worst; output errors {own}"
 
 
 def spread(speeds: Iterable[float]) -> str:

@@ -102,11 +102,11 @@ def _print(found: Slowed, file: Path) -> None:
     for word, one in (("predicted", found.promised), ("measured", found.came)):
         assert one is not None
         full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
-        say(f"{word:9} force error {percents(one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}", wrap=True)
+        say(f"{word:9} {percents(found.tried, one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}", wrap=True)
     if found.unseen:
         say(f"          predicted from {len(found.unseen)} motions that the search has not seen", "dim", wrap=True)
     for speed, one in found.at.items() if len(found.at) > 1 else ():
-        say(f"          at {speed:g} times its speed {percents(one)}", wrap=True)
+        say(f"          at {speed:g} times its speed: {percents(found.tried, one)}", wrap=True)
     say("Errors are differences from the same graph with all effects at every tick.", "dim", wrap=True)
     say(valid(found.reach), "dim", wrap=True)
     if found.kept:
