@@ -274,8 +274,11 @@ class Stored:
         kind = self.known(name).type
         begin, end = (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
         for stream, tick, time, payload in self.raw():
-            if stream == name and begin <= time <= end:
-                yield self.decoded(name, tick, payload, kind)
+            if stream != name or time < begin:
+                continue
+            if time > end:  # a stream's messages are in the order of their times
+                return
+            yield self.decoded(name, tick, payload, kind)
 
     def columns(self, name: str, within: tuple[float, float] | None = None) -> dict[str, np.ndarray]:
         """Time [s], tick and all numbers and vectors of one stream, one row a message; fields with arrays of

@@ -145,6 +145,8 @@ class TouchStreams:
         for name, tick, _, payload in self.recording.raw():
             if name == stream and tick in wanted:
                 messages[tick] = self.recording.decoded(name, tick, payload, kind)
+                if len(messages) == len(wanted):
+                    break
         return messages
 
     def node(self, stream: str | None) -> dict[str, Any]:
