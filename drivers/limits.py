@@ -3,8 +3,8 @@
 A row limits the command in the device's own terms: forces [N], or torques [N m] of its arms. All numbers are this
 project's choice, so that what a user of the device does with care stays inside: no data sheet was checked for them. The
 Falcon's torque is that of a motor word of 4096, at 10 000 a N m: libnifalcon converts with that factor
-(FalconKinematicStamper::getForces) and has no limit there. At (0, 0, 0.11) m 0.4096 N m an arm give 7 to 17 N, which agrees
-with the 9 N that the device is said to have. `tests/drivers/test_limits.py` holds each to docs/devices.md.
+(FalconKinematicStamper::getForces) and has no limit there. At (0, 0, 0.11) m 0.4096 N m an arm give 7 to 17 N, which
+agrees with the 9 N that the device is said to have. `tests/drivers/test_limits.py` holds each to docs/devices.md.
 """
 
 import math

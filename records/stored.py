@@ -268,17 +268,25 @@ class Stored:
                                      "`export` can still read it")  # fmt: skip
         return ticks
 
-    def messages(self, name: str) -> Iterator[Message]:
-        """The messages of one stream. RecordingError: no such stream, or bytes that do not fit its type."""
+    def messages(self, name: str, within: tuple[float, float] | None = None) -> Iterator[Message]:
+        """The messages of one stream, or those at these times [s]. RecordingError: no such stream, or bytes that do not
+        fit its type."""
         kind = self.known(name).type
-        for stream, tick, _, payload in self.raw():
-            if stream == name:
-                yield self.decoded(name, tick, payload, kind)
+        begin, end = (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
+        for stream, tick, time, payload in self.raw():
+            if stream != name or time < begin:
+                continue
+            if time > end:  # a stream's messages are in the order of their times
+                return
+            yield self.decoded(name, tick, payload, kind)
 
-    def columns(self, name: str) -> dict[str, np.ndarray]:
+    def columns(self, name: str, within: tuple[float, float] | None = None) -> dict[str, np.ndarray]:
         """Time [s], tick and all numbers and vectors of one stream, one row a message; fields with arrays of
-        changing length are left out."""
-        stream_messages = self.messages(name)
+        changing length are left out.
+
+        within  [s] times of the first and the last message that are wanted: the others are not decoded
+        """
+        stream_messages = self.messages(name, within)
         plain = [field.name for field in fields(self.known(name).type) if field.dtype is None and field.type is not str]
         blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("tick", "time", *plain)}
         while block := list(islice(stream_messages, BLOCK)):  # a million messages at once would take a gigabyte

@@ -29,7 +29,7 @@ class Verbs(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """The options; those that install shell completion work but stay out of the help."""
-        params = super().get_params(ctx)
+        params: list[Any] = super().get_params(ctx)
         for param in params:
             param.hidden = getattr(param, "hidden", False) or param.name in ("install_completion", "show_completion")
         return params

@@ -184,7 +184,7 @@ def _in_processes(
     address: str | None,
     key: Key | None,
 ) -> Result:
-    from palpate.launch.run.launcher import Launcher
+    from palpate.launch.run.launcher import Launcher, silent
 
     _open_files(len(work))
 
@@ -203,7 +203,7 @@ def _in_processes(
         restart=frozenset(name for name in planned.order if planned.graph.nodes[name].restart),
         spared=spared(planned),
         show=show,
-        printed=screen.print if screen else None,
+        printed=screen.print if screen else silent,
         died=screen.died if screen else lambda _: None,
     )
     return launcher.run()

@@ -40,6 +40,10 @@ LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
 """[s] for which a worker may be silent in these states: two of them wait for the others, and have nothing to say."""
 
 
+def silent(text: str) -> None:
+    """What prints where there is no live view: nothing."""
+
+
 class Launcher:
     """Runs the jobs, each in a process.
 
@@ -50,7 +54,7 @@ class Launcher:
     patience    [s] without a sign of life after which a worker counts as hung
     restart     nodes that are started again when they die; spared: nodes that a run on the real clock goes on without
     show        called about ten times a second with the launcher, to draw
-    printed     called with what the nodes print, and with their notes; None: there is no live view
+    printed     called with what the nodes print, and with their notes
     died        called at once when a node has failed in a run that goes on; a run that never began has it in its result
     """
 
@@ -66,7 +70,7 @@ class Launcher:
         restart: frozenset[str] = frozenset(),
         spared: frozenset[str] = frozenset(),
         show: Callable[[Launcher], None] = lambda _: None,
-        printed: Callable[[str], None] | None = None,
+        printed: Callable[[str], None] = silent,
         died: Callable[[Death], None] = lambda _: None,
     ) -> None:
         self.begun = time.monotonic()
@@ -150,9 +154,7 @@ class Launcher:
                 self._turn()
         finally:
             self.phase = "ended"
-            last = self.forkserver.close()
-            if self.printed is not None:
-                self.printed(last)
+            self.printed(self.forkserver.close())
             self.result.foreign = self.foreign
             if self.foreign:
                 self.result.notes.append(f"{self.foreign} frames that are none of this run's were dropped")
@@ -193,8 +195,7 @@ class Launcher:
         text = self.forkserver.printed()
         if text:
             self._tail = (self._tail + text.splitlines())[-40:]
-            if self.printed is not None:
-                self.printed(text)
+            self.printed(text)
 
     # -- reports -------------------------------------------------------------------------------------------------
 
@@ -234,9 +235,9 @@ class Launcher:
                 self._died(member, report)
             case reports.Note(text):
                 self.result.notes.append(text)
-                if self.printed is not None:
+                if self.printed is not silent:
                     self.result.live.add(text)
-                    self.printed(text + "\n")
+                self.printed(text + "\n")
             case reports.NodesEnded(clean_exit):
                 member.flushed, member.clean_exit = True, clean_exit
                 if member.alive:

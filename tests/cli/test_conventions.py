@@ -6,6 +6,7 @@ import re
 import shlex
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,9 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.cli.terminal.output import table
+from palpate.cli.terminal.run_summary import ended
 from palpate.launch.load.launchfile import find as find_graph
+from palpate.launch.run.result import Result
 from palpate.launch.run.wire import keys
 from palpate.launch.run.work.process import join
 from palpate.launch.template import node_files
@@ -276,3 +279,14 @@ def test_a_plot_is_the_current_figure_of_pyplot():
     figure = Run(GOLDEN).plot("contact.force")
     assert pyplot.gcf() is figure
     pyplot.close(figure)
+
+
+def test_a_note_that_the_live_view_has_printed_is_not_repeated(capsys):
+    graph = SimpleNamespace(notes=(), rate=1000.0)
+    result = Result(
+        notes=["the hand feels a softer one", "a priority was refused"], live={"the hand feels a softer one"}
+    )
+    plan = SimpleNamespace(graph=graph, skipped={})
+    ended(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, [], False, False)
+    said = capsys.readouterr().out
+    assert "a priority was refused" in said and "softer" not in said

@@ -336,7 +336,7 @@ def test_a_file_cut_off_anywhere_is_read_up_to_its_last_whole_chunk_and_recovere
     assert not recording.complete and len(whole) > 1000
     assert verify(recording, plan_of(recording)).ok
     code, out, _ = say("info", path)
-    assert code == 0 and "palpate export --to mcap" in out
+    assert code == 0 and "--to mcap`" in out
     target, counts = recover(path)
     again = Recording(target)
     assert again.complete and list(again.raw()) == whole and sum(counts.values()) == len(whole)
@@ -423,7 +423,7 @@ def told_or_harmless(small: Path, data: bytes, tmp_path: Path) -> None:
         assert "damaged" in str(error) or "not an MCAP file" in str(error) or "cut off" in str(error)
         return
     read_back = list(recording.raw())
-    assert not recording.complete and "byte" in recording.ending and "palpate export --to mcap" in recording.ending
+    assert not recording.complete and "byte" in recording.ending and "--to mcap`" in recording.ending
     assert read_back == whole[: len(read_back)]
     assert {name: good.streams[name].schema for name in recording.streams} == {
         name: stream.schema for name, stream in recording.streams.items()

@@ -124,6 +124,17 @@ def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most()
     assert "Nothing here keeps a loop at 1 kHz" in advice([s for s in told if s.method == "solver"])
 
 
+def test_a_body_that_fails_on_one_touch_is_not_what_to_take():
+    touches = ("indent", "hold", "ball")
+    cells = [
+        *(computed("patch", t, e, 4e-5, 6e-5) for t, e in zip(touches, (0.005, 0.006, 2.22), strict=True)),
+        *(computed("spring", t, e, 3e-5, 6e-5) for t, e in zip(touches, (0.24, 0.33, 0.0), strict=True)),
+    ]
+    said = advice(summaries(cells))
+    assert said.startswith("For 3 touches take spring") and "33 % at worst, hold" in said
+    assert "patch, 1000 Hz, is off by 0.6 % in the median, but by 222 % on ball: take it for other touches." in said
+
+
 def test_every_touch_has_every_method_in_its_row():
     rows = matrix(TOUCHES.values(), STANDARD.values(), quick=True)
     assert {(t.name, m.name) for t, m, _ in rows} == {(t, m) for t in TOUCHES for m in STANDARD}

@@ -1,4 +1,4 @@
-"""`palpate picture` and `palpate film`: the surface at one instant and through a recording."""
+"""`palpate picture --at` and `--film`: the surface at one instant and through a recording."""
 
 import importlib.util
 

@@ -26,7 +26,7 @@ from palpate.records.stored import RecordingError
 from palpate.views.bodies import Bodies
 from palpate.views.pictures import PictureError, compression, deformation, draw, force
 from palpate.views.pictures.regions import _stretches, regions
-from palpate.views.pictures.style import mean
+from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
 from palpate.views.surface import off_screen, render
 from palpate.views.surface.moments import bodies_of, choose, displaced, instants
@@ -381,6 +381,38 @@ def test_a_short_touch_in_a_long_recording_fills_the_pictures(tmp_path):
     assert drawn.axes[1].get_xlim() == (begin, end) and "0 to 6 s" in drawn.axes[1].get_xlabel()
     part = record(tmp_path / "s.mcap", {"a": [press(depth) for depth in depths[2800:3700]]})
     assert TouchStreams(Recording(part)).shown is None
+
+
+def test_only_the_part_with_the_contacts_is_read_of_a_long_recording(tmp_path):
+    depths = [*[-1e-3] * 2000, *[1e-3] * 300, *[-1e-3] * 2000]
+    poses = [Pose(position=(0.0, 0.0, 1e-3 * k), velocity=UP, dt=1e-3) for k in range(len(depths))]
+    file = record(tmp_path / "r.mcap", {"a": [press(max(depth, 0.0)) for depth in depths], "b": poses})
+    touch = TouchStreams(Recording(file))
+    begin, end = touch.shown
+    for columns in (touch.contact, touch.pose):
+        assert columns["time"][0] == pytest.approx(begin) and columns["time"][-1] == pytest.approx(end)
+        assert 500 <= len(columns["tick"]) <= 510
+    assert touch.pose["position"][0, 2] == pytest.approx(begin)
+    assert len(TouchStreams(Recording(file), whole=True).pose["tick"]) == len(depths)
+
+
+def test_a_long_line_keeps_its_least_and_greatest_values_in_each_column():
+    x = np.arange(500_000) * 1e-3
+    y = np.sin(0.01 * x)
+    y[[77_777, 400_001]] = 5.0, -7.0
+    y[200_000:300_000] = np.nan
+    drawing = figure(4.0, 3.0, "long")
+    axes = drawing.subplots()
+    axes.plot(x, y)
+    axes.plot(np.cos(x), np.sin(x))  # over one another: as it was
+    decimate(drawing)
+    few, loop = (line.get_data() for line in axes.lines)
+    assert len(few[0]) <= 2 * COLUMNS + len(x) // COLUMNS + 1 and len(loop[0]) == len(x)
+    assert (np.nanmax(few[1]), np.nanmin(few[1])) == (5.0, -7.0) and (np.diff(few[0]) > 0.0).all()
+    assert np.isnan(few[1][(few[0] > 201.0) & (few[0] < 299.0)]).all()
+    near = np.interp(few[0], x, np.sin(0.01 * x))
+    spikes = np.isin(few[1], (5.0, -7.0)) | np.isnan(few[1])
+    assert np.abs(few[1] - near)[~spikes].max() < 1e-9
 
 
 def test_columns_are_the_same_in_blocks(tmp_path, monkeypatch):

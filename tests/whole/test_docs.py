@@ -95,7 +95,8 @@ def commands():
 
 
 def inline():
-    for page in PAGES:
+    """Decisions stay as they were written: some name commands of their time."""
+    for page in (page for page in PAGES if page.parent.name != "decisions"):
         for text in re.findall(r"`(palpate [^`]+)`", page.read_text(encoding="utf-8")):
             yield str(page.relative_to(ROOT)), shlex.split(" ".join(text.split()))
 
@@ -131,7 +132,7 @@ def folder(tmp_path, monkeypatch):
 
 def parsed(words):
     """The options of a command. KeyError: there is no such verb; typer.BadParameter and the like: no such option."""
-    command, name, rest = COMMAND, "", [w for w in words[1:] if w != "--debug"]
+    command, name, rest = COMMAND, "", [w for w in words[1:] if w not in ("--debug", "--help")]
     while isinstance(command, TyperGroup):
         if not rest:
             return {}

@@ -48,7 +48,7 @@ def draw(recording: Path, folder: Path, console: Console | None = None) -> list[
 
 def _draw(recording: Recording, folder: Path, console: Console | None, step: Callable[[str], None]) -> list[Path]:
     from palpate.views.pictures.deformation import Views
-    from palpate.views.pictures.style import entitle
+    from palpate.views.pictures.style import decimate, entitle
     from palpate.views.pictures.touch import TouchStreams
 
     touch = TouchStreams(recording)
@@ -80,6 +80,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
                 if several:
                     entitle(drawing, f"{contact}: {drawing.get_suptitle()}")
                 made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
+                decimate(drawing)
                 drawing.savefig(made[-1])
         step("deformation")
         if views is not None:

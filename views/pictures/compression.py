@@ -26,5 +26,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
     lower.plot(time, s1 - s2, color=ENERGY)
     lower.set_ylabel("s1 − s2 [mm]")
-    over_time(lower, time, touch.shown)
+    over_time(lower, time, touch.shown, touch.span)
     return out

@@ -40,7 +40,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.plot(time, energy * 1e3, color=ENERGY)
     lower.set_title(f"{how}; least {energy.min() * 1e3:.2f} mJ")
     lower.set_ylabel("energy [mJ]")
-    over_time(lower, time, touch.shown)
+    over_time(lower, time, touch.shown, touch.span)
     return out
 
 

@@ -52,22 +52,20 @@ def draw(touch: TouchStreams) -> Figure | None:
         rows = out.subplot_mosaic([["force"] * 2, ["speed"] * 2, ["a", "b"]], height_ratios=(3, 2, 4))
     else:
         rows = out.subplot_mosaic([["force"], ["speed"]], height_ratios=(3, 2))
-    _time(rows["force"], rows["speed"], data, a, b, touch.shown)
+    _time(rows["force"], rows["speed"], data, a, b, touch)
     if zoomed:
         _region_a(rows["a"], data, a)
         _region_b(rows["b"], data, b)
     return out
 
 
-def _time(
-    upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | None, shown: tuple[float, float] | None
-) -> None:
+def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | None, touch: TouchStreams) -> None:
     time, normal, friction, speed = data
     for axes in (upper, lower):
         for region, colour, letter in ((a, style.REGION_A, "A"), (b, style.REGION_B, "B")):
             if region is not None:
                 style.shade(axes, time[region.start], time[region.stop - 1], colour, letter)
-        style.over_time(axes, time, shown)
+        style.over_time(axes, time, touch.shown, touch.span)
     style.trace(upper, time, normal, time, style.NORMAL, "normal force")
     style.trace(upper, time, friction, time, style.FRICTION, "friction force")
     upper.legend(loc="upper left", ncols=2)

@@ -36,5 +36,5 @@ def draw(touch: TouchStreams) -> Figure | None:
     lower.set_ylabel("margin to slip [N]")
     lower.set_ylim(top=max(1.3 * float(grip["margin"].max()), 1e-3))
     lower.legend(loc="upper left", ncols=len(COLOURS))
-    over_time(lower, time, touch.shown)
+    over_time(lower, time, touch.shown, touch.span)
     return out

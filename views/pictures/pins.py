@@ -120,7 +120,7 @@ def _over_time(
     lower.plot(time, heights.max(axis=(1, 2)), color=TISSUE, label="highest pin")
     lower.plot(time, heights.mean(axis=(1, 2)), color=FINGER, label="mean of the pins")
     lower.plot(time, pins["actuator"] * 1e3, color=NORMAL, linestyle=(0, (4, 2)), label="actuator")
-    over_time(lower, time, touch.shown)
+    over_time(lower, time, touch.shown, touch.span)
     most = max(float(pins["actuator"].max()) * 1e3, float(heights.max()), 1e-3)
     lower.set(ylabel="height, travel [mm]", ylim=(0.0, 1.3 * most))
     lower.legend(loc="upper left", ncols=3)

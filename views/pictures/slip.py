@@ -72,7 +72,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     deep.plot(time, np.maximum(contact["compression"], 0.0) * 1e3, color=FINGER, linestyle=(0, (4, 2)), linewidth=1.2)
     deep.set_ylabel("depth [mm]  (dashed)", color=FINGER)
     deep.grid(visible=False)
-    over_time(panels[-1, 0], time, touch.shown)
+    over_time(panels[-1, 0], time, touch.shown, touch.span)
     if not slid:
         return out
     middle, lower = others

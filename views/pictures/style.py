@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 SMOOTH = 0.02  # [s] over which drawn lines are averaged
 DPI = 150
+COLUMNS = 3000
+"""Columns of points that a line over time is reduced to: more than the pixels of the widest picture."""
 
 LOOK: Any = {
     "font.family": "sans-serif",
@@ -114,10 +116,28 @@ def noise(values: np.ndarray) -> float:
     return float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
 
 
-def over_time(axes: Axes, time: np.ndarray, shown: tuple[float, float] | None = None) -> None:
-    """The axis of times [s] (n) from the first to the last, or of those that are shown."""
-    part = "" if shown is None else f": the contacts in {time[0]:.0f} to {time[-1]:.0f} s"
+def over_time(
+    axes: Axes, time: np.ndarray, shown: tuple[float, float] | None = None, of: tuple[float, float] = (0.0, 0.0)
+) -> None:
+    """The axis of times [s] (n) from the first to the last, or of the part `shown` of a recording from `of[0]` to
+    `of[1]`."""
+    part = "" if shown is None else f": the contacts in {of[0]:.0f} to {of[1]:.0f} s"
     axes.set(xlabel=f"time [s]{part}", xlim=shown or (time[0], max(time[-1], time[0] + 1e-3)))
+
+
+def decimate(figure: Figure) -> None:
+    """Leave out of long lines over time what a picture cannot show: least and greatest value of each column stay."""
+    for line in (line for axes in figure.axes for line in axes.lines):
+        x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
+        if len(x) <= 4 * COLUMNS or not (np.diff(x) >= 0.0).all():
+            continue
+        size = -(-len(x) // COLUMNS)
+        rows = np.concatenate([y, np.full(size * COLUMNS - len(y), np.nan)]).reshape(COLUMNS, size)
+        first = np.arange(COLUMNS) * size
+        least = first + np.argmin(np.where(np.isnan(rows), np.inf, rows), axis=1)
+        greatest = first + np.argmax(np.where(np.isnan(rows), -np.inf, rows), axis=1)
+        at = np.unique(np.minimum(np.concatenate([least, greatest, [0]]), len(x) - 1))
+        line.set_data(x[at], y[at])
 
 
 def log_ticks(axes: Axes) -> None:

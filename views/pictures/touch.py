@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palpate.engine.imports import full_name, recorded_class
@@ -16,17 +15,14 @@ from palpate.messages import (
     Friction,
     Ledger,
     Message,
-    MessageError,
     Pins,
     Pose,
     Proximity,
     Slip,
-    unpack,
 )
 from palpate.messages.grip import Grip
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
 from palpate.views.fingers import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
@@ -34,19 +30,12 @@ MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] of the time of the contacts; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
 
 
-class _Tick(msgspec.Struct):
-    tick: int
-
-
-_TICK = msgspec.msgpack.Decoder(_Tick)
-
-
 def _columns(kind: type[Message]) -> cached_property[Columns | None]:
     """The columns of the finger's stream of a message type."""
 
     def read(touch: TouchStreams) -> Columns | None:
         name = touch.stream_of(kind)
-        columns = touch.recording.columns(name) if name is not None else None
+        columns = touch.recording.columns(name, touch.read) if name is not None else None
         return columns if columns is not None and len(columns["tick"]) else None
 
     return cached_property(read)
@@ -56,11 +45,14 @@ class TouchStreams:
     """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it.
 
     finger  its streams, those of the first one if left out
+    whole   read all of the recording, also where the contacts of a single finger take a small part of it
     """
 
-    def __init__(self, recording: Recording, finger: Finger | None = None) -> None:
+    def __init__(self, recording: Recording, finger: Finger | None = None, whole: bool = False) -> None:
         self.recording = recording
-        self._finger = fingers(*links_of(recording))[0] if finger is None else finger
+        every = fingers(*links_of(recording))
+        self._finger = every[0] if finger is None else finger
+        self._whole = whole or len(every) > 1  # pictures of several fingers take the same instants of all
 
     @cached_property
     def fingers(self) -> list[TouchStreams]:
@@ -71,7 +63,6 @@ class TouchStreams:
         """The finger's stream of a message type, None where it has none."""
         return self._finger.get(full_name(kind))
 
-    contact = _columns(Contact)
     friction = _columns(Friction)
     proximity = _columns(Proximity)
     force = _columns(Force)
@@ -83,25 +74,48 @@ class TouchStreams:
     band = _columns(ForceBand)
 
     @cached_property
+    def _contacts(self) -> tuple[Columns | None, tuple[float, float] | None, tuple[float, float]]:
+        """The columns of the contact, the part of the time that is shown, and all of it [s]."""
+        name = self.stream_of(Contact)
+        columns = self.recording.columns(name) if name is not None else None
+        if columns is None or not len(columns["tick"]):
+            return None, None, (0.0, 0.0)
+        shown, span = _shown(columns), (float(columns["time"][0]), float(columns["time"][-1]))
+        if shown is not None and not self._whole:
+            part = slice(*np.searchsorted(columns["time"], (shown[0] - 1e-9, shown[1] + 1e-9)))
+            columns = {name: values[part].copy() for name, values in columns.items()}
+        return columns, shown, span
+
+    @property
+    def contact(self) -> Columns | None:
+        """Those of the contact."""
+        return self._contacts[0]
+
+    @property
+    def shown(self) -> tuple[float, float] | None:
+        """Begin and end [s] of the contacts with a margin, where they take less than half of the recording: the part
+        that is drawn over time. None: all of it."""
+        return self._contacts[1]
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time [s] of the contact's messages."""
+        return self._contacts[2]
+
+    @property
+    def read(self) -> tuple[float, float] | None:
+        """The part of the time [s] that is read, so that minutes without a touch cost little."""
+        return None if self._whole else self.shown
+
+    @cached_property
     def touching(self) -> np.ndarray | None:
         """Per message of the force, whether the controller was in contact."""
         name = self.stream_of(Force)
         if name is None:
             return None
-        return np.array([getattr(m, "state", "") == "contact" for m in self.recording.messages(name)], dtype=bool)
-
-    @cached_property
-    def shown(self) -> tuple[float, float] | None:
-        """Begin and end [s] of the contacts with a margin, where they take less than half of the recording; else None:
-        pictures over time show all of it."""
-        if self.contact is None or not (found := touches(self.contact["time"], self.contact["force"])):
-            return None
-        time = self.contact["time"]
-        begin, end = time[found[0].start], time[found[-1].stop - 1]
-        margin = max(MARGIN * (end - begin), LEAST_MARGIN)
-        if end - begin + 2.0 * margin > 0.5 * (time[-1] - time[0]):
-            return None
-        return max(begin - margin, time[0]), min(end + margin, time[-1])
+        return np.array(
+            [getattr(m, "state", "") == "contact" for m in self.recording.messages(name, self.read)], dtype=bool
+        )
 
     def settings(self, stream: str | None) -> dict[str, Any]:
         """Settings of the node that sent a stream; empty where the recording does not tell."""
@@ -118,7 +132,7 @@ class TouchStreams:
     @cached_property
     def near(self) -> list[Columns]:
         """Columns of the finger's streams of Proximity, one for each organ that it may touch."""
-        every = (self.recording.columns(stream) for stream in self._finger.near)
+        every = (self.recording.columns(stream, self.read) for stream in self._finger.near)
         return [columns for columns in every if len(columns["tick"])]
 
     def at(self, kind: type[Message], ticks: list[int], stream: str | None = None) -> dict[int, Any]:
@@ -128,13 +142,11 @@ class TouchStreams:
         if stream is None:
             return messages
         wanted = set(ticks)
-        for _, _, payload in self.recording.payloads(stream):
-            try:
-                tick = _TICK.decode(payload).tick
-                if tick in wanted:
-                    messages[tick] = unpack(payload, kind)
-            except (MessageError, msgspec.DecodeError) as error:
-                raise RecordingError(f"{self.recording.path}: stream {stream!r}: {error}") from None
+        for name, tick, _, payload in self.recording.raw():
+            if name == stream and tick in wanted:
+                messages[tick] = self.recording.decoded(name, tick, payload, kind)
+                if len(messages) == len(wanted):
+                    break
         return messages
 
     def node(self, stream: str | None) -> dict[str, Any]:
@@ -144,6 +156,18 @@ class TouchStreams:
         producer = self.recording.streams[stream].producer
         nodes = self.recording.about.get("plan", {}).get("nodes", [])
         return next((node for node in nodes if node.get("name") == producer), {})
+
+
+def _shown(contact: Columns) -> tuple[float, float] | None:
+    """Begin and end [s] of the contacts with a margin; None where they take half of the recording or more."""
+    time = contact["time"]
+    if not (found := touches(time, contact["force"])):
+        return None
+    begin, end = time[found[0].start], time[found[-1].stop - 1]
+    margin = max(MARGIN * (end - begin), LEAST_MARGIN)
+    if end - begin + 2.0 * margin > 0.5 * (time[-1] - time[0]):
+        return None
+    return max(begin - margin, time[0]), min(end + margin, time[-1])
 
 
 def together(*columns: Columns) -> list[Columns]:

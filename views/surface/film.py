@@ -63,7 +63,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
     RecordingError, PictureError, ArgumentError: what is missing.
     """
     _check_libraries("view", "matplotlib", "pyvista")
-    touch = TouchStreams(Recording(file))
+    touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
     if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant stands for its millisecond
         raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
@@ -100,7 +100,7 @@ def film(
         raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
     check_file(target)
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
-    touch = TouchStreams(Recording(file))
+    touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate

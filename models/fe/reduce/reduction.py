@@ -75,9 +75,11 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
     return snapshots.scatter(surface, count, region, ORGAN_RADIUS, SOFTEST * ORGAN_RADIUS**2 * snapshots.MILD, seed)
 
 
-def organ_pressed(body: Reducible, report: Report = unheard) -> tuple[list[PressSolution], list[PressSolution]]:
+def organ_pressed(
+    body: Reducible, report: Report = unheard, folder: Path | None = None
+) -> tuple[list[PressSolution], list[PressSolution]]:
     """Full solutions of an organ's touches; and of those that are held out."""
-    presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report)
+    presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report, folder)
     seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:ORGAN_TOUCHES], presses[ORGAN_TOUCHES:]))
     return seen, held
 

@@ -119,20 +119,24 @@ def press(
     """The full model's answers. A folder keeps each as soon as it is found: what it holds is not computed again."""
     presses = []
     for k, own in enumerate(touches):
-        presses.append(pressed(body, own) if folder is None else _kept(body, own, folder))
+        presses.append(_kept(body, own, folder, repr(STEPS), lambda own: pressed(body, own)))
         report((k + 1) / len(touches))
     return presses
 
 
-def _kept(body: Reducible, own: LoadPath, folder: Path) -> PressSolution:
-    """`pressed`, or what the folder holds of it: its file is named by all that it follows from."""
-    name = hashlib.sha256(body.digest + repr(STEPS).encode())
+def _kept(
+    body: Reducible, own: LoadPath, folder: Path | None, how: str, solve: Callable[[LoadPath], PressSolution]
+) -> PressSolution:
+    """The solution of a touch, or what the folder holds of it: its file is named by all that it follows from."""
+    if folder is None:
+        return solve(own)
+    name = hashlib.sha256(body.digest + how.encode())
     for part in (own.load, own.levels):
         name.update(np.ascontiguousarray(part).tobytes())
     path = folder / f"{name.hexdigest()[:24]}.npy"
     with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
         return PressSolution(own, np.load(path))
-    answer = pressed(body, own)
+    answer = solve(own)
     with replacing(path) as file:
         np.save(file, answer.solutions)
     return answer
@@ -161,7 +165,9 @@ def pressed(body: Reducible, own: LoadPath) -> PressSolution:
     return PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
 
-def press_from_rest(body: Reducible, touches: list[LoadPath], report: Report = unheard) -> list[PressSolution]:
+def press_from_rest(
+    body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
+) -> list[PressSolution]:
     """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
     mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
     solver = body.elastic.rest(body.fixed)
@@ -171,8 +177,7 @@ def press_from_rest(body: Reducible, touches: list[LoadPath], report: Report = u
         displacement[body.fixed] = 0.0
         return displacement
 
-    presses = []
-    for k, own in enumerate(touches):
+    def answer(own: LoadPath) -> PressSolution:
         load = body.hats @ own.load
         slope = solve(load)
         last, u, kept = 0.0, np.zeros_like(load), []
@@ -184,7 +189,11 @@ def press_from_rest(body: Reducible, touches: list[LoadPath], report: Report = u
             u = after
             slope, last = (u - start) / (level - last), level
             kept.append(u)
-        presses.append(PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape)))
+        return PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
+
+    presses = []
+    for k, own in enumerate(touches):
+        presses.append(_kept(body, own, folder, repr((TOLERANCE, MOST, MEMORY)), answer))
         report((k + 1) / len(touches))
     return presses
 

@@ -167,6 +167,30 @@ def test_a_touch_that_was_pressed_is_kept_and_a_damaged_file_is_not_taken(tmp_pa
     assert len(calls) == 4 and len(list(tmp_path.iterdir())) == 3
 
 
+def test_presses_of_an_organ_resume_where_they_were_interrupted(tmp_path, monkeypatch):
+    small, calls = of_organ(Organ(surface_mesh("sphere", 12))), []
+
+    def counted(*given, settled=snapshots._settled):
+        calls.append(given)
+        return settled(*given)
+
+    def interrupt(share):
+        if share > 0.5:
+            raise KeyboardInterrupt
+
+    few = scatter(small.surface, 3, np.ones(len(small.surface.triangles), dtype=bool), 0.02, 1e-4 * MILD[:2], 1)
+    monkeypatch.setattr(snapshots, "_settled", counted)
+    last = press_from_rest(small, few[2:])
+    alone = len(calls)
+    with pytest.raises(KeyboardInterrupt):
+        press_from_rest(small, few, interrupt, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 2
+    calls.clear()
+    again = press_from_rest(small, few, folder=tmp_path)
+    assert len(calls) == alone and len(list(tmp_path.iterdir())) == 3
+    assert again[2].solutions.tobytes() == last[0].solutions.tobytes()
+
+
 def test_the_inverse_is_one_and_a_tangent_that_is_not_positive_is_lifted():
     rng = np.random.default_rng(0)
     A = rng.standard_normal((12, 12))

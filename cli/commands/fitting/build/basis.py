@@ -46,7 +46,7 @@ def basis(
         with Stages(console(stderr=True), as_json) as stages:
             missed = builder.make(node, path, stages, commit())
     except KeyboardInterrupt as error:
-        again = "resumes after the touches already computed" if node.surface == "fingertip" else "starts again"
+        again = "resumes after the touches already computed" if node.model == "sampled" else "starts again"
         error.add_note(f"nothing is stored; the same command {again}")
         raise
     _say(as_json, path, time.perf_counter() - started, missed)
