@@ -10,8 +10,8 @@ from palpate.messages import Contact, Friction, Pose, Slip, Surface, Vector3
 from palpate.nodes.base import Node, SettingError, Switch, part
 from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, dome, step
-from palpate.physics.fingertip.surfaces import FingertipError, FingertipSurfaces, fill
+from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, step
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, fill
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 UP = (0.0, 0.0, 1.0)
@@ -26,26 +26,22 @@ class Slide(Node):
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
     """Of the tissue in front of the bone edge: contact starts when the bone edge is so far from the plate."""
-    plate: Annotated[float, "m"] = 0.0
-    """Height of the plate."""
+    plate: Annotated[float, "m"] = 0.0  # Height of the plate
     depth: Annotated[float, "m", msgspec.Meta(ge=0)] = 2e-3
     press: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 4e-3
     hold: Annotated[float, "s", msgspec.Meta(ge=0)] = 1.0
     speed: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 2e-3
     direction: Annotated[float, "rad"] = math.pi / 2
     """In the plane of the plate, from x (across the finger); pi/2 draws the finger back, -pi/2 pushes it on."""
-    distance: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
-    """Of the slide; 0: the hand only presses and holds."""
+    distance: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3  # Of the slide; 0: the hand only presses and holds
     lift: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 0.0
     """Speed of lifting once the slide has ended; 0: the finger stays."""
 
     def start(self) -> None:
-        """At first touch."""
         self.time = 0.0
         self.place: Vector3 = (0.0, 0.0, self.thickness + self.plate)
 
     def step(self, *, dt: float) -> Pose:
-        """Where the bone edge is."""
         self.time += dt
         sliding = max(self.time - self.depth / self.press - self.hold, 0.0)
         way = min(self.speed * sliding, self.distance)
@@ -68,17 +64,14 @@ class BundleContact(Node):
     (`Slip.deeper`); the force then stays bounded and is too small. See docs/equations/beam-bundle.md.
     """
 
-    shape: Annotated[str, "1"] = "anatomy"
-    """"anatomy", "dome", or the path of a fingertip file (.npz)."""
+    shape: Annotated[str, "1"] = "anatomy"  # "anatomy", or the path of a fingertip file (.npz)
     angle: Annotated[float, "rad", msgspec.Meta(ge=0, le=math.pi / 2)] = math.radians(20)
-    """Inclination of the finger to the plate; the dome has none."""
+    """Inclination of the finger to the plate."""
     pitch: Annotated[float, "m", msgspec.Meta(gt=0)] = 1.2e-3
-    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 2.5e-3
-    """Largest depth: the pad is meshed for it."""
+    reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 2.5e-3  # Largest depth: the pad is meshed for it
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
     """Of the tissue in front of the bone edge, whose place the pose tells."""
-    plate: Annotated[float, "m"] = 0.0
-    """Height of the plate, which is z = constant, the finger above it."""
+    plate: Annotated[float, "m"] = 0.0  # Height of the plate, which is z = constant, the finger above it
     friction: Annotated[float, "1", msgspec.Meta(ge=0), Switch("friction")] = 0.7
     lateral: Annotated[Literal["shear", "cantilever"], "1"] = "shear"
     tissue_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = TISSUE.modulus
@@ -89,12 +82,9 @@ class BundleContact(Node):
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = TISSUE.poisson
     sheet: Annotated[float, "m", msgspec.Meta(ge=0), Switch("sheet")] = 1e-3
     """Thickness of the skin that couples the beams' ends; 0: none."""
-    dome_radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
-    dome_length: Annotated[float, "m", msgspec.Meta(gt=0)] = 4e-3
     warning: Annotated[float, "1", msgspec.Meta(gt=0, le=1)] = 0.1
     """Part of the contact that slides when incipient slip is told."""
-    iterations: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30
-    """At most so many of the solver in a step."""
+    iterations: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30  # At most so many of the solver in a step
 
     def start(self) -> None:
         """Fill the fingertip with beams, out of contact."""
@@ -112,18 +102,12 @@ class BundleContact(Node):
         tissue = ViscoelasticMaterial(self.tissue_modulus, self.tissue_relaxation, self.poisson)
         skin = ViscoelasticMaterial(self.skin_modulus, self.skin_relaxation, self.poisson)
         bone = ViscoelasticMaterial(self.bone_modulus, 0.0, self.poisson)
-        if self.shape == "dome":
-            if self.reach >= self.dome_length:
-                raise FingertipError(f"reach {self.reach} m: expected less than the dome's beams, {self.dome_length} m")
-            return dome(self.dome_radius, self.dome_length, self.pitch, self.reach, tissue,
-                        lateral=self.lateral, skin=self.sheet, skin_material=skin)  # fmt: skip
         tip = Anatomy().fingertip() if self.shape == "anatomy" else FingertipSurfaces.load(self.shape)
         return fill(
             tip, self.reach, self.pitch, self.angle, (skin, tissue, bone, tissue), self.lateral, self.sheet, skin
         )
 
     def step(self, pose: Pose, *, dt: float) -> tuple[Contact, Friction, Slip, Surface]:
-        """Press and slide the bundle to the pose."""
         x, y, z = pose.position
         last = self.before or pose.position
         depth = min(max(self.thickness + self.plate - z, -FARTHEST), FARTHEST)

@@ -35,7 +35,6 @@ class Energy(Node):
         self._notes = []
 
     def generated(self, part: str) -> float:
-        """Energy [J] that one part has given out and cannot have had."""
         return self._books.part(part).generated
 
     _tripped = False

@@ -28,10 +28,8 @@ class Flow(Node):
 
     plate: Annotated[Literal["steel", "silicone"], "1"] = "silicone"
     """The plate that the curves were computed on: hard or soft."""
-    friction: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.5
-    """Coefficient above which the contact slides."""
-    table: Annotated[str, "1"] = ""
-    """Path of a table in place of the shipped one."""
+    friction: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.5  # Coefficient above which the contact slides
+    table: Annotated[str, "1"] = ""  # Path of a table in place of the shipped one
 
     def start(self) -> None:
         path = Path(self.table) if self.table else TABLE
@@ -98,18 +96,13 @@ class Stress(Node):
 
     effect = "tactile"
 
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
-    """Of the patch."""
-    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"
-    """Shape of the pressure."""
-    young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3
-    """Enters the strain energy density alone."""
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
+    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"  # Shape of the pressure
+    young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Enters the strain energy density alone
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
     depths: Annotated[Vector, "m"] = (0.5e-3, 1e-3, 2e-3)
-    spacing: Annotated[float, "m", msgspec.Meta(gt=0)] = 2e-3
-    """Between points of a depth, which lie on a square grid."""
-    reach: Annotated[float, "m", msgspec.Meta(ge=0)] = 10e-3
-    """Half of the grid's side."""
+    spacing: Annotated[float, "m", msgspec.Meta(gt=0)] = 2e-3  # Between points of a depth, which lie on a square grid
+    reach: Annotated[float, "m", msgspec.Meta(ge=0)] = 10e-3  # Half of the grid's side
 
     def start(self) -> None:
         least, most = SHALLOWEST * self.radius, 10_000

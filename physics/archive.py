@@ -14,8 +14,7 @@ from numpy.lib import format as npy
 
 from palpate.physics.errors import PalpateError
 
-MOST = 1 << 30
-"""[bytes] Largest archive, unpacked: some twenty times the largest basis that `palpate build basis` builds."""
+MOST = 1 << 30  # [bytes] Largest archive, unpacked: some twenty times the largest basis that is built
 BLOCK = 1 << 20
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 # What zipfile, zlib and numpy raise on bytes that are not what they should be; the header of an array is parsed as text

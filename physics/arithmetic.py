@@ -1,12 +1,11 @@
 """The same bits on every machine: which instructions numbers are computed with.
 
 Kernels are compiled for x86-64-v3 (AVX2 and FMA; every server since 2015) in any process (`kernel`), and the shipped
-nodes compute the force with kernels, so a force is the same whatever else a process has loaded.
-
-numpy and OpenBLAS choose their inner loops by the processor, and so the order of their sums. They read their settings
-once, when they are loaded. Processes of palpate - the command line, workers, the processes of a study - are pinned to
-the same instructions with `pin` or `environment`. In a process that imports palpate nothing is pinned: there, a custom
-node that uses them may differ in its last bits, and so may a basis that is built. `in_force` says what a process uses.
+nodes compute the force with kernels. numpy and OpenBLAS choose their inner loops by the processor, and so the order of
+their sums, when they are loaded. Processes of palpate - the command line, workers, the processes of a study - are
+pinned to the same instructions with `pin` or `environment`. In a process that imports palpate nothing is pinned: there,
+a custom node that uses them may differ in its last bits, and so may a basis that is built. `in_force` says what a
+process uses.
 
 `PALPATE_NATIVE=1` in the environment leaves the choice to the processor: as fast as it can be, other last bits.
 """
@@ -22,8 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 LEVEL = "x86-64-v3"
-CORE = "Haswell"
-"""What OpenBLAS calls its kernels for these instructions."""
+CORE = "Haswell"  # What OpenBLAS calls its kernels for these instructions
 
 _FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
 """Of x86-64-v3, as the Linux kernel names them."""
@@ -132,7 +130,6 @@ def _openblas() -> list[tuple[str, int]]:
 
 
 def _kernels() -> str:
-    """What kernels are compiled for."""
     if pinnable():
         return f"{LEVEL} with SVML" if "numba" in sys.modules and sys.modules["numba"].config.USING_SVML else LEVEL
     from numba.core.registry import cpu_target  # kernels are then compiled as numba compiles its own

@@ -14,8 +14,7 @@ from numba.extending import intrinsic
 
 from palpate.physics.kernel import kernel
 
-LANES = 16
-"""Sums beside each other: four vectors of double precision, so that none waits for the one before."""
+LANES = 16  # Sums beside each other: four vectors of double precision, so that none waits for the one before
 
 
 def _inner(typingctx, a, b):  # type: ignore[no-untyped-def]
@@ -59,8 +58,7 @@ def _inner(typingctx, a, b):  # type: ignore[no-untyped-def]
     return a.dtype(a, b), build
 
 
-inner: Any = intrinsic(_inner)
-"""a.b of contiguous vectors (n,) of one precision, within a kernel."""
+inner: Any = intrinsic(_inner)  # a.b of contiguous vectors (n,) of one precision, within a kernel
 
 
 @kernel

@@ -31,10 +31,8 @@ Each is declared where it is first raised; those that several rooms raise stand 
 
 from typing import Any, Self
 
-TROUBLE = 1
-"""Exit code of a command that failed."""
-MISUSE = 2
-"""Exit code of a wrong graph, setting, file or command line."""
+TROUBLE = 1  # Exit code of a command that failed
+MISUSE = 2  # Exit code of a wrong graph, setting, file or command line
 
 
 class PalpateError(Exception):

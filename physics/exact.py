@@ -19,7 +19,6 @@ def product(a: Any, b: Any) -> np.ndarray:
 
 
 def length(x: np.ndarray) -> float:
-    """Euclidean norm of all numbers of an array."""
     return float(np.sqrt(np.sum(np.square(x))))
 
 
@@ -71,10 +70,7 @@ def _fill(which, x, y, out):
 
 
 def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """x (...,n,m) with a x = b, of a (...,n,n) and b (...,n,m).
-
-    ValueError: a is singular, or not finite.
-    """
+    """x (...,n,m) with a x = b, of a (...,n,n) and b (...,n,m). ValueError: a is singular, or not finite."""
     x = np.array(b, dtype=float, order="C")
     rows, columns = x.shape[-2:]
     if not solve_in_place(np.array(a, dtype=float, order="C").reshape(-1, rows, rows), x.reshape(-1, rows, columns)):

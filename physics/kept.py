@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Result = TypeVar("Result")
-KEPT = 4
-"""Results that each function keeps."""
+KEPT = 4  # Results that each function keeps
 
 
 def kept(function: Callable[..., Result]) -> Callable[..., Result]:

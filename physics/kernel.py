@@ -42,8 +42,7 @@ except ImportError:  # not POSIX: processes that need the same kernel at once bo
 from palpate.physics import kernel_cache
 from palpate.physics.arithmetic import LEVEL, pinnable
 
-TARGET = "palpate"
-"""What numba calls the target of kernels."""
+TARGET = "palpate"  # What numba calls the target of kernels
 
 
 class _Processor(CPU):

@@ -15,8 +15,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-KEPT = 3
-"""States of the sources whose kernels are kept: going back and forth between two branches compiles nothing."""
+KEPT = 3  # States of the sources whose kernels are kept: going back and forth between two branches compiles nothing
 PREFIX = "kernels-"
 COMPILED = ("palpate.physics", "palpate.models.fe")
 

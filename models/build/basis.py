@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import tempfile
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -22,13 +21,11 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import MIXED_FROM
+from palpate.physics.writable import check_folder
 
-INDEX = "index.json"
-"""Of a folder of bases that is shipped; there they have readable names."""
-MOST = 2500
-"""Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte."""
-MOST_ELEMENTS = 18_000
-"""Elements of a body that is sampled: what its points are chosen from takes three gigabytes."""
+INDEX = "index.json"  # of a folder of bases that is shipped; there they have readable names
+MOST = 2500  # Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte
+MOST_ELEMENTS = 18_000  # Elements of a body that is sampled: what its points are chosen from takes three gigabytes
 
 
 class Stages(Protocol):
@@ -60,16 +57,18 @@ def home(node: ReducedFE, folder: Path) -> Path:
 
 def make(node: ReducedFE, path: Path, stages: Stages | None = None, commit: str | None = None) -> dict[str, float]:
     """Build the basis of a node, and store it whole or not at all. Its errors [1] where it was not made from.
-
-    SettingError: a surface or a material that no basis can be made of, or a folder that cannot be written to; said
-    before the minutes that a basis takes.
-    """
+    SettingError: a surface or a material that no basis can be made of, or a folder that cannot be written to."""
     if node.surface == "fingertip" and node.model != "sampled":
         raise SettingError(
             f"model {node.model!r} with surface 'fingertip': expected 'sampled', as its layers stiffen a hundredfold. "
             "Take --set model=sampled"
         )
-    check_writable(path.parent)
+    try:
+        check_folder(path.parent)
+    except OSError as error:
+        raise SettingError(
+            f"folder {path.parent}: {error.strerror}; expected one that can be written, such as --to bases"
+        ) from None
     basis, missed = built(node, stages or Silent())
     inputs = node.inputs()
     provenance = {
@@ -101,20 +100,7 @@ def built(node: ReducedFE, stages: Stages, check: bool = True) -> tuple[Basis | 
     return Basis(organ.surface.vertices, organ.surface.triangles, compliance), {}
 
 
-def check_writable(folder: Path) -> None:
-    """SettingError: nothing can be written there."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise SettingError(
-            f"folder {folder}: {error.strerror}; expected one that can be written, such as --out bases"
-        ) from None
-
-
 def _organ(node: ReducedFE, stages: Stages) -> Organ:
-    """The full model of the node's organ. SettingError: a surface that it cannot be made of."""
     surface = node.coarse_mesh()
     _check_size(node, surface)
     count = len(surface.vertices)

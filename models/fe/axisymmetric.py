@@ -20,18 +20,14 @@ from scipy.sparse.linalg import splu
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material, rest_moduli
+from palpate.physics.materials.invariants import cofactor, volume_tangent
 
-ROW, COLUMN = np.array([0, 0, 1, 2, 2]), np.array([0, 2, 1, 0, 2])
-"""Of the entries of F that are not zero."""
+ROW, COLUMN = np.array([0, 0, 1, 2, 2]), np.array([0, 2, 1, 0, 2])  # Of the entries of F that are not zero
 GAUSS, WEIGHT = np.polynomial.legendre.leggauss(3)
-PENALTY = 300.0
-"""[1] Stiffness of contact times the size of a face, over the shear modulus."""
-TOLERANCE = 1e-6
-"""[1] Residual over the size of the inner forces."""
-ROUNDING = 5e-15
-"""[1] The same that rounding leaves, over bulk modulus times the square of the outer radius."""
-HALVED = 6
-"""How often a step may be halved before the press ends there."""
+PENALTY = 300.0  # [1] Stiffness of contact times the size of a face, over the shear modulus
+TOLERANCE = 1e-6  # [1] Residual over the size of the inner forces
+ROUNDING = 5e-15  # [1] The same that rounding leaves, over bulk modulus times the square of the outer radius
+HALVED = 6  # How often a step may be halved before the press ends there
 
 
 def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
@@ -60,11 +56,7 @@ def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
                 F[q, 1, 1] += r * hoop[e, q, a]
                 F[q, 2, 0] += z * slope[e, q, a, 0]
                 F[q, 2, 2] += z * slope[e, q, a, 1]
-            for i in range(3):
-                for j in range(3):
-                    i1, i2, j1, j2 = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-                    C[q, i, j] = F[q, i1, j1] * F[q, i2, j2] - F[q, i1, j2] * F[q, i2, j1]
-            J[q] = F[q, 0, 0] * C[q, 0, 0] + F[q, 0, 2] * C[q, 0, 2]
+            J[q] = cofactor(F[q], C[q])
             if not (J[q] > 0.0 and F[q, 1, 1] > 0.0):
                 return False
             volume += weight[e, q]
@@ -89,18 +81,10 @@ def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
                 f[2 * a + 1] += w * (dr * (P[2, 0] + dU * c[3]) + dz * (P[2, 2] + dU * c[4]))
             if not tangent:
                 continue
-            for i in range(3):  # second derivative of J, and U'' where J is local
-                for j in range(3):
-                    k, m, l, n = (i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3
-                    A[3 * i + j, 3 * k + l] += dU * F[q, m, n]
-                    A[3 * k + l, 3 * i + j] += dU * F[q, m, n]
-                    A[3 * i + l, 3 * k + j] -= dU * F[q, m, n]
-                    A[3 * k + j, 3 * i + l] -= dU * F[q, m, n]
+            volume_tangent(F[q], C[q], dU, 0.0 if mixed else curve, A)
             for i in range(5):
                 for j in range(5):
                     D[i, j] = w * A[3 * ROW[i] + COLUMN[i], 3 * ROW[j] + COLUMN[j]]
-                    if not mixed:
-                        D[i, j] += w * curve * c[i] * c[j]
             for a in range(9):
                 dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
                 for i in range(5):
@@ -123,14 +107,11 @@ def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
 
 @dataclass
 class RoundBody:
-    """A cylinder of r in `across` and z in `up` [m] (ends and middles of its elements), standing on z = 0.
-
-    slides  whether it slides on what it stands on, or is bonded to it
-    """
+    """A cylinder of r in `across` and z in `up` [m] (ends and middles of its elements), standing on z = 0."""
 
     across: np.ndarray
     up: np.ndarray
-    slides: bool = True
+    slides: bool = True  # whether it slides on what it stands on, or is bonded to it
 
     def __post_init__(self) -> None:
         m, n = len(self.across), len(self.up)
@@ -168,18 +149,12 @@ class RoundBody:
 
 @dataclass
 class Indenter:
-    """What presses from above, down to z = height of the body less the depth.
+    """What presses from above, down to z = height of the body less the depth."""
 
-    held    nodes that move down with it: under a plate or a flat punch
-    bonded  whether these keep their r
-    line    nodes of the surface that it may touch elsewhere
-    radius  [m] of its ball; inf: a plane
-    """
-
-    held: np.ndarray
-    bonded: bool
-    line: np.ndarray
-    radius: float = math.inf
+    held: np.ndarray  # nodes that move down with it: under a plate or a flat punch
+    bonded: bool  # whether these keep their r
+    line: np.ndarray  # nodes of the surface that it may touch elsewhere
+    radius: float = math.inf  # [m] of its ball; inf: a plane
 
     def gap(self, x: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Gap [m] (...) of points (...,2), its gradient (...,2) and second derivative (...,2,2)."""
@@ -217,7 +192,6 @@ class _Press:
         self.last: tuple[float, np.ndarray] | None = None
 
     def advance(self, depth: float) -> float:
-        """The force [N] at a depth [m], NaN where there is none to be found."""
         step = depth - self.depth
         least = step / 2**HALVED
         if self.last is None and not len(self.indenter.held):
@@ -235,8 +209,7 @@ class _Press:
         return self.force
 
     def _balance(self, u: np.ndarray, depth: float, tangent: bool = True) -> tuple[np.ndarray, np.ndarray] | None:
-        """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out. Forces
-        alone take a tenth of the time."""
+        """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out."""
         body, inner = self.body, np.zeros_like(u)
         K = np.empty((len(body.elements) if tangent else 0, 18, 18))
         if not _integrate(self.law, body.slope, body.hoop, body.weight, body.elements, u, self.p, self.material.mixed,

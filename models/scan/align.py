@@ -13,23 +13,16 @@ from scipy.ndimage import map_coordinates
 from palpate.models.scan.stack import ScanError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
-LEAST_OFFSET = 1e-4
-"""[m] Of the bone from the middle of the finger, from which it tells the side of the nail."""
-LEAST_BREADTH = 1.05
-"""[1] Breadth over depth of the cross-sections, from which they tell how the finger is rolled."""
-TURNS = 6
-"""Repetitions of the axis and the cut square to it; each leaves a hundredth of the error."""
+LEAST_OFFSET = 1e-4  # [m] Of the bone from the middle of the finger, from which it tells the side of the nail
+LEAST_BREADTH = 1.05  # [1] Breadth over depth of the cross-sections, from which they tell how the finger is rolled
+TURNS = 6  # Repetitions of the axis and the cut square to it; each leaves a hundredth of the error
 
 
 class FingerFrame(NamedTuple):
-    """The finger's frame in another.
+    """The finger's frame in another."""
 
-    origin  [m]  (3)    the tip of the skin, on the axis of the bone
-    axes    [1]  (3,3)  x, y, z as rows
-    """
-
-    origin: np.ndarray
-    axes: np.ndarray
+    origin: np.ndarray  # [m] (3) the tip of the skin, on the axis of the bone
+    axes: np.ndarray  # [1] (3,3) x, y, z as rows
 
     @property
     def tilt(self) -> float:
@@ -49,7 +42,6 @@ class Cloud(NamedTuple):
     weights: np.ndarray
 
     def middle(self) -> np.ndarray:
-        """The weighted mean (3)."""
         return self.weights @ self.points / self.weights.sum()
 
     def covariance(self) -> np.ndarray:

@@ -44,7 +44,6 @@ def oriented(stack: Stack, axes: str, mirrored: bool | None) -> Stack:
 
 
 def _reversed(stack: Stack) -> Stack:
-    """The slices from the other end."""
     axes = OPPOSITE[stack.axes[0]] + stack.axes[1:] if stack.axes else ""
     return dataclasses.replace(stack, volume=stack.volume[::-1], axes=axes)
 

@@ -17,41 +17,29 @@ from skimage.measure import find_contours, points_in_poly
 
 from palpate.models.scan.stack import ScanError, Stack
 
-SMOOTHING = 0.2e-3
-"""[m] Standard deviation of the filter against noise, in the plane of the slices."""
-HARMONICS = 12
-"""Of an outline round its length: finer waves than a twelfth of the way round are noise."""
+SMOOTHING = 0.2e-3  # [m] Standard deviation of the filter against noise, in the plane of the slices
+HARMONICS = 12  # Of an outline round its length: finer waves than a twelfth of the way round are noise
 POINTS = 256
-LEAST_AREA = 3e-6
-"""[m²] A smaller outline is no part of a finger."""
-FINGER = (6e-3, 40e-3)
-"""[m] Breadth of a finger."""
-BELOW_SKIN = 0.4e-3
-"""[m] From the inner border of the skin to where bone is looked for."""
-LEAST_BONE = 20e-9
-"""[m³] A smaller dark core is no bone."""
+LEAST_AREA = 3e-6  # [m²] A smaller outline is no part of a finger
+FINGER = (6e-3, 40e-3)  # [m] Breadth of a finger
+BELOW_SKIN = 0.4e-3  # [m] From the inner border of the skin to where bone is looked for
+LEAST_BONE = 20e-9  # [m³] A smaller dark core is no bone
 
 
 @dataclass(frozen=True)
 class Outlines:
-    """Outlines by slice, (256, 2) [m] as (row, column) from the centre of the image; None where there is none.
+    """Outlines by slice, (256, 2) [m] as (row, column) from the centre of the image; None where there is none."""
 
-    spacing  [m] between slices
-    axes     as in `Stack`
-    """
-
-    spacing: float
+    spacing: float  # [m] between slices
     skin: list[np.ndarray | None]
     tissue: list[np.ndarray | None]
     bone: list[np.ndarray | None]
-    axes: str = ""
+    axes: str = ""  # as in `Stack`
 
 
 def segment(stack: Stack, skin: float | None = None) -> Outlines:
-    """Outlines of a stack. `skin` [m] is the thickness of the skin where the images do not show it.
-
-    ScanError: no finger, more than one, a finger of impossible breadth, no bone, no skin to be seen.
-    """
+    """Outlines of a stack. `skin` [m] is the thickness of the skin where the images do not show it. ScanError: no
+    finger, more than one, a finger of impossible breadth, no bone, no skin to be seen."""
     between, *plane = stack.spacing
     where = stack.source
     image = gaussian_filter(stack.volume.astype(np.float64), (0.0, SMOOTHING / plane[0], SMOOTHING / plane[1]))
@@ -113,7 +101,6 @@ def _foreground(image: np.ndarray, where: str) -> float:
 
 
 def _one_finger(inside: np.ndarray, voxel: float, where: str) -> np.ndarray:
-    """The only large object of the stack."""
     names, count = label(inside)
     if count == 0:
         raise ScanError(f"{where}: nothing bright in it, expected a finger")
@@ -130,7 +117,6 @@ def _one_finger(inside: np.ndarray, voxel: float, where: str) -> np.ndarray:
 
 
 def _plausible(inside: np.ndarray, plane, where: str) -> None:
-    """The object has the breadth of a finger and air round it."""
     across = max(
         float(np.ptp(np.flatnonzero(s.any(axis=axis)))) * step
         for s in inside
@@ -147,7 +133,6 @@ def _plausible(inside: np.ndarray, plane, where: str) -> None:
 
 
 def _level(values: np.ndarray, what: str, where: str) -> float:
-    """The middle brightness of a part."""
     if not len(values):
         raise ScanError(f"{where}: no {what} to be seen; expected air, skin, bright tissue and dark bone")
     return float(np.median(values))
@@ -179,7 +164,6 @@ def _largest(image: np.ndarray, level: float, plane, mask: np.ndarray) -> np.nda
 
 
 def _inner(border: np.ndarray, skin: float, shape: tuple[int, ...], plane) -> np.ndarray | None:
-    """The outline that lies inside another by the thickness of the skin."""
     level = -_level_of(border, shape, plane)
     return _largest(level, skin, plane, level > 0)
 
@@ -229,7 +213,6 @@ def _next_area(area: float, step: float) -> float:
 
 
 def _check(outlines: Outlines, where: str) -> None:
-    """The finger runs through neighbouring slices, has the breadth of a finger, and a bone."""
     seen = [k for k, curve in enumerate(outlines.skin) if curve is not None]
     if len(seen) < 4:
         raise ScanError(f"{where}: a finger in {len(seen)} slices only, expected 4 or more")

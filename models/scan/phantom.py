@@ -13,10 +13,8 @@ from palpate.models.scan.stack import Stack
 from palpate.physics.fingertip.anatomy import Anatomy
 
 BRIGHTNESS = {"air": 0.0, "skin": 0.45, "tissue": 0.9, "bone": 0.12}
-MIDDLE = np.array([0.0, 12e-3, 0.0])
-"""[m] About which a finger is turned."""
-FULL = 4000
-"""Largest stored value of a pixel."""
+MIDDLE = np.array([0.0, 12e-3, 0.0])  # [m] About which a finger is turned
+FULL = 4000  # Largest stored value of a pixel
 
 
 def scan(
@@ -71,7 +69,6 @@ def scan(
 
 
 def stored(stack: Stack) -> np.ndarray:
-    """Brightness as it is stored in a file, 16 bits."""
     return np.round(np.clip(stack.volume, 0, 1.2) / 1.2 * FULL).astype(np.uint16)
 
 

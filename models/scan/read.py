@@ -15,18 +15,12 @@ import numpy as np
 from palpate.models.scan.orientation import cross_sections, oriented
 from palpate.models.scan.stack import ScanError, Stack, checked
 
-MOST_PACKED = 1032
-"""[1] Bytes out of one of deflate, at most (zlib, technical details)."""
-MOST_VOXELS = 1 << 28
-"""[1] Of a stack: one gigabyte as it is computed with, four litres at 0.25 mm."""
-MOST_FILE = 1 << 30
-"""[bytes] Of a series of DICOM files together."""
-MOST_HEAD = 1 << 24
-"""[bytes] Before the voxels of a NIfTI file."""
-DEFLATED = b"1.2.840.10008.1.2.1.99"
-"""The transfer syntax of DICOM files that are packed as a whole."""
-PNG = struct.Struct(">8s8xII")
-"""Signature, width and height at the head of a PNG file."""
+MOST_PACKED = 1032  # [1] Bytes out of one of deflate, at most (zlib, technical details)
+MOST_VOXELS = 1 << 28  # [1] Of a stack: one gigabyte as it is computed with, four litres at 0.25 mm
+MOST_FILE = 1 << 30  # [bytes] Of a series of DICOM files together
+MOST_HEAD = 1 << 24  # [bytes] Before the voxels of a NIfTI file
+DEFLATED = b"1.2.840.10008.1.2.1.99"  # The transfer syntax of DICOM files that are packed as a whole
+PNG = struct.Struct(">8s8xII")  # Signature, width and height at the head of a PNG file
 PICTURES = (".png", ".tif", ".tiff")
 
 
@@ -114,7 +108,6 @@ def _check_head(path: Path) -> None:
 
 
 def _check_voxels(count: int) -> None:
-    """ValueError: more than a stack may have."""
     if not 0 < count <= MOST_VOXELS:
         raise ValueError(f"its header says {count} voxels, expected 1 to {MOST_VOXELS}")
 

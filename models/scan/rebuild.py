@@ -17,8 +17,7 @@ from palpate.models.scan.outline import Outlines, distance, enclosed
 from palpate.models.scan.stack import ScanError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
-MARGIN = 1.5e-3
-"""[m] Of air round the finger."""
+MARGIN = 1.5e-3  # [m] Of air round the finger
 Side = Literal["auto", "up", "down", "left", "right"]
 TOWARDS = {"up": (0, 1), "down": (0, -1), "left": (-1, 0), "right": (1, 0)}
 """Side of an image -> direction (right, up) in it."""
@@ -33,7 +32,6 @@ class Rebuilt(NamedTuple):
 
 
 def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> FingertipSurfaces:
-    """The surfaces of a finger from its outlines; as `reconstruct`."""
     return reconstruct(outlines, grid, dorsal).tip
 
 
@@ -70,7 +68,6 @@ def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -
 
 
 def _tip_is_last(outlines: Outlines) -> bool:
-    """Whether the tip is at the end of the stack, by its areas."""
     areas = [enclosed(curve) for curve in outlines.skin if curve is not None]
     if min(areas[0], areas[-1]) > 0.8 * max(areas[0], areas[-1]):
         raise ScanError("neither end of the stack narrows to a fingertip; expected slices from the tip on")

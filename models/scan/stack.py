@@ -23,17 +23,14 @@ class Stack:
 
     volume   [1]  (slices, rows, columns) float32 brightness; in space, the directions in which columns, rows and
                   slices are counted are right-handed, as of one who looks at the images and sees the next one behind
-    spacing  [m]  between slices, rows, columns
-    source   where it came from
     axes     what the user said: where slices, rows and columns run, as `scan.orientation` says; "" where nothing
-    handed   what tells left from right: "header", "stated", or "assumed"
     """
 
     volume: np.ndarray
-    spacing: tuple[float, float, float]
-    source: str = ""
+    spacing: tuple[float, float, float]  # [m] between slices, rows, columns
+    source: str = ""  # where it came from
     axes: str = ""
-    handed: str = "assumed"
+    handed: str = "assumed"  # what tells left from right: "header", "stated", or "assumed"
 
 
 def checked(stack: Stack) -> Stack:

@@ -34,44 +34,34 @@ class Switch:
     off: float = 0.0
 
     def without(self, value: Any) -> Any:
-        """The setting's value without the effect."""
         return [self.off] * len(value) if isinstance(value, list | tuple) else self.off
 
     def has(self, value: Any) -> bool:
-        """Whether this value of the setting has the effect."""
         return any(number != self.off for number in (value if isinstance(value, list | tuple) else [value]))
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Mark of a setting that holds for one tissue: a graph that leaves it at its default is told what that stands for.
+    """Mark of a setting that holds for one tissue: a graph that leaves it at its default is told what that stands
+    for."""
 
-    default  what the default is calibrated to
-    command  that fits it to another tissue
-    """
-
-    default: str
-    command: str
+    default: str  # what the default is calibrated to
+    command: str  # that fits it to another tissue
 
 
 @dataclass(frozen=True)
 class Effect:
     """How one node class computes an effect.
 
-    name     of the effect
     how      "node": the class is the effect; "part": a method of it; "setting": a value of it
-    fields   output fields that show it, () where the whole message does
-    setting  that holds it, "" for others
-    about    what it is, in a sentence
-    also     output fields of other effects that need it
     """
 
-    name: str
+    name: str  # of the effect
     how: Literal["node", "part", "setting"]
-    fields: tuple[str, ...] = ()
-    setting: str = ""
-    about: str = ""
-    also: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()  # output fields that show it, () where the whole message does
+    setting: str = ""  # that holds it, "" for others
+    about: str = ""  # what it is, in a sentence
+    also: tuple[str, ...] = ()  # output fields of other effects that need it
 
 
 def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) -> Callable[[Method], Method]:
@@ -105,6 +95,5 @@ def effects(kind: type[Node]) -> tuple[Effect, ...]:
 
 
 def switch(kind: type[Node], effect: Effect) -> Switch:
-    """The mark of a setting that holds an effect."""
     marks = settings(kind)[effect.setting].marks
     return next(m for m in marks if isinstance(m, Switch) and m.effect == effect.name)

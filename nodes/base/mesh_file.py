@@ -57,10 +57,7 @@ def read_mesh(path: str, scale: float) -> Mesh:
 def read_triangles(path: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (V,3) as the file's numbers and triangles (T,3) int32: equal vertices made one, and those at open edges
     that are nearer than `NEAR`; triangles without three corners, repeated triangles and vertices that no triangle holds
-    left out, the order of corners as it was.
-
-    SettingError: no such file, not a mesh, no triangles.
-    """
+    left out, the order of corners as it was. SettingError: no such file, not a mesh, no triangles."""
     return _read(path)[:2]
 
 
@@ -104,9 +101,7 @@ def _near(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def flaws(path: str) -> list[str]:
     """What is wrong with a mesh file that can be used all the same, a line each: open, inside out, self-intersecting.
-
-    SettingError: it cannot be read.
-    """
+    SettingError: it cannot be read."""
     vertices, triangles, merged = _read(path)
     border, _ = edge_counts(triangles, len(vertices))
     lines = []
@@ -175,7 +170,6 @@ def _least_first(triangles: np.ndarray) -> np.ndarray:
 
 
 def _distinct(triangles: np.ndarray) -> np.ndarray:
-    """Triangles of three different corners, none twice."""
     a, b, c = triangles.T
     triangles = triangles[(a != b) & (b != c) & (c != a)]
     _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)

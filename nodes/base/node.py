@@ -96,8 +96,7 @@ class Node:
     inputs and its state alone, and the state is made in `start`, so that a run can be replayed exactly.
     """
 
-    paced: ClassVar[bool] = False
-    """True for a source: the clock runs its step, and all its inputs are held."""
+    paced: ClassVar[bool] = False  # True for a source: the clock runs its step, and all its inputs are held
     sink: ClassVar[bool] = False
     """True where the node matters for itself (it drives hardware, writes a file, shows a picture)."""
     hardware: ClassVar[bool] = False
@@ -121,7 +120,6 @@ class Node:
             setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
 
     def wants(self, field: str) -> bool:
-        """Whether somebody reads this field of the output."""
         return self.wanted is None or field in self.wanted
 
     def start(self) -> None:
@@ -184,10 +182,7 @@ def _once(read: F) -> F:
 
 @_once
 def settings(kind: type[Node]) -> dict[str, Setting]:
-    """The settings of a node class by name, base class first.
-
-    TypeError: a setting without a unit.
-    """
+    """The settings of a node class by name, base class first. TypeError: a setting without a unit."""
     by_name = {}
     for base in reversed(kind.__mro__):
         if base in (Node, Observer, object):
@@ -224,10 +219,8 @@ def convert(setting: Setting, value: Any) -> Any:
 
 @_once
 def inputs(kind: type[Node]) -> tuple[Port, ...]:
-    """The input ports of a node class, the driving one first.
-
-    TypeError: an argument of `step` that is not a message.
-    """
+    """The input ports of a node class, the driving one first. TypeError: an argument of `step` that is not a
+    message."""
     hints = typing.get_type_hints(kind.step, include_extras=True)
     ports = []
     for name, parameter in list(inspect.signature(kind.step).parameters.items())[1:]:
@@ -256,10 +249,8 @@ def inputs(kind: type[Node]) -> tuple[Port, ...]:
 
 @_once
 def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
-    """The message types that a node class sends, in order.
-
-    TypeError: a return annotation that is not a message, a tuple of messages or None.
-    """
+    """The message types that a node class sends, in order. TypeError: a return annotation that is not a message, a
+    tuple of messages or None."""
     hint = typing.get_type_hints(kind.step).get("return")
     kinds = typing.get_args(hint) if typing.get_origin(hint) is tuple else () if hint in (None, type(None)) else (hint,)
     for returned in kinds:

@@ -18,8 +18,7 @@ class WithNodule(OnSurface):
     """Of the sphere; 0: there is none."""
     nodule_position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
     """Point of the surface, in the world, below which it lies."""
-    nodule_depth: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 6.0e-3
-    """Of its centre below the surface."""
+    nodule_depth: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 6.0e-3  # Of its centre below the surface
     nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0, le=1e6)] = 10.0
     """Its modulus over that of the tissue; below 1 for a cyst."""
     nodule_reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 6.0e-3

@@ -42,12 +42,9 @@ FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingert
 class Placed(Node):
     """Settings of a node that works on the scene's surface: give all such nodes of a graph the same ones."""
 
-    surface: Annotated[str, "1"] = "kidney"
-    """A built-in surface, or the path of a mesh file (.stl, .ply, .obj)."""
-    position: Annotated[Vector3, "m"] = PLACE
-    """Where the surface's origin lies in the world."""
-    rotation: Annotated[Vector3, "rad"] = LEVEL
-    """How it is turned about its origin: a rotation vector."""
+    surface: Annotated[str, "1"] = "kidney"  # A built-in surface, or the path of a mesh file (.stl, .ply, .obj)
+    position: Annotated[Vector3, "m"] = PLACE  # Where the surface's origin lies in the world
+    rotation: Annotated[Vector3, "rad"] = LEVEL  # How it is turned about its origin: a rotation vector
 
 
 class OnSurface(Placed):
@@ -55,8 +52,7 @@ class OnSurface(Placed):
 
     vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
     """About how many vertices the mesh of a built-in surface gets; a file has its own."""
-    file_unit: Annotated[str, "1"] = "m"
-    """Unit of the numbers in a mesh file: m, cm or mm."""
+    file_unit: Annotated[str, "1"] = "m"  # Unit of the numbers in a mesh file: m, cm or mm
 
     def mesh(self) -> Mesh:
         """The surface's mesh, the same object for all nodes of a process with these settings."""
@@ -127,10 +123,8 @@ def complete(surface: Surface, points: np.ndarray) -> Surface:
 
 
 def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> Nurbs:
-    """The NURBS patch of a built-in surface, turned and moved to its place in the world.
-
-    SettingError: no such surface, or one that is a mesh.
-    """
+    """The NURBS patch of a built-in surface, turned and moved to its place in the world. SettingError: no such surface,
+    or one that is a mesh."""
     if surface not in SURFACES:
         _known(surface)
         raise SettingError(

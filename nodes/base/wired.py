@@ -28,11 +28,9 @@ class Wired(Node):
     faults: Annotated[EmulatedFaults, "1"] = EmulatedFaults()
 
     def driver(self) -> Driver:
-        """Makes the device's driver, or that of its emulator."""
         raise NotImplementedError
 
     def guard(self, driver: Driver) -> Guard:
-        """What the commands are held to."""
         return Guard(driver.limits)
 
     def start(self) -> None:

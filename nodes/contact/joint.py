@@ -31,7 +31,6 @@ class Joint(Series):
         on_hand((0.0,) * 3, (0.0,) * 9, 0.0, (0.0, 0.0, 1.0))
 
     def _resize(self, count: int) -> None:
-        """Be several fingers, each as at the start."""
         self._count = count
         own = {name: getattr(self, name) for name in settings(Series)}
         self._fingers = [Series(**own) for _ in range(count)]

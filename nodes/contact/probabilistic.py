@@ -97,9 +97,7 @@ class Probabilistic(Node):
 
 def read_law(path: Path, subject: str) -> dict[str, Any]:
     """The settings that a file of `palpate fit force` gives for a subject; the only subject where none is named.
-
-    SettingError: no such file, not such a file, no such subject.
-    """
+    SettingError: no such file, not such a file, no such subject."""
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

@@ -48,10 +48,8 @@ class Series(Node):
 
     finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
     finger_damping: Annotated[float, "s/m", msgspec.Meta(ge=0), Switch("relaxation")] = 8.0
-    finger_stiffness: Annotated[float, "N/m", Positive] = 26.2641
-    """of the exponential law"""
-    finger_hardening: Annotated[float, "1/m", Positive] = 1681.06
-    """of the exponential law"""
+    finger_stiffness: Annotated[float, "N/m", Positive] = 26.2641  # of the exponential law
+    finger_hardening: Annotated[float, "1/m", Positive] = 1681.06  # of the exponential law
     finger_power_stiffness: Annotated[float, "N/m^n", Positive] = 8.1e3
     finger_power_exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=10)] = 1.5
     finger_hertz_slope: Annotated[float, "Pa/m", Positive] = 5.672e6
@@ -107,9 +105,7 @@ class Series(Node):
 
     def _law_now(self, body: Heard, time: int, dt: float, length: float) -> Law:
         """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns], taken as `length`.
-
-        InputError: a law out of its range.
-        """
+        InputError: a law out of its range."""
         k, n, c, free, previous = law = _law(body)
         step, own = body.step, self.indentation
         if not _in_range(body):
@@ -219,7 +215,6 @@ class Series(Node):
 
 
 def _law(body: Heard) -> Law:
-    """K, n, c, s_free, s_prev of a body's message."""
     return body.stiffness, body.exponent, body.damping, body.rest_indentation, body.previous_indentation
 
 

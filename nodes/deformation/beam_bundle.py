@@ -29,17 +29,14 @@ class BeamBundle(WithNodule):
     effect = "deformation"
     rank = 2
 
-    layers: Annotated[Vector, "m", OF_TISSUE] = (1e-3, 9e-3)
-    """Thickness of each layer."""
+    layers: Annotated[Vector, "m", OF_TISSUE] = (1e-3, 9e-3)  # Thickness of each layer
     moduli: Annotated[Vector, "Pa", OF_TISSUE] = (SKIN.modulus, TISSUE.modulus)
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3
-    """Of the patch whose response is told before a force acts."""
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3  # Of the patch whose response is told before a force acts
 
     def start(self) -> None:
-        """The beams at rest."""
         if not len(self.layers) == len(self.moduli) == len(self.relaxations) > 0:
             raise SettingError(
                 f"layers, moduli, relaxations: found {len(self.layers)}, {len(self.moduli)}, {len(self.relaxations)} "

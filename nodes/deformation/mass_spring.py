@@ -37,8 +37,7 @@ class MassSpring(WithNodule):
     damping: Annotated[float, "s/m", NotNegative, Switch("relaxation")] = 5.0
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
-    """Of the patch under a finger, where several press"""
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch under a finger, where several press
 
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
@@ -50,7 +49,6 @@ class MassSpring(WithNodule):
         self._contacts(self._count)
 
     def _contacts(self, count: int) -> None:
-        """Be under so many contacts, from rest."""
         self._count = count
         self._laws = [Terminal(self.stiffness, self.exponent, self.damping)] * count
         self._bodies = [self._nodes() for _ in range(count)]

@@ -15,7 +15,6 @@ from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.bodies.condensed_contacts import CondensedContacts
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.patch import ReducedBody, add_pressure
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
@@ -50,8 +49,7 @@ class ReducedFE(WithNodule):
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
     """How it follows large displacement: by the law of a half-space under the patch, not at all, or in modes of the
     whole body with its energy sampled; the last is meant for the fingertip."""
-    modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 80
-    """Of the sampled model."""
+    modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 80  # Of the sampled model
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(ge=0, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = 0.02
@@ -60,13 +58,11 @@ class ReducedFE(WithNodule):
     """Stiffness per area of what the underside lies on, over `young`."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
     """Of a skin of other modulus; 0 is a homogeneous organ."""
-    capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0
-    """Modulus of the skin over that of the organ."""
+    capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0  # Modulus of the skin over that of the organ
     sticks: Annotated[bool, "1"] = True
     """Whether the surface under the patch sticks to the finger, or is free to slide on it (under light loads: heavier
     ones are reported); not of the sampled model."""
-    coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
-    """About how many vertices the condensed surface has."""
+    coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600  # About how many vertices the condensed surface has
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
     """Of the patch that the terminal law is taken over before the first load."""
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
@@ -90,7 +86,6 @@ class ReducedFE(WithNodule):
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
     def _contacts(self, count: int) -> None:
-        """Be under so many contacts, from rest."""
         self._count = count
         self._body = self._made(count)
 
@@ -100,14 +95,13 @@ class ReducedFE(WithNodule):
         return still and self._places == [(l.foot, l.normal) for l in load]
 
     def _made(self, count: int = 1) -> ReducedBody:
-        """The body at its place, at rest, for so many contacts."""
         basis, given = self._placed()
         if isinstance(basis, SampledBasis):
             return SampledBody(basis, *given)
         large = self.model == "nonlinear" and self.sticks  # a surface that slides is known under light loads only
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         body = CondensedBody(basis, *given, self.poisson, self.sticks, self._apart(), rho)
-        return CondensedContacts(body, count) if count > 1 else body
+        return body.under(count) if count > 1 else body
 
     def _apart(self) -> np.ndarray | None:
         """How far [m] (V,) each vertex of the basis is from another modulus; None where there is but one."""
@@ -126,7 +120,6 @@ class ReducedFE(WithNodule):
         return x, y, z
 
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rotation (3,3) and place [m] (3) of the surface's own frame in the world."""
         return rotation_matrix(self.rotation), np.asarray(self.position, float)
 
     def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
@@ -149,7 +142,6 @@ class ReducedFE(WithNodule):
         return Basis(vertices, basis.triangles, turned(basis.compliance)), given
 
     def _answer(self, load: list[Load], dt: float) -> list[Terminal]:
-        """The next step's terminal law of each contact, with the indentation now."""
         pressed = [(each.nodes, each.forces, each.foot, each.normal) for each in load]
         return [Terminal(k, n, 0.0, free, now) for k, n, free, now in self._body.step_all(pressed, dt)]
 
@@ -219,7 +211,6 @@ class ReducedFE(WithNodule):
         return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit)
 
     def inputs(self) -> dict[str, Any]:
-        """All that the basis depends on."""
         inputs: dict[str, Any] = {"builder": basis_store.BUILDERS[self._kind()], "surface": _name(self.surface)}
         if self.model == "sampled":
             inputs["modes"] = self.modes
@@ -232,11 +223,9 @@ class ReducedFE(WithNodule):
         return inputs
 
     def key(self) -> str:
-        """The hash that the basis is found by."""
         return basis_store.key(self.inputs())
 
     def filename(self) -> str:
-        """Of a basis that is built for these settings."""
         nodule = "-nodule" if self.nodule_radius > 0 else ""
         return f"{_name(self.surface)}{nodule}-{self._kind()}-{self.key()}.npz"
 
@@ -244,16 +233,13 @@ class ReducedFE(WithNodule):
         return "sampled" if self.model == "sampled" else "condensed"
 
     def command(self) -> str:
-        """The command that builds it."""
         usual, read = ReducedFE(), BUILT_FROM + (NODULE if self.nodule_radius > 0 else ())
         given = [f"--set {n}={_text(getattr(self, n))}" for n in read if getattr(self, n) != getattr(usual, n)]
         return " ".join(["palpate build basis", *given])
 
     def basis(self) -> Basis | SampledBasis:
-        """The stored basis.
-
-        SettingError: none is stored for these settings, or it cannot be read, or is of another place or shape.
-        """
+        """The stored basis. SettingError: none is stored for these settings, or it cannot be read, or is of another
+        place or shape."""
         stored = self.stored(basis_store.SHIPPED, basis_store.cache())
         if stored is None:
             raise SettingError(
@@ -281,10 +267,8 @@ class ReducedFE(WithNodule):
         return ""
 
     def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
-        """The basis for these settings in the first of the folders that holds one, and its path.
-
-        SettingError: one that cannot be read.
-        """
+        """The basis for these settings in the first of the folders that holds one, and its path. SettingError: one that
+        cannot be read."""
         for folder in folders:
             path = basis_store.find(folder, self.key())
             if path is not None:
@@ -298,7 +282,6 @@ class ReducedFE(WithNodule):
 
 
 def _text(value: object) -> str:
-    """A setting's value as a command takes it."""
     return "'[" + ", ".join(map(str, value)) + "]'" if isinstance(value, tuple) else str(value)
 
 

@@ -30,7 +30,6 @@ class Hardware(SimulatedOperator, Wired):
         return Guard(driver.limits, self.deadman, self.ramp)
 
     def script(self) -> Script:
-        """The way of an emulated hand."""
         return Script(
             points=tuple(map(tuple, self.points().tolist())),
             ends=tuple(self.ends().tolist()),

@@ -13,18 +13,12 @@ PLACE = ("x", "y", "z")
 
 
 class Motion(NamedTuple):
-    """Rows of a motion.
+    """Rows of a motion."""
 
-    times    [s]          (n)    rising
-    values   [m] or [rad] (n,k)  positions or joint angles
-    joints   [1]                 whether they are joint angles
-    buttons  [1]          (n)
-    """
-
-    times: np.ndarray
-    values: np.ndarray
-    joints: bool
-    buttons: np.ndarray
+    times: np.ndarray  # [s] (n) rising
+    values: np.ndarray  # [m] or [rad] (n,k) positions or joint angles
+    joints: bool  # [1] whether they are joint angles
+    buttons: np.ndarray  # [1] (n)
 
     def at(self, time: float, repeat: bool = False) -> DeviceState:
         """The state at a time [s] after the first row; the last one after the end, unless it repeats."""

@@ -25,8 +25,7 @@ class LSL(Observer):
 
     fields: Annotated[tuple[str, ...], "1", msgspec.Meta(min_length=1)]
     """Fields to send, of each stream that has them: numbers, flags and vectors of fixed length."""
-    name: Annotated[str, "1", msgspec.Meta(min_length=1)] = "palpate"
-    """Tells rigs in one network apart."""
+    name: Annotated[str, "1", msgspec.Meta(min_length=1)] = "palpate"  # Tells rigs in one network apart
 
     def start(self) -> None:
         lsl = library()
@@ -45,7 +44,6 @@ class LSL(Observer):
         self._begin = lsl.local_clock()
 
     def _info(self, lsl: Any, stream: Stream, chosen: tuple[Field, ...], rate: float) -> Any:
-        """What LSL tells of a stream."""
         labels = [(label, field.unit) for field in chosen for label in _labels(field)]
         name = f"{self.name}.{stream.name}"
         info = lsl.StreamInfo(

@@ -65,8 +65,7 @@ class Mcap(Observer):
     effect = "recording"
 
     path: Annotated[str, "1"] = "palpate.mcap"
-    thin: Annotated[dict[str, int], "1"] = {}
-    """Streams to thin out: name and n, to keep each n-th message."""
+    thin: Annotated[dict[str, int], "1"] = {}  # Streams to thin out: name and n, to keep each n-th message
     leave_out: Annotated[tuple[str, ...], "1"] = ()
     """Streams not to record; those of nodes that do not run are not there anyway."""
     within: Annotated[float, "s", msgspec.Meta(ge=0.0, le=60.0)] = 0.2

@@ -66,7 +66,6 @@ class _Measured(Wired):
         return (-force * x, -force * y, -force * z, 0.0, 0.0, 0.0)
 
     def _press(self, pose: Pose) -> float:
-        """The force [N] of the emulated sample on the finger."""
         above = sum((p - f) * n for p, f, n in zip(pose.position, self.foot, self.normal, strict=True))
         rate = -sum(v * n for v, n in zip(pose.velocity, self.normal, strict=True))
         depth = max(self.top - above, 0.0)

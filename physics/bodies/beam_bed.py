@@ -1,15 +1,14 @@
 """A bed of beams under a surface: the body that a fingertip presses, under given nodal forces.
 
 Below each vertex of the surface stands a beam along its normal, as long as the layers are thick, with the vertex's area
-as its section. Layers are Voigt elements in series (`voigt`), so a nodal force steps its beam alone, whatever the
-others do. Laterally a beam is an elastic spring in shear, A / sum(L/G). Layers, and the shear of a beam, stop at the
-strain limit.
+as its section. Layers are Voigt elements in series (`voigt`), so a nodal force steps its beam alone. Laterally a beam
+is an elastic spring in shear, A / sum(L/G). Layers, and the shear of a beam, stop at the strain limit.
 
 The indentation that the contact sees is the one conjugate to the force: with forces w_j f on nodes that move by u_j
 along the contact's inward normal, s = sum_j w_j u_j, so that f ds is exactly the work done on the beams.
 
-Several contacts press the sum of their forces into the beams, each of which still steps alone; so contacts feel each
-other where their patches share beams and nowhere else. With C_b the compliance (3,3) of a beam in its next step,
+Several contacts press the sum of their forces into the beams; so they feel each other where their patches share beams.
+With C_b the compliance (3,3) of a beam in its next step,
 
     c_ij = sum_b w_ib w_jb n_i.C_b n_j,    O_ij = c_ij/c_ii
 
@@ -17,11 +16,8 @@ c is symmetric and, each C_b being positive, |c_ij| <= sqrt(c_ii c_jj). The law 
 all of them are to it, f_i + sum_j O_ij f_j (`physics.contact.joint`).
 
 No load is a load of zero on the patch that bore the last one: the dent that is left there is told while it recovers. As
-the foot point moves away the patch passes over to the one round the foot, within `radius`.
-
-Beams do not know of each other: dragged by a finger they would lean over their neighbours, by more than the width of
-the patch where it is pressed hard, and fold the surface. What is told is therefore held together (`stretch`), and the
-held vertices are counted. The beams and the law below are not changed by that.
+the foot point moves away the patch passes over to the one round the foot, within `radius`. The displacement that is
+told is held together (`stretch`), as beams do not know of each other; beams and law are not changed by that.
 """
 
 from __future__ import annotations
@@ -41,27 +37,20 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
 from palpate.physics.materials.voigt import chain_compliance
 
-SHORTEST_STEP = 1e-5
-"""[s] A shorter step is computed as this long."""
+SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long
 
 
 class FoundationBeams(NamedTuple):
-    """What does not change of a bed.
+    """What does not change of a bed."""
 
-    vertices [m] (V,3)   normals [1] (V,3) outward   areas [m²] (V)
-    length   [m]         of all layers
-    shares   [1] (h)     of each layer in the length   moduli [Pa] (h)   viscosities [Pa s] (h)
-    softness [m/Pa]      sum of thickness over shear modulus
-    """
-
-    vertices: np.ndarray
-    normals: np.ndarray
-    areas: np.ndarray
-    length: float
-    shares: np.ndarray
-    moduli: np.ndarray
-    viscosities: np.ndarray
-    softness: float
+    vertices: np.ndarray  # [m] (V,3)
+    normals: np.ndarray  # [1] (V,3) outward
+    areas: np.ndarray  # [m²] (V)
+    length: float  # [m] of all layers
+    shares: np.ndarray  # [1] (h) of each layer in the length
+    moduli: np.ndarray  # [Pa] (h)
+    viscosities: np.ndarray  # [Pa s] (h)
+    softness: float  # [m/Pa] sum of thickness over shear modulus
 
 
 class Skin(NamedTuple):
@@ -75,20 +64,18 @@ class Skin(NamedTuple):
 class FoundationState(NamedTuple):
     """What a step changes.
 
-    strains [1] (V,h)   displacement [m] (V,3)
     force [N] (V,3), weight [1] (V)   zero between steps
     nodes (V), moved [m] (V,3), place (V)   list of the displaced vertices, their displacement, place in it or -1
-    chain (h)   room
     """
 
-    strains: np.ndarray
-    displacement: np.ndarray
+    strains: np.ndarray  # [1] (V,h)
+    displacement: np.ndarray  # [m] (V,3)
     force: np.ndarray
     weight: np.ndarray
     nodes: np.ndarray
     moved: np.ndarray
     place: np.ndarray
-    chain: np.ndarray
+    chain: np.ndarray  # (h) room
 
 
 class Patch(NamedTuple):
@@ -103,28 +90,21 @@ class FoundationContacts(NamedTuple):
 
     nodes, shares (2,c,V)  the patch that bore its last load, and the one of a load of zero
     which (c), counts (c)  the one of them that it has now, and how many vertices that has
-    ends    (c)            of its load in the list of all
-    normals [1]   (c,3)    outward
-    forces  [N]   (c)      normal force
-    cross   [m/N] (c,c)    compliance between patches; the diagonal is 0
-    laws          (c,4)    K [N/m^n], n, free and present indentation [m]
-    coupling [1]  (c,c)    O
     """
 
     nodes: np.ndarray
     shares: np.ndarray
     which: np.ndarray
     counts: np.ndarray
-    ends: np.ndarray
-    normals: np.ndarray
-    forces: np.ndarray
-    cross: np.ndarray
-    laws: np.ndarray
-    coupling: np.ndarray
+    ends: np.ndarray  # (c) of its load in the list of all
+    normals: np.ndarray  # [1] (c,3) outward
+    forces: np.ndarray  # [N] (c) normal force
+    cross: np.ndarray  # [m/N] (c,c) compliance between patches; the diagonal is 0
+    laws: np.ndarray  # (c,4) K [N/m^n], n, free and present indentation [m]
+    coupling: np.ndarray  # [1] (c,c) O
 
     @classmethod
     def of(cls, count: int, vertices: int) -> FoundationContacts:
-        """At rest."""
         which, counts, ends = np.zeros((3, count), np.int64)
         return cls(
             np.zeros((2, count, vertices), np.int32), np.zeros((2, count, vertices)), which, counts, ends,
@@ -179,8 +159,7 @@ class BeamFoundation:
         self._skin = Skin(neighbours(mesh), np.zeros((count, 3)), StretchWorkspace.of(count))
         self.nodes, self.moved, self.count = self._moving.nodes, self._moving.moved, 0
         self._spreader = Spreader(mesh, radius)
-        self.limited = 0
-        """Elements and vertices held at their limit in the last step."""
+        self.limited = 0  # Elements and vertices held at their limit in the last step
         self._under(1)
         load, state = (NO_NODES, NO_VECTORS), (self.beams, self._moving)
         self._loaded = entry_point(loaded_patch, *load, (0.0, 0.0, 0.0), self._last[0], self._moving.weight)
@@ -197,14 +176,10 @@ class BeamFoundation:
 
     def step(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float, float]]:
         """Step under the loads of all contacts; the response of the next step at each: stiffness K [N/m^n], exponent n,
-        free and present indentation [m].
-
-        dt   [s]; <= 0: nothing changes
+        free and present indentation [m]. dt [s]; <= 0: nothing changes.
 
         `nodes[:count]` and `moved[:count]` are then the displaced vertices and their displacement [m], `coupling` what
-        the contacts are to each other.
-
-        IndexError: a node that the surface does not have.
+        the contacts are to each other. IndexError: a node that the surface does not have.
         """
         if len(loads) != len(self._last):
             self._under(len(loads))
@@ -230,7 +205,6 @@ class BeamFoundation:
 
     @property
     def coupling(self) -> np.ndarray:
-        """[1] (c,c) O, see `physics.contact.joint`."""
         return self._contacts.coupling.copy()
 
     def relaxation(self, dt: float) -> float:
@@ -241,7 +215,6 @@ class BeamFoundation:
         return dt * (float((beams.shares / beams.moduli).sum()) / taken - 1.0)
 
     def _unloaded(self, contact: int, foot: tuple, normal: tuple) -> int:
-        """Fill the patch of a load of zero; its length."""
         last, last_count = self._last[contact], self._last_counts[contact]
         near = math.dist(foot, self._last_feet[contact]) / self.radius if last_count else math.inf
         share = max(1.0 - near, 0.0)
@@ -253,7 +226,6 @@ class BeamFoundation:
 
 
 def _together(loads: Sequence[Pressed]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and forces of all loads in one list, of the type of one."""
     if len(loads) == 1:
         return loads[0][0], loads[0][1]
     nodes, forces = (np.concatenate([load[k] for load in loads]) for k in (0, 1))

@@ -7,19 +7,14 @@ from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
 
-NO_FORCE = 1e-9
-"""[N] A force below this is none: how it is spread says nothing."""
-LARGEST_FORCE = 1e6
-"""[N] On a node; a larger one counts as this, so that sums stay finite."""
-STILL = 1e-9
-"""[1] An unloaded beam whose strains are all below this is at rest."""
-MOST_APART = 0.8
-"""[1] Largest difference of displacement between neighbours, over the length of their edge."""
+NO_FORCE = 1e-9  # [N] A force below this is none: how it is spread says nothing
+LARGEST_FORCE = 1e6  # [N] On a node; a larger one counts as this, so that sums stay finite
+STILL = 1e-9  # [1] An unloaded beam whose strains are all below this is at rest
+MOST_APART = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge
 MOST_SIDEWAYS = 0.5
 """[1] The same for the part along the surface. A triangle is turned over where that changes by 1 over its height; in a
 right-angled one that is sqrt(2) of what its edges show, and the dent of a round body takes some of it."""
-LEAST_COMPLIANCE = 1e-9
-"""[m/N] of a patch whose layers all stand at their limit; it keeps the law finite."""
+LEAST_COMPLIANCE = 1e-9  # [m/N] of a patch whose layers all stand at their limit; it keeps the law finite
 
 
 @kernel
@@ -172,8 +167,7 @@ def _shear_left(force, along, softness, length):
 
 @kernel
 def _shared(i, j, dt, beams, moving, contacts):
-    """Compliance [m/N] between the patches of two contacts, by the beams that both have; not below 0, as little as
-    leaning beams could be."""
+    """Compliance [m/N] >= 0 between the patches of two contacts, by the beams that both have."""
     n, m, weight = contacts.normals[i], contacts.normals[j], moving.weight
     first, second = contacts.which[i], contacts.which[j]
     for k in range(contacts.counts[j]):

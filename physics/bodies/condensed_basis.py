@@ -12,19 +12,14 @@ from palpate.physics.archive import ArchiveError, read_arrays, replacing
 
 @dataclass(frozen=True)
 class Basis:
-    """Static condensation of an organ to its surface.
+    """Static condensation of an organ to its surface."""
 
-    vertices    [m]   (V,3) of the coarse surface, in the organ's frame
-    triangles   [1]   (T,3)
-    compliance  [m/N] (3V,3V) float32, for a modulus of 1 Pa
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    compliance: np.ndarray
+    vertices: np.ndarray  # [m] (V,3) of the coarse surface, in the organ's frame
+    triangles: np.ndarray  # [1] (T,3)
+    compliance: np.ndarray  # [m/N] (3V,3V) float32, for a modulus of 1 Pa
 
     def save(self, path: Path, about: str = "") -> None:
-        """Write the lower half in steps of the largest entry over 32767, high bytes and low ones apart: so they
+        """Write the lower half in steps of the largest entry over 32767, high bytes and low ones apart, so that they
         pack; and a text that says what it was made from."""
         step = float(np.abs(self.compliance).max()) / 32767
         lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
@@ -36,10 +31,7 @@ class Basis:
 
     @classmethod
     def load(cls, path: Path) -> Basis:
-        """Read a stored basis.
-
-        ArchiveError: not a basis, or a damaged one.
-        """
+        """Read a stored basis. ArchiveError: not a basis, or a damaged one."""
         try:
             archive = read_arrays(path)
             vertices, triangles = archive["vertices"], archive["triangles"]

@@ -1,13 +1,13 @@
-"""A condensed organ under several contacts: each has a body of its own, and all feel one another.
+"""A condensed organ under several contacts: what they are to each other.
 
 What contact j has done, its history h_j, indents the patch of contact i by
 
     a_ij = (g_i.C h_j + H_ij y_j)/E,    H_ij = (1 - nu²)/pi (X_ij - g_i.T g_j) n_i.n_j,    i != j
 
 g shares of the normal force at the coarse vertices, C the compliance for a modulus of 1 Pa, y_j the normal force that
-h_j stands for on its own patch. As with a patch's own compliance (`physics.bodies.true_patch`) what the coarse
-surface's hats do to both loads is undone with a half-space: T its mean 1/r between hats, X that between the true loads,
-X = Y(d/R)/R at the distance d, R² the mean of both patches' R²,
+h_j stands for on its own patch. As with a patch's own compliance (`physics.bodies.true_patch`) what the hats do to both
+loads is undone with a half-space: T its mean 1/r between hats, X that between the true loads, X = Y(d/R)/R at the
+distance d, R² the mean of both patches' R²,
 
     Y(rho) = integral of (48 J3(x)/x³)² J0(x rho) from 0 on,    Y(0) = I,    Y -> 1/rho + 1/(8 rho³)
 
@@ -17,30 +17,21 @@ tangential directions of each patch, c_zz becomes the block over all patches
 
     C_zz - C_zt C_tt^-1 C_tz
 
-40 mm apart on the slab that is 8 % of c_ij. H enters C_tt with `TruePatch.tangential`; C_zt between patches has none.
-What holds each point of a patch enters its own compliance alone (0.6 % of it at nu = 0.45).
+H enters C_tt with `TruePatch.tangential`; C_zt between patches has none. What holds each point of a patch enters its
+own compliance alone.
 
-Large displacement follows the whole indentation under a patch, its own and that of the others, and its chord over the
-linear body's, tau_i, scales what they add: c_ij sqrt(tau_i tau_j) is symmetric and positive, so that a step of all
-contacts together is passive. At one place two contacts are one that bears both forces.
-
-The energy changes along the surface under contact i by its own part (`physics.bodies.place_energy`) and by f_i times
-the slope of a_ij, which draws a finger into the dent of another.
+Large displacement follows the whole indentation under a patch; its chord over the linear body's, tau_i, scales what the
+contacts add: c_ij sqrt(tau_i tau_j) is symmetric and positive, so that a step of all together is passive. At one place
+two contacts are one that bears both forces. The energy changes along the surface under contact i by its own part
+(`physics.bodies.place_energy`) and by f_i times the slope of a_ij, which draws a finger into the dent of another.
 """
-
-from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.bodies.condensed_body import CondensedBody, straight
-from palpate.physics.bodies.condensed_field import add_dent, add_field
 from palpate.physics.bodies.condensed_step import (
     COMPLIANCE,
-    FIELDS,
     FREE,
     HOLD,
-    MORE,
-    NUMBERS,
     OWN,
     PRESS,
     RADIUS,
@@ -48,17 +39,13 @@ from palpate.physics.bodies.condensed_step import (
     TOTAL,
     add_others,
 )  # fmt: skip
-from palpate.physics.bodies.patch import Law, Pressed, ReducedBody, carried
 from palpate.physics.bodies.true_patch import dent_depth, sideways
-from palpate.physics.entry_point import entry_point
 from palpate.physics.exact import product
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
-STEP, FARTHEST = 1.0 / 32.0, 6.0
-"""[1] Of the table of Y over d/R."""
-RIDGE = 1e-3
-"""[1] By which C_tt's diagonal is greater: two patches at one place are held by the same forces."""
+STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Of the table of Y over d/R
+RIDGE = 1e-3  # [1] By which C_tt's diagonal is greater: two patches at one place are held by the same forces
 
 
 @kept
@@ -72,111 +59,6 @@ def joint_profile() -> np.ndarray:
     turn = (np.arange(64) + 0.5) * np.pi / 64
     away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * np.cos(turn))
     return product(dent_depth(away).mean(axis=2), weight)
-
-
-class CondensedContacts(ReducedBody):
-    """The state of a condensed organ under several contacts.
-
-    body   of the organ, at rest
-    count  of contacts
-    """
-
-    def __init__(self, body: CondensedBody, count: int) -> None:
-        self._coupling = np.eye(count)
-        vertices = len(body.basis.vertices)
-        self._profile = joint_profile()
-        self._fields = np.zeros((count, FIELDS, vertices, 3))
-        self._marks, self._numbers = np.zeros((count, 3, vertices), dtype=np.int64), np.zeros((count, NUMBERS))
-        self.contacts = [body.another(*own) for own in zip(self._fields, self._marks, self._numbers, strict=True)]
-        self._feet, self._normals = np.zeros((2, count, 3))
-        self._counts = np.zeros((count, 3), dtype=np.int64)
-        self._room = np.zeros((count, 4, vertices))
-        self._cross, self._slope = np.zeros((count, count)), np.zeros((count, 3))
-        self._held = np.zeros(count)
-        state = (self._fields, self._marks, self._numbers, self._counts, self._normals, self._feet)
-        self._joint = (*state, self._room, self._cross, self._coupling, self._slope)
-        first = self.contacts[0]
-        model, field = first._model, first._field
-        self._answer = entry_point(joint_answer, model, self._profile, *self._joint, 0.0)
-        self._shown = entry_point(
-            joint_displacements, model, first._reach, first._told, *state, field, first._nodes, first._moved
-        )
-
-    def step(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float]]:
-        """One step under all loads: of each contact what `CondensedBody.step` gives."""
-        contacts = self.contacts
-        for contact, load in zip(contacts, loads, strict=True):
-            contact.take(*load, dt)
-        self._feet[:] = [load[2] for load in loads]
-        self._normals[:] = [load[3] for load in loads]
-        self._counts[:] = [(c._count, c._touched, 0) for c in contacts]
-        self._answer(contacts[0]._model, self._profile, *self._joint, dt)
-        take = dt / (dt + contacts[0].retardation)
-        self._held = (1.0 - take) * self._held + take * self._numbers[:, TOTAL]
-        laws: list[tuple[float, float, float]] = self._numbers[:, :MORE].tolist()
-        return laws
-
-    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
-        """The law of each contact, see `step`."""
-        return [straight(*law) for law in self.step(loads, dt)]
-
-    @property
-    def coupling(self) -> np.ndarray:
-        """[1] (c,c) O, see `physics.contact.joint`."""
-        return self._coupling
-
-    @property
-    def extrapolation(self) -> float:
-        """The largest of the contacts'."""
-        return max(contact.extrapolation for contact in self.contacts)
-
-    @property
-    def still(self) -> bool:
-        """Whether none holds a load any more."""
-        return all(contact.still for contact in self.contacts)
-
-    def causes(self) -> list[str]:
-        """Those of all contacts."""
-        return list(dict.fromkeys(cause for contact in self.contacts for cause in contact.causes()))
-
-    def caution(self, cause: str) -> str:
-        """Of the first contact that it is a cause of."""
-        return next(contact for contact in self.contacts if cause in contact.causes()).caution(cause)
-
-    def stored(self) -> float:
-        """Energy [J] that is held under the patches: of that at each one's indentation the share that its own force has
-        in what presses there. For a linear body that is f.C f/2."""
-        own = np.maximum(self._numbers[:, OWN], 1e-300)
-        acting = self._held + product(self._cross, self._held) / own
-        share = np.divide(self._held, acting, out=np.zeros_like(acting), where=acting > 0.0)
-        return float(sum(part * c.stored() for part, c in zip(share.tolist(), self.contacts, strict=True)))
-
-    def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
-        """As `CondensedBody.along`, for one of the contacts."""
-        gradient, shape = self.contacts[contact].along()
-        x, y, z = (np.array(gradient) + self._slope[contact]).tolist()
-        return (x, y, z), shape
-
-    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the mesh near the foot points and fewer farther off, and their displacements [m] (k,3)."""
-        self._feet[:] = feet
-        first = self.contacts[0]
-        count = self._shown(
-            first._model, first._reach, first._told, *self._joint[:6], first._field, first._nodes, first._moved
-        )
-        return first._nodes[:count], first._moved[:count]
-
-
-@kernel
-def joint_displacements(model, reach, told, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
-    """Displacements of the fine mesh near the feet under all contacts; returns of how many vertices."""
-    u[:] = 0.0
-    for c in range(len(counts)):
-        add_field(model, u, fields[c], marks[c], counts[c, 0], counts[c, 1], normals[c], numbers[c])
-    count = carried(model.corners, model.weights, u, reach, feet, told, nodes, moved)
-    for c in range(len(counts)):
-        add_dent(model, feet[c], normals[c], numbers[c], nodes[:count], moved)
-    return count
 
 
 @kernel
@@ -238,8 +120,7 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
 
 @kernel
 def _between(i, j, model, profile, numbers, feet, hats):
-    """Mean 1/r [1/m] between two true patches, its slope along their distance over that [1/m³], and the first less the
-    hats' one."""
+    """Mean 1/r [1/m] between two true patches less the hats' one, and its slope along the distance over that [1/m³]."""
     radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
     away = 0.0
     for x in range(3):
@@ -313,7 +194,6 @@ def _alone(numbers):
 
 @kernel
 def _cholesky(matrix):
-    """The lower factor of a matrix whose lower half is given, in place, the diagonal greater by `RIDGE` first."""
     for a in range(len(matrix)):
         least = RIDGE * matrix[a, a]
         matrix[a, a] += least
@@ -394,7 +274,6 @@ def _hats(i, j, table, marks, counts, room):
 
 @kernel
 def _mean_inverse(profile, rho):
-    """Y at rho, and its derivative."""
     at = rho / STEP
     k = int(at)
     if k + 1 >= len(profile):

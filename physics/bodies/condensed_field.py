@@ -44,13 +44,15 @@ def add_field(model, u, fields, marks, count, touched, normal, numbers):
 
 
 @kernel
-def surface_displacements(model, feet, reach, room, fields, marks, count, touched, normal, numbers, u, nodes, moved):
-    """Displacements of the fine mesh near the foot; returns of how many vertices."""
+def surface_displacements(model, reach, told, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
+    """Displacements of the fine mesh near the feet under all contacts; returns of how many vertices."""
     u[:] = 0.0
-    add_field(model, u, fields, marks, count, touched, normal, numbers)
-    told = carried(model.corners, model.weights, u, reach, feet, room, nodes, moved)
-    add_dent(model, feet[0], normal, numbers, nodes[:told], moved)
-    return told
+    for c in range(len(counts)):
+        add_field(model, u, fields[c], marks[c], counts[c, 0], counts[c, 1], normals[c], numbers[c])
+    count = carried(model.corners, model.weights, u, reach, feet, told, nodes, moved)
+    for c in range(len(counts)):
+        add_dent(model, feet[c], normals[c], numbers[c], nodes[:count], moved)
+    return count
 
 
 @kernel(error_model="numpy")

@@ -10,36 +10,29 @@ from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius
 from palpate.physics.bodies.true_patch import TruePatch, draw_together, patch_compliance
 from palpate.physics.kernel import kernel
 
-FORGOTTEN = 1e-9
-"""[N] Remaining load below which a vertex is dropped."""
-LEAST_FORCE = 1e-3
-"""[N] Least force that the terminal law is taken at."""
+FORGOTTEN = 1e-9  # [N] Remaining load below which a vertex is dropped
+LEAST_FORCE = 1e-3  # [N] Least force that the terminal law is taken at
 
 
 class CondensedModel(NamedTuple):
     """What a condensed body is made of.
 
     compliance, vertices  as in `Basis`
-    rho               [1] (3,) of large displacement, see `large_displacement`; empty: the linear organ
-    moments           of the hats of the coarse vertices, see `patch.hat_moments`
     corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
-    slopes [1/m] (W,3,3)  gradients of these shares along the surface
     young [Pa], retardation [s]  E, tau
-    fine [m] (W,3)    vertices of the fine mesh
-    true              what is known of the load's own patch
     """
 
     compliance: np.ndarray
     vertices: np.ndarray
-    rho: np.ndarray
-    moments: np.ndarray
+    rho: np.ndarray  # [1] (3,) of large displacement, see `large_displacement`; empty: the linear organ
+    moments: np.ndarray  # of the hats of the coarse vertices, see `patch.hat_moments`
     corners: np.ndarray
     weights: np.ndarray
-    slopes: np.ndarray
+    slopes: np.ndarray  # [1/m] (W,3,3) gradients of these shares along the surface
     young: float
     retardation: float
-    fine: np.ndarray
-    true: TruePatch
+    fine: np.ndarray  # [m] (W,3) vertices of the fine mesh
+    true: TruePatch  # what is known of the load's own patch
 
 
 COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
@@ -49,10 +42,8 @@ was added, the patch's radius [m], that on the coarse surface, whether it is dra
 nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
 than `DEEPEST`, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
 heavy for a surface that is free to slide."""
-TOTAL, NUMBERS = 24, 25
-"""The normal force of the load [N]; how many numbers."""
-ROOM, TILT, FIELDS = 3, 4, 5
-"""Of the fields of a contact, see `take_load`."""
+TOTAL, NUMBERS = 24, 25  # The normal force of the load [N]; how many numbers
+ROOM, TILT, FIELDS = 3, 4, 5  # Of the fields of a contact, see `take_load`
 SIDE, HOLD = slice(15, 24), 18
 """What holds the patch along the surface, see `true_patch.patch_compliance`; where its compliances begin."""
 

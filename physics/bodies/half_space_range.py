@@ -1,14 +1,12 @@
 """Where the ground under a patch is a half-space, and what the corrected compliance is off by where it is not.
 
 `true_patch` takes what the coarse surface's wider load loses (radius R_w instead of R) from a half-space. Where the
-organ is thin or curved the difference C - H changes over the patch, and the indentation is off by
+organ is thin or curved, for R_w up to 2 R, the indentation is off by
 
     thickness t   <= 0.2 (R_w²/R² - 1) (R/t)³   an elastic layer on a rigid base, bonded (nu = 0.45) or free to slide,
                                                 by Hankel transforms (K. L. Johnson, Contact Mechanics, 1985, ch. 5.8)
     radius rho    <= 1.3 %                      an elastic ball, rho >= 1.5 R, nu 0.3 to 0.45, by Legendre series (A. I.
                                                 Lurie, Three-Dimensional Problems of the Theory of Elasticity, 1964)
-
-for R_w up to 2 R. tests/physics/bodies/test_half_space_range.py has both.
 """
 
 import numpy as np
@@ -17,22 +15,16 @@ from palpate.physics.exact import solve
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-FLAT = 2.0
-"""[1] Thickness and radius of curvature over R from which on the ground counts as a half-space."""
-NEAR_WIDTH = 0.7
-"""[1] Least R/R_w at which the load can be drawn together near another modulus."""
-LAYER, BALL, INNERMOST = 0.2, 0.013, 1.5
-"""[1] Of the errors above; the least rho/R that is known."""
-LIGHT = 0.12
-"""[1] Force over E R² up to which a surface that is free to slide answers like the linear law, to 2 %."""
+FLAT = 2.0  # [1] Thickness and radius of curvature over R from which on the ground counts as a half-space
+NEAR_WIDTH = 0.7  # [1] Least R/R_w at which the load can be drawn together near another modulus
+LAYER, BALL, INNERMOST = 0.2, 0.013, 1.5  # [1] Of the errors above; the least rho/R that is known
+LIGHT = 0.12  # [1] Force over E R² up to which a surface that is free to slide answers like the linear law, to 2 %
 SLIDING = np.array([[0.0, 0.25, 0.49, 0.74, 0.99], [0.0, 0.04, 0.14, 0.25, 0.30]])
 """[1] By f/(E R²) what the linear law is too stiff by, found by `fe.Solver` on the slab (R = 8 mm, nu = 0.45)."""
 CAUSES = ("depth", "narrow", "thin", "curved", "near", "slides")
 """Limits of a condensed body; `caution` says what each means."""
-EDGE = 1e-9
-"""[1] By which a ray may miss a triangle, so that it does not pass between two."""
-ROWS = 64
-"""Rays that are cast at once: what they take is ROWS x T numbers."""
+EDGE = 1e-9  # [1] By which a ray may miss a triangle, so that it does not pass between two
+ROWS = 64  # Rays that are cast at once: what they take is ROWS x T numbers
 
 
 def inverse_thickness(mesh: Mesh) -> np.ndarray:
@@ -111,11 +103,8 @@ def narrow_error(narrower: float) -> float:
 
 
 def caution(cause: str, excess: float, radius: float, wide: float) -> str:
-    """What it means that a step is outside one of `CAUSES`, and the error to expect.
-
-    excess  [1]  by how much: 0 at the limit, 1 at twice or half of it
-    radius  [m]  of the load; wide: of what the coarse surface makes of it
-    """
+    """What it means that a step is outside one of `CAUSES` by `excess` [1] (0 at the limit, 1 at twice or half of it),
+    and the error to expect, under a load of this radius [m], which the coarse surface makes `wide` [m]."""
     patch, ground = f"a patch of {1e3 * radius:.2g} mm", FLAT * radius
     there = ground / (1.0 + excess)
     if cause == "depth":

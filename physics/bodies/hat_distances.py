@@ -5,8 +5,7 @@ import numpy as np
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-NEAR = 2.5
-"""[1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form."""
+NEAR = 2.5  # [1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form
 RULE = np.array([
     [1 / 3, 1 / 3, 1 / 3, 0.225],
     [0.059715871789770, 0.470142064105115, 0.470142064105115, 0.132394152788506],
@@ -41,7 +40,6 @@ def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
 
 @kernel
 def _integrate(corner, area, triangles, near, rule, total):
-    """Add to `total` (V,V) the integral of 1/|x - y| over each pair of triangles and hats of their corners."""
     inside, close = np.array([[2.0, 0.5, 0.5], [0.5, 2.0, 0.5], [0.5, 0.5, 2.0]]) / 3.0, np.zeros(3)
     count = len(corner)
     points = np.zeros((count, 3, 3))

@@ -5,16 +5,13 @@ indentation s,
 
     f(s) = s/c (1 + rho(s/R)),    rho(q) = a1 q + a2 q² + a3 q³,    a_k = sum over j of A_kj nu^j
 
-rho [1] is that of a half-space, where no length but R exists: so it depends on q = s/R and Poisson's ratio nu alone.
-The surface under the patch does not slide (u_t = 0); the load keeps its direction and its shape,
-3f/(pi R²) (1 - r²/R²)².
+rho [1] is that of a half-space. The surface under the patch does not slide (u_t = 0); the load keeps its direction and
+its shape, 3f/(pi R²) (1 - r²/R²)².
 
 Source: A fitted to an axisymmetric finite-element solution (nine-node quadrilaterals, 10 across R, a cylinder of radius
-and height 60 R, whose far border is taken out as a linear spring in series) at eleven nu from 0 to 0.495 and q = 0.1,
-0.2 ... 1.5, up to 1.0 below nu = 0.2. The fit is within 0.1 % of f; twice as many elements change f by 0.1 % up to
-q = 1. tests/physics/bodies/test_large_displacement.py solves it at other nu.
-Range: 0 <= nu < 0.5, q <= `DEEPEST`, an organ at least 5 R thick (docs/equations/reduced-fe.md has the errors of
-thinner and curved ones), no nodule or capsule within some R.
+and height 60 R) at eleven nu from 0 to 0.495 and q = 0.1, 0.2 ... 1.5, up to 1.0 below nu = 0.2. The fit is within
+0.1 % of f; twice as many elements change f by 0.1 % up to q = 1.
+Range: 0 <= nu < 0.5, q <= `DEEPEST`, an organ at least 5 R thick, no nodule or capsule within some R.
 
 An organ under loads h of any kind is seen by the patch g through y = gCh/gCg: the force on the patch alone that would
 indent it as much. With the linear organ's complementary energy hCh/2E the nonlinear one has
@@ -40,8 +37,7 @@ FIT = np.array(
     ]
 )
 """[1] A, rows k = 1 ... 3, columns j = 0 ... 4."""
-DEEPEST = 1.5
-"""[1] s/R up to which rho is known."""
+DEEPEST = 1.5  # [1] s/R up to which rho is known
 STIFFER = 1.6
 """[1] Beyond, x goes on with its last slope and grows by `STIFFER` times the square of what s/R is deeper. That is an
 extrapolation and no result: the body lets the finger through less and less."""

@@ -6,9 +6,8 @@ Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the con
 
 f [N] the total normal force. So the most loaded node goes in by the contact's own indentation s, and at rest
 u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface a linear
-spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total.
-
-Only nodes under load or not yet recovered are touched; they are kept in a compact list.
+spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total. Only nodes
+under load or not yet recovered are touched; they are kept in a compact list.
 """
 
 import math
@@ -21,10 +20,8 @@ from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-AT_REST = 1e-9
-"""[m] Displacement below which an unloaded node counts as recovered."""
-MOST_STRAIN = 0.8
-"""Largest difference of displacement between neighbours, over the length of their edge."""
+AT_REST = 1e-9  # [m] Displacement below which an unloaded node counts as recovered
+MOST_STRAIN = 0.8  # Largest difference of displacement between neighbours, over the length of their edge
 
 
 @kernel(error_model="numpy")
@@ -42,9 +39,7 @@ def shared(feet, normals, radius):
         O_ij = (1 - q)^4 (4q + 1) n_i.n_j,    q = |x_i - x_j|/2R
 
     1 at one place, 0 where the patches do not overlap or face away; positive definite over all places (H. Wendland,
-    Adv. Comput. Math. 4 (1995) 389-396), so contacts under it are passive.
-
-    feet [m] (c,3), normals [1] (c,3)
+    Adv. Comput. Math. 4 (1995) 389-396), so contacts under it are passive. feet [m] (c,3), normals [1] (c,3)
     """
     x, n = np.array(feet), np.array(normals)
     away, facing = x[:, None] - x, (n[:, None] * n).sum(axis=2)

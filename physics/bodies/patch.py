@@ -14,8 +14,7 @@ Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float,
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
 Law = tuple[float, float, float, float]
 """K [N/m^n], n [1] and s_free [m] of the next step's terminal law, and the indentation now [m]."""
-ALONE = np.eye(1)
-"""Coupling of the one contact of a body."""
+ALONE = np.eye(1)  # Coupling of the one contact of a body
 
 
 class ReducedBody:
@@ -94,7 +93,6 @@ class CoarseBody(ReducedBody):
     def _patch(
         self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple
     ) -> tuple[np.ndarray, np.ndarray, float]:
-        """Nodes and forces of a load, of a share of 1; without load those of 1 N round the foot, of a share of 0."""
         if len(nodes):
             return nodes, forces, 1.0
         count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
@@ -121,8 +119,8 @@ def share_of(k, pull, normal, total):
 @kernel
 def load_radius(vertices, patch, pull, normal, total, least):
     """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
-    its centre, no less than the hat of one vertex has; and by how much it is narrower than the mesh can tell, which is
-    1.4 times that: 0 where it is not, up to 13."""
+    its centre, no less than that of one vertex's hat; and by how much it is narrower than the mesh can tell, 0 to
+    13."""
     x0 = x1 = x2 = floor = 0.0
     for k in range(len(patch)):
         p, share = patch[k], abs(share_of(k, pull, normal, total))
@@ -142,19 +140,14 @@ def load_radius(vertices, patch, pull, normal, total, least):
 
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x, y, z [m] of each vertex and the square of the distance [m²] from a foot up to which it is told (4,N), in rows
-    of single precision that a processor tests eight numbers of at a time; and the room for what comes of it, see
-    `carried`.
-
-    within [m] (N,), see `physics.geometry.graded`
-    """
+    """x, y, z [m] of each vertex and the square of the distance `within` [m²] from a foot up to which it is told (4,N),
+    in rows of single precision; and the room for what comes of it, see `carried`."""
     rows = np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]), dtype=np.float32)
     return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
 
 
 @kernel(error_model="numpy")
 def _within(reach, foot, more, told):
-    """Mark the vertices that are told round a foot, or these as well."""
     x, y, z, square = reach[0], reach[1], reach[2], reach[3]
     f0, f1, f2 = np.float32(foot[0]), np.float32(foot[1]), np.float32(foot[2])
     if more:
@@ -169,14 +162,12 @@ def _within(reach, foot, more, told):
 
 @kernel(error_model="numpy")
 def carried(corners, weights, u, reach, feet, told, nodes, moved):
-    """Displacements of the fine mesh round some points, from those of the coarse vertices.
+    """Displacements of the fine mesh round some points, from u [m] (V,3) of the coarse vertices: fills `nodes` and
+    `moved` [m]; returns how many.
 
     corners, weights  (N,3) coarse vertices and shares of each fine vertex, see `barycentric`
-    u      [m] (V,3) displacement of the coarse vertices
     reach  (4,N) see `reaches`;  feet [m] (c,3)
     told   (N,) uint8, room: N a multiple of 8 and zero beyond the vertices
-
-    Fills `nodes` and `moved` [m]; returns how many.
     """
     for c in range(len(feet)):
         _within(reach, feet[c], c > 0, told)
@@ -226,10 +217,8 @@ def hat_moments(mesh: Mesh) -> np.ndarray:
 @kernel
 def patch_radius(points, moments, nodes, count, share):
     """Radius R [m] of a patch: twice the root mean square distance of its force from its centre, which is the radius
-    of a uniform or biweight patch to within 1.42 and 1.
-
-    nodes (>= count) vertices of the patch, share (V,3) whose first column holds their parts, taken without sign
-    """
+    of a uniform or biweight patch to within 1.42 and 1. nodes (>= count) vertices of the patch, share (V,3) whose first
+    column holds their parts, taken without sign."""
     total = x0 = x1 = x2 = 0.0
     for k in range(count):
         v = nodes[k]

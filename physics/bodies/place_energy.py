@@ -4,19 +4,17 @@ Fingertip and body in series hold, at the approach e and the foot point p,
 
     U(e, p) = min over s of  U1(e - s) + V(s, p),    V(s, p) = integral of f ds
 
-A finger that feels dU/de along the normal alone, and nothing along the surface, gains what one place holds more than
-another when it presses there, slides and lets go here. The force that belongs to U has a part along the surface,
+The force that belongs to U has a part along the surface, towards where the body is softer, for each metre of p:
 
     g = -dU/dp = -dV/dp at s = dV*/dp at f
 
-towards where the body is softer, for each metre of the foot point. The bone edge x = p - e n moves less over a convex
-surface: with dn = S dp it is dx = (1 - e S) dp, so that the force on the hand is (1 - e S)^-1 g. Its work round any
-closed way is then nothing (and with viscosity less): U belongs to where the hand is.
+The bone edge x = p - e n moves less over a convex surface: with dn = S dp it is dx = (1 - e S) dp, so that the force on
+the hand is (1 - e S)^-1 g. Its work round any closed way is nothing (and with viscosity less).
 
 V = R²/c times the integral of x over s/R (`large_displacement`), where only c depends on the place. Its derivative
 takes the gradient of a field over the coarse surface, averaged over the patch: the linear organ's compliance c = g.Cg/E
-under a patch round each vertex, along its normal. Taken under the load itself, c's gradient would be the small
-difference of what the two sides of the dent say, and the mesh's error as large as it.
+under a patch round each vertex. Under the load itself that gradient would be the small difference of both sides of the
+dent, and the mesh's error as large as it.
 """
 
 from typing import Any, NamedTuple
@@ -31,21 +29,15 @@ from palpate.physics.exact import length, log, product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-STEEPEST = 0.75
-"""[1] Greatest e S that is undone: beyond, the bone edge is near the surface's centre of curvature."""
+STEEPEST = 0.75  # [1] Greatest e S that is undone: beyond, the bone edge is near the surface's centre of curvature
 
 
 class Ground(NamedTuple):
-    """The coarse surface.
+    """The coarse surface."""
 
-    normals  [1] (V,3)
-    softness [1] (V,)   logarithm of the linear organ's compliance under a patch round each vertex
-    rho      [1]        of large displacement
-    """
-
-    normals: np.ndarray
-    softness: np.ndarray
-    rho: np.ndarray
+    normals: np.ndarray  # [1] (V,3)
+    softness: np.ndarray  # [1] (V,) logarithm of the linear organ's compliance under a patch round each vertex
+    rho: np.ndarray  # [1] of large displacement
 
 
 def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:

@@ -4,14 +4,13 @@
 
 Phi [m] (3V,r)  displacement of the surface in each mode; at rest the modes are orthonormal in the stiffness K0
 W               their strain energy, sampled (`sampled.energy`)
-R [m/N]         C - Phi Phi', C the compliance of the whole surface at rest: positive semidefinite, since the
-                Galerkin solution lies in a subspace. So a light touch is answered exactly, at every place
+R [m/N]         C - Phi Phi' >= 0, C the compliance of the whole surface at rest: a light touch is answered exactly
 gamma [1]       (1 + w²/w0²)^((m - 1)/2), w² = h.R h/E²: as the body stiffens or softens, so does what the modes
                 miss. w0 and m in [0, 2] are fitted to full solutions; beyond the loads of these gamma w is constant
 
-The complementary energy V*(h) = E [max_q p.q - W(q) + G(w)], dG/dw = gamma w, is convex where W is, whatever R, w0
-and m; u is its gradient. With backward Euler h <- (tau h + T f)/(T + tau) the load's work f.du is then at least the
-growth of h.u - V*: the body is passive at a place.
+The complementary energy V*(h) = E [max_q p.q - W(q) + G(w)], dG/dw = gamma w, is convex where W is; u is its
+gradient. With backward Euler h <- (tau h + T f)/(T + tau) the body is passive at a place: f.du is at least the
+growth of h.u - V*.
 """
 
 from __future__ import annotations
@@ -32,30 +31,20 @@ from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
-MOST_VERTICES = 2000
-"""Of a surface that a body is condensed to, as of `deformation.ReducedFE.coarse`."""
-UNNAMED = ("neo_hooke", "mooney_rivlin", "hencky")
-"""Laws of a stored basis that does not name them."""
+MOST_VERTICES = 2000  # Of a surface that a body is condensed to, as of `deformation.ReducedFE.coarse`
+UNNAMED = ("neo_hooke", "mooney_rivlin", "hencky")  # Laws of a stored basis that does not name them
 
 
 @dataclass(frozen=True)
 class SampledBasis:
-    """Modes of a body, its sampled points and its surface.
+    """Modes of a body, its sampled points and its surface."""
 
-    vertices   [m]   (V,3) of the coarse surface, in the body's frame
-    triangles  [1]   (T,3)
-    residual_compliance  [m/N] (3V,3V) float32, R for a modulus of 1 Pa
-    modes      [m]   (3V,r), Phi
-    points     see `sampled.energy`
-    bend       [1]   (w0, m) of gamma, and w from which on gamma w is constant
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
-    residual_compliance: np.ndarray
-    modes: np.ndarray
-    points: Points
-    bend: tuple[float, float, float]
+    vertices: np.ndarray  # [m] (V,3) of the coarse surface, in the body's frame
+    triangles: np.ndarray  # [1] (T,3)
+    residual_compliance: np.ndarray  # [m/N] (3V,3V) float32, R for a modulus of 1 Pa
+    modes: np.ndarray  # [m] (3V,r), Phi
+    points: Points  # see `sampled.energy`
+    bend: tuple[float, float, float]  # [1] (w0, m) of gamma, and w from which on gamma w is constant
 
     def save(self, path: Path, about: str = "") -> None:
         """Write it, R's lower half and all modes in half precision, and a text that says what it was made from."""
@@ -76,10 +65,7 @@ class SampledBasis:
 
     @classmethod
     def load(cls, path: Path) -> SampledBasis:
-        """Read a stored basis.
-
-        ArchiveError: not a basis with sampled points, or a damaged one.
-        """
+        """Read a stored basis. ArchiveError: not a basis with sampled points, or a damaged one."""
         try:
             archive = read_arrays(path)
             size, kept = 3 * len(archive["vertices"]), archive["kept"]
@@ -110,10 +96,8 @@ class SampledBasis:
 class SampledBody(CoarseBody):
     """The state of a sampled body under the contact.
 
-    basis     its modes and points
-    mesh      the surface that loads and displacements are given on, in the same frame
-    young     [Pa] > 0, modulus E: all moduli of the body are E times those of the basis
-    retardation  [s] >= 0, tau
+    mesh      the surface that loads and displacements are given on, in the frame of the basis
+    young [Pa] > 0, retardation [s] >= 0   E, by which all moduli of the basis are multiplied, and tau
     radius    [m] of the patch that the terminal law is taken over while nothing is loaded
     reach     [m] from the foot point within which all displacements are told, fewer farther off
     """
@@ -138,24 +122,17 @@ class SampledBody(CoarseBody):
         self._numbers = np.zeros(8)
         self._numbers[LENGTH] = 1.0
         self._scratch = scratch(basis.points)
-        self.contacts: SampledContacts | None = None
-        """Where there are several."""
+        self.contacts: SampledContacts | None = None  # Where there are several
         self._step = entry_point(
             step, self._model, NO_NODES, NO_VECTORS, 0.0, (0.0, 0.0, 0.0), 0.0, self._fields, self._active,
             self._vectors, self._matrices, self._scratch, self._numbers,
         )  # fmt: skip
-        self.evaluations = 0
-        """Evaluations of the energy in the last step."""
-        self.settled = True
-        """Whether the last step reached equilibrium; what it left over is left to the next."""
+        self.evaluations = 0  # Evaluations of the energy in the last step
+        self.settled = True  # Whether the last step reached equilibrium; what it left over is left to the next
 
     def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
         """One step of dt > 0 [s] under nodal forces [N] (k,3): K, n and s_free of the next step's terminal law, and the
-        indentation now [m].
-
-        The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
-        is the work done on the body.
-        """
+        indentation now [m]: the mean of -n.u over the patch, weighted as the force is."""
         patch, pull, share = self._patch(nodes, forces, foot, normal)
         self.evaluations, self.settled = self._step(
             self._model, patch, pull, share, normal, dt, self._fields, self._active, self._vectors, self._matrices,
@@ -181,7 +158,6 @@ class SampledBody(CoarseBody):
 
     @property
     def coupling(self) -> np.ndarray:
-        """[1] (c,c) O, see `physics.contact.joint`."""
         return ALONE if self.contacts is None else coupling_of(self.contacts.compliance)
 
     @property
@@ -191,7 +167,6 @@ class SampledBody(CoarseBody):
         return max(2.0 * float(np.sqrt(np.sum(self.q * self.q) / self.basis.points.limit)) - 1.0, 0.0)
 
     def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the mesh, all near the foot points and fewer farther off, and their displacements [m] (k,3)."""
         far = (2.0 * self.reach + 1.5 * self._margin) ** 2  # the modes miss little but near the load
         places = np.array(feet)
         field(self._model, places, far, self._fields, self._active, self.q, float(self._numbers[GAMMA]))

@@ -1,12 +1,11 @@
 """How far apart neighbours on a surface may be displaced: what keeps a dragged surface from folding.
 
-Each node of a bed gives way by itself. Real skin joins them: it locks before a piece of it is turned over. Here every
-displacement keeps its direction and is shortened, as little as possible, until
+Every displacement keeps its direction and is shortened, as little as possible, until
 
     |u_i - u_j| <= limit * length of the edge ij
 
-on all edges. Lengths only ever become shorter, each no more than its neighbours ask for, so the answer does not depend
-on the order, and follows a moving load without a jump.
+on all edges. Lengths only become shorter, each no more than its neighbours ask for, so the answer does not depend on
+the order, and follows a moving load without a jump.
 """
 
 from __future__ import annotations
@@ -19,27 +18,19 @@ import numpy as np
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-EXCESS = 1e-9
-"""[1] By which an edge may pass its limit."""
-ROUNDS = 60
-"""Most times that a node's length is looked at, on the mean."""
+EXCESS = 1e-9  # [1] By which an edge may pass its limit
+ROUNDS = 60  # Most times that a node's length is looked at, on the mean
 
 
 class Neighbours(NamedTuple):
-    """Who shares an edge with whom.
+    """Who shares an edge with whom."""
 
-    first       [1]  (V+1)  place in `others` of the first neighbour of each node
-    others      [1]  (E)    nodes that share an edge with it
-    spans       [m]  (E)    length of that edge, > 0
-    """
-
-    first: np.ndarray
-    others: np.ndarray
-    spans: np.ndarray
+    first: np.ndarray  # [1] (V+1) place in `others` of the first neighbour of each node
+    others: np.ndarray  # [1] (E) nodes that share an edge with it
+    spans: np.ndarray  # [m] (E) length of that edge, > 0
 
 
 def neighbours(mesh: Mesh) -> Neighbours:
-    """The neighbours of each vertex of a mesh, in order of their number."""
     size = len(mesh.vertices)
     edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]].astype(np.int64)
@@ -104,10 +95,7 @@ def _allowed(a, b, cosine, most):
 @kernel(error_model="numpy")
 def hold_together(vectors, count, limit, edges, place, nodes, room):
     """Shorten vectors [m] (count,3) of the listed nodes until neighbours are at most `limit` edges apart; how many
-    became shorter.
-
-    edges `Neighbours`   place (V) slot of each node in the list, -1 outside   nodes (count) node of each slot
-    """
+    became shorter. place (V) slot of each node in the list, -1 outside; nodes (count) node of each slot"""
     if _within(vectors, count, limit, edges, place, nodes):
         return 0
     lengths, queue, queued = room

@@ -1,8 +1,7 @@
 """The compliance of the patch that presses a condensed body, in place of the one that its coarse surface makes of it.
 
 A load passes through the vertices of the coarse surface, spread over the triangles round each (hats), and so does the
-displacement. A patch of radius R acts like a wider one. What that loses lies within some R of the patch, where the
-organ is a half-space of its own material, so it is taken from there:
+displacement: a patch of radius R acts like a wider one. What that loses is taken from a half-space:
 
     c = g.C g/E + (c_R - g.H g)/E - hold
 
@@ -12,8 +11,7 @@ c_R   of the half-space under the true load, the pressure 3f/(pi R²) (1 - r²/R
 H     of the half-space between hats: H_ij = (1 - nu²)/pi T_ij, T_ij [1/m] the mean of 1/|x - y| over hats i and j
       (J. Boussinesq 1885; K. L. Johnson, Contact Mechanics, 1985, eq. 3.19)
 
-C - H is smooth at the scale of the patch (the far side, the border, the bed), so that the wider load serves for it.
-Near a nodule or under a capsule it is not: there C and H take the load
+Near a nodule or under a capsule C - H is not smooth at the scale of the patch: there C and H take the load
 
     gamma = g - w b (g - h),    b = (R_w² - R²)/(R_w² - R_h²)
 
@@ -21,17 +19,15 @@ R_w is the radius on the hats of g, R_h that of h, the load drawn together: its 
 w = 1 gamma has the true second moment on the hats. w falls from 1 where the patch's mean distance from the other
 modulus is `WITHIN` R to 0 at `BEYOND` R.
 
-Where the patch sticks to the finger two things are held, and `hold` is what that takes:
+`hold` is what it takes where the patch sticks to the finger, of
 
 * its mean place along the surface: c_zt c_tt^-1 c_tz, c_tt with the same correction times (1 - nu/2)/(1 - nu), which is
   the tangential over the normal displacement of a half-space, averaged over directions (Cerruti; Johnson eq. 3.75);
-* each of its points. The pressure draws the surface under it inwards by (1 - 2nu)(1 + nu)/(2 pi E r) F(r), F the force
-  within r. Shear traction that undoes this in r < R takes S_0 (1 - 2nu)²/(1 - nu)² of c_R: with A the half-space's
-  response to radial shear and m = F/(2 pi r), S_0 = pi/(2 I) <m, A^-1 m> = 0.17650 (Galerkin's method in r (1 -
-  r²)^(j - 1/2), five of them, is exact to 1e-9). 0.6 % at nu = 0.45, 5.8 % at 0.3.
+* each of its points, which the pressure draws inwards by (1 - 2nu)(1 + nu)/(2 pi E r) F(r), F the force within r: to
+  undo this takes S_0 (1 - 2nu)²/(1 - nu)² of c_R: with A the half-space's response to radial shear and m = F/(2 pi r),
+  S_0 = pi/(2 I) <m, A^-1 m> = 0.17650 (Galerkin's method, exact to 1e-9). 0.6 % at nu = 0.45, 5.8 % at 0.3.
 
-The surface that is shown is the body's, less what the half-space does to the hats, and the half-space's own under the
-true load:  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f,  the mean of W over the patch being I.
+The surface that is shown:  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f,  the mean of W over the patch being I.
 
 Range: R above the spacing of the touched mesh, thickness and radius of curvature above 2R, one modulus within R.
 """
@@ -48,42 +44,31 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
-MEAN = 2.40816816
-"""I: mean of W over the patch, weighted as the pressure."""
-HELD = 0.1764960
-"""S_0, the share of c_R that holding each point under the patch takes, over (1 - 2nu)²/(1 - nu)²."""
-KNOTS = 256
-"""Intervals of the table of W."""
-LEAST_SHARE = 0.05
-"""[1] Of g.C g that is left whatever the correction says."""
+MEAN = 2.40816816  # I: mean of W over the patch, weighted as the pressure
+HELD = 0.1764960  # S_0, the share of c_R that holding each point under the patch takes, over (1 - 2nu)²/(1 - nu)²
+KNOTS = 256  # Intervals of the table of W
+LEAST_SHARE = 0.05  # [1] Of g.C g that is left whatever the correction says
 WITHIN, BEYOND = 0.5, 2.0
 """[1] Distances from another modulus over R between which the load is drawn together less and less."""
 MOST_NARROWED = 3.0
 """[1] Greatest b: beyond, the patch is so much narrower than the hats that too little of it is left to tell."""
-LEAST_MOMENT = 0.29
-"""[1] Mean square distance of a hat's force from its vertex, over the vertex's area: even triangles."""
+LEAST_MOMENT = 0.29  # [1] Mean square distance of a hat's force from its vertex, over the vertex's area: even triangles
 
 
 class TruePatch(NamedTuple):
     """The half-space that corrects a body; with an empty table nothing is corrected.
 
-    table    [1/m] (V,V) float32, see `mean_inverse_distance`
-    profile  [1]   of W, see `dent_profile`
-    normal   [1]   (1 - nu²)/pi;  tangential [1] (1 - nu/2)/(1 - nu);  held [1] share of c_R that sticking takes
-    sticks   [1]   whether the patch sticks to the finger
-    least    [m²]  (N,) least mean square radius of a load on each vertex of the touched mesh
-    apart    [m]   (V,) distance of each coarse vertex from another modulus; none where there is but one
     ground   [1/m] (V,2) one over the thickness, and the curvature, at each coarse vertex, see `half_space_range`
     """
 
-    table: np.ndarray
-    profile: np.ndarray
-    normal: float
-    tangential: float
-    held: float
-    sticks: bool
-    least: np.ndarray
-    apart: np.ndarray
+    table: np.ndarray  # [1/m] (V,V) float32, see `mean_inverse_distance`
+    profile: np.ndarray  # [1] of W, see `dent_profile`
+    normal: float  # [1] (1 - nu²)/pi
+    tangential: float  # [1] (1 - nu/2)/(1 - nu)
+    held: float  # [1] share of c_R that sticking takes
+    sticks: bool  # [1] whether the patch sticks to the finger
+    least: np.ndarray  # [m²] (N,) least mean square radius of a load on each vertex of the touched mesh
+    apart: np.ndarray  # [m] (V,) distance of each coarse vertex from another modulus; none where there is but one
     ground: np.ndarray
 
 
@@ -102,13 +87,11 @@ def true_patch(
 
 @kept
 def _table(coarse: Mesh) -> np.ndarray:
-    """`mean_inverse_distance` of a mesh: most of the time that a body's start takes."""
     return mean_inverse_distance(coarse).astype(np.float32)
 
 
 @kept
 def _ground(coarse: Mesh) -> np.ndarray:
-    """One over the thickness, and the curvature [1/m] (V,2) of a mesh."""
     return np.stack([inverse_thickness(coarse), curvature(coarse)], axis=1)
 
 
@@ -121,8 +104,7 @@ def uncorrected(fine: Mesh) -> TruePatch:
 
 
 def dent_profile() -> np.ndarray:
-    """W sqrt(1 + rho²), rho = r/R, at q = 1/(1 + rho²) = 0, 1/`KNOTS` ... 1: finite and smooth from the middle of the
-    patch to infinity."""
+    """W sqrt(1 + rho²), rho = r/R, at q = 1/(1 + rho²) = 0, 1/`KNOTS` ... 1: finite and smooth to infinity."""
     q = np.arange(1, KNOTS + 1) / KNOTS
     return np.append(1.0, dent_depth(np.sqrt(1.0 / q - 1.0)) / np.sqrt(q))
 
@@ -156,11 +138,8 @@ def sideways(normal):
 
 @kernel
 def _held_sideways(block, normal, more, side):
-    """What the compliance of a patch loses [m/N] where its mean place along the surface is held; fills `side` (9,), see
-    `patch_compliance`.
-
-    block [m/N] (3,3) of the patch, g.C g;  more [m/N] what the tangential compliance is greater than in it
-    """
+    """What the compliance of a patch loses [m/N] where its mean place along the surface is held, of the patch's g.C g
+    `block` [m/N] (3,3), to which the tangential compliance adds `more`; fills `side` (9,), see `patch_compliance`."""
     along = sideways(normal)
     own, cross = np.zeros((2, 2)), np.zeros(2)
     for a in range(2):
@@ -186,9 +165,8 @@ def _held_sideways(block, normal, more, side):
 def draw_together(model, patch, pull, normal, total, order, touched, measure, radius):
     """Fill the second column of `measure` (V,3), whose first holds g, with gamma. False where both are the same.
 
-    model  with `fine` [m] (N,3), vertices of the touched mesh, `corners` and `weights` (N,3) of each on the coarse one,
-           `vertices` [m] (V,3) and `moments` [m²] (V,) of that, and `true`
-    order (>= touched) coarse vertices of the patch;  patch, pull  the load (k,3) on the fine ones;  radius [m] R
+    model  a `CondensedModel`;  patch, pull  the load (k,3) on the fine vertices;  radius [m] R
+    order (>= touched) coarse vertices of the patch
     """
     apart = model.true.apart
     if len(apart) == 0:
@@ -263,9 +241,7 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
     [m/N] by the axes of `sideways`.
 
     block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gathered`; `block` is changed
-
-    order (>= touched) coarse vertices of the patch, measure (V,3) whose first column holds their shares
-    narrowed  whether its second holds those of the load drawn together, see `draw_together`
+    order, measure, narrowed  see `draw_together`
     """
     side[:] = 0.0
     own = _along(block, normal)

@@ -18,20 +18,14 @@ from palpate.physics.contact.force_models import MODELS
 
 
 class Band(NamedTuple):
-    """Laws of mean and standard deviation for one subject, in the depth d [m].
+    """Laws of mean and standard deviation for one subject, in the depth d [m]."""
 
-    mean       name of a model of MODELS        mean_parameters       its parameters, SI units
-    deviation  name of a model of MODELS        deviation_parameters  its parameters, SI units
-    limit      [m] ()  deepest indentation that was measured
-    freedom    [1] ()  of Student's t; 0: the normal law
-    """
-
-    mean: str
-    mean_parameters: tuple[float, ...]
-    deviation: str
-    deviation_parameters: tuple[float, ...]
-    limit: float
-    freedom: float = 0.0
+    mean: str  # name of a model of MODELS
+    mean_parameters: tuple[float, ...]  # its parameters, SI units
+    deviation: str  # name of a model of MODELS
+    deviation_parameters: tuple[float, ...]  # its parameters, SI units
+    limit: float  # [m] () deepest indentation that was measured
+    freedom: float = 0.0  # [1] () of Student's t; 0: the normal law
 
 
 PUBLISHED = Band("fourier", (1.694, -1.673, 0.1971, 422.8), "exponential", (0.02272, 376.6), 5.0e-3)

@@ -17,26 +17,20 @@ from palpate.physics.exact import exp
 class ForceModel:
     """One curve.
 
-    name        as it stands in files and tables
-    formula     for people, d being the depth
-    linear      name -> unit of the linear parameters
-    basis       (x, *q) -> a column per linear parameter; broadcasts over grids of q
-    nonlinear   name -> unit of the others, q
     slopes      (x, *q) -> for each nonlinear parameter the derivative of these columns
     start       x -> for each nonlinear parameter the values that the search starts from; its ends are the limits
     """
 
-    name: str
-    formula: str
-    linear: dict[str, str]
-    basis: Callable[..., list[np.ndarray]]
-    nonlinear: dict[str, str] = field(default_factory=dict)
+    name: str  # as it stands in files and tables
+    formula: str  # for people, d being the depth
+    linear: dict[str, str]  # name -> unit of the linear parameters
+    basis: Callable[..., list[np.ndarray]]  # (x, *q) -> a column per linear parameter; broadcasts over grids of q
+    nonlinear: dict[str, str] = field(default_factory=dict)  # name -> unit of the others, q
     slopes: Callable[..., list[list[np.ndarray]]] = lambda x: []
     start: Callable[[np.ndarray], list[np.ndarray]] = lambda x: []
 
     @property
     def parameters(self) -> dict[str, str]:
-        """Name -> unit of all parameters, the linear ones first."""
         return self.linear | self.nonlinear
 
     def __call__(self, depth, parameters) -> np.ndarray:
@@ -45,12 +39,10 @@ class ForceModel:
         return self.predict(depth.ravel(), np.asarray(parameters, float)).reshape(depth.shape)
 
     def predict(self, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """y (n) at x (n)."""
         p, q = np.split(parameters, [len(self.linear)])
         return np.sum(np.stack(self.basis(x, *q), axis=-1) * p, axis=-1)
 
     def jacobian(self, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-        """dy/d(parameters) (n, number of parameters)."""
         p, q = np.split(parameters, [len(self.linear)])
         bent = [np.stack(columns, axis=-1) @ p for columns in self.slopes(x, *q)]
         return np.stack([*self.basis(x, *q), *bent], axis=-1)

@@ -15,13 +15,11 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 
-BALANCED = 1e-12
-"""[1] Moment over the sum of |r_i| |f_i| that counts as none."""
+BALANCED = 1e-12  # [1] Moment over the sum of |r_i| |f_i| that counts as none
 
 
 @kernel(error_model="numpy")
 def _cross(a, b, out):
-    """out += a x b, (3) each."""
     out[0] += a[1] * b[2] - a[2] * b[1]
     out[1] += a[2] * b[0] - a[0] * b[2]
     out[2] += a[0] * b[1] - a[1] * b[0]

@@ -5,11 +5,10 @@ A body answers contact i by its terminal law L_i and says by the coupling O what
     L_i(s2_i) = f_i + sum_j O_ij f_j  (j != i),   f_i = F1_i(e_i - s2_i),   f_i >= 0
 
 with F1_i the fingertip's law (`physics.contact.series`). For a linear body of compliance C, O_ij = C_ij/C_ii; there
-alone O may be negative, and moves s_free. So f is the fixed point of f_i = phi_i(sum_j O_ij f_j), phi_i one scalar
-solve in a bracket that falls with slope -t_i, 0 <= t_i < 1, as the others take the ground away from under finger i.
-Newton's method on it has the matrix I + t O, regular where C is positive; where a step does not help, one sweep of
-Gauss-Seidel takes its place, which converges for symmetric positive C (as a projected one does: O. Mangasarian, J.
-Optim. Theory Appl. 22 (1977) 465-485).
+alone O may be negative, and moves s_free. f is the fixed point of f_i = phi_i(sum_j O_ij f_j), phi_i one scalar solve
+that falls with slope -t_i, 0 <= t_i < 1. Newton's method on it has the matrix I + t O, regular where C is positive;
+where a step does not help, one sweep of Gauss-Seidel takes its place, which converges for symmetric positive C (as a
+projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485).
 """
 
 import numpy as np
@@ -18,8 +17,7 @@ from palpate.physics.contact.series import balance
 from palpate.physics.exact import solve_in_place
 from palpate.physics.kernel import kernel
 
-EXACT = 1e-13
-"""[1] Change of the forces, over their sum, at which they are solved."""
+EXACT = 1e-13  # [1] Change of the forces, over their sum, at which they are solved
 MOST_STEPS = 60
 
 

@@ -10,9 +10,7 @@ equation of the second kind
     M(y) = ((3 - 4 nu) sinh y cosh y - y)/(y² + 4 (1 - nu)² + (3 - 4 nu) sinh² y)
 
 W. C. Hayes, L. M. Keer, G. Herrmann, L. F. Mockros, J. Biomech. 5 (1972) 541-551. Small strains, no friction under the
-ball; solved to 1e-12 by Gauss's rule. For nu = 0.5 f begins 1 + 1.13 chi + 1.48 chi² + 1.47 chi³. The series of E. K.
-Dimitriadis et al., Biophys. J. 82 (2002) 2798-2810, has 1.28 and 0.77 there: its force is 0.2 % below this one at
-chi = 0.1, 2 % at 0.27, 5.5 % at 0.42 and 13 % at 0.75.
+ball; solved to 1e-12 by Gauss's rule. For nu = 0.5 f begins 1 + 1.13 chi + 1.48 chi² + 1.47 chi³.
 """
 
 from functools import lru_cache
@@ -22,10 +20,8 @@ from scipy.interpolate import CubicSpline
 
 from palpate.physics.exact import expm1, product, solve
 
-MOST = 2.0
-"""[1] Largest contact radius over the thickness."""
-POINTS, WAVES, END = 60, 300, 50.0
-"""Gauss points over the contact, and over xi h from 0 to `END`, where 1 - M is 1e-18."""
+MOST = 2.0  # [1] Largest contact radius over the thickness
+POINTS, WAVES, END = 60, 300, 50.0  # Gauss points over the contact, and over xi h from 0 to `END`, where 1 - M is 1e-18
 
 
 def solved(wide: float, poisson: float) -> tuple[float, float]:

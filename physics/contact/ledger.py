@@ -1,11 +1,10 @@
-"""Books of the energy of a touch: what the hand puts in, what each part holds, and what none of them can have given.
+"""Energy account of a touch: what the hand puts in, what each part holds, and what none of them can have given.
 
 A part (fingertip, tissue, friction) takes up work W and holds the energy V; the rest is dissipated,
 
     D = W - V,    dD >= 0
 
-whatever the part does: a D that falls is energy made. Over a step that ends at k the works of the hand and of the parts
-and what lies between them are
+whatever the part does: a D that falls is energy made. Over a step that ends at k the works are
 
     hand        -F_{k-1-d} . dx                       F [N] (3) on the hand, held over the step; d samples of delay
     controller  -(F - G)_{k-1-d} . dx                 G = f_n n + a - f_t, what contact and friction ask for
@@ -14,10 +13,8 @@ and what lies between them are
     balance     hand - controller - sampling - parts; 0 but for the curvature of the surface over a step
 
 with the forces f_n, a, f_t at the step's end, as the contact's own implicit step has them: a convex V then has dD >= 0
-exactly. The display as a whole is judged as a part is: hand's work less all that is held.
-
-Several fingers on one body have a fingertip and a friction each, and the works on the one tissue add up: a coupled body
-takes up sum_i f_i ds2_i.
+exactly. The display as a whole is judged as a part is. Each finger has a fingertip and a friction; a coupled body takes
+up sum_i f_i ds2_i.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
@@ -33,10 +30,7 @@ Vector = tuple[float, float, float]
 
 
 class Account:
-    """What one part took up and holds [J], and the most that it has given beyond that since any earlier moment.
-
-    work  so far        stored  now, None where the part does not tell: then its work alone may not fall below 0
-    """
+    """What one part took up and holds [J], and the most that it has given beyond that since any earlier moment."""
 
     __slots__ = ("_highest", "stored", "work")
 
@@ -46,7 +40,6 @@ class Account:
         self._highest = 0.0
 
     def book(self, work: float, stored: float | None) -> None:
-        """Work [J] of a step, and what is held at its end."""
         self.work += work
         self.stored = stored
         if stored is not None:
@@ -54,7 +47,6 @@ class Account:
 
     @property
     def dissipated(self) -> float:
-        """D [J]; without a told energy all the work counts."""
         return self.work - (self.stored or 0.0)
 
     @property
@@ -66,15 +58,14 @@ class Account:
 class Moment(NamedTuple):
     """A touch by one finger at the end of a step.
 
-    place [m] (3) of the finger   force [N] (3) on the hand   normal [1] (3)   push [N] f_n
     compression, indentation [m] s1, s2   along [N] (3) a   friction [N] (3) f_t
     stored [J] of fingertip, tissue and friction; None where one does not tell. All fingers have the same tissue
     """
 
-    place: Vector
-    force: Vector
-    normal: Vector
-    push: float
+    place: Vector  # [m] (3) of the finger
+    force: Vector  # [N] (3) on the hand
+    normal: Vector  # [1] (3)
+    push: float  # [N] f_n
     compression: float
     indentation: float
     along: Vector
@@ -83,7 +74,6 @@ class Moment(NamedTuple):
 
     @property
     def asked(self) -> Vector:
-        """G [N] (3)."""
         (n, m, o), (a, b, c), (p, q, r) = self.normal, self.along, self.friction
         return self.push * n + a - p, self.push * m + b - q, self.push * o + c - r
 
@@ -101,8 +91,7 @@ class EnergyAccount:
         self._parts = {name: Account() for name in NAMES}
         self.fingertip, self.tissue, self.friction, self.display = self._parts.values()
         self.controller = self.sampling = self.balance = self.hand = 0.0
-        self.step = (0.0, 0.0)
-        """[J] hand's work and balance of the last step."""
+        self.step = (0.0, 0.0)  # [J] hand's work and balance of the last step
         self._past: deque[tuple[Moment, ...]] = deque(maxlen=delay + 1)
 
     def gap(self) -> None:
@@ -141,7 +130,6 @@ class EnergyAccount:
         return reduce(add, [account.stored or 0.0 for account in self._all(kind)])
 
     def dissipated(self, kind: str) -> float:
-        """What the parts of all fingers of one kind have dissipated [J]."""
         return reduce(add, [account.dissipated for account in self._all(kind)])
 
     def _all(self, kind: str) -> Iterable[Account]:

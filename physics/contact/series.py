@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from palpate.physics import exact
-from palpate.physics.contact.terminal import Terminal, free_recovery, indentation, power_of, terminal_force
+from palpate.physics.contact.terminal import free_recovery, indentation, power_of, terminal_force
 from palpate.physics.kernel import kernel
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
-MOST_FORCE = 1e300
-"""[N] What a force beyond the range of numbers counts as."""
+MOST_FORCE = 1e300  # [N] What a force beyond the range of numbers counts as
 
 
 class ElasticLaw(NamedTuple):
@@ -71,25 +70,6 @@ def elastic(s, kind, first, second, radius):
     return scale * grown * s, scale * (second * (1.0 + grown) * s + 1.5 * grown)
 
 
-@kernel(error_model="numpy")
-def _map_force(s, rate, c, kind, first, second, radius, out):
-    for i in range(s.size):
-        out[i] = elastic(s[i], kind, first, second, radius)[0] * max(0.0, 1.0 + c * rate[i])
-
-
-def force(law: ElasticLaw, s: ArrayLike, rate: ArrayLike = 0.0, damping: float = 0.0) -> np.ndarray:
-    """Force g(s) <1 + c s'> [N], never negative.
-
-    s        [m]    (...)  compression; zero force where s <= 0
-    rate     [m/s]  (...)  ds/dt
-    damping  [s/m]  ()     c >= 0
-    """
-    depth, speed = np.broadcast_arrays(np.asarray(s, float), np.asarray(rate, float))
-    out = np.empty(depth.size)
-    _map_force(depth.ravel(), speed.ravel(), float(damping), *law, out)
-    return out.reshape(depth.shape)
-
-
 def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
     """Stored energy V(s) [J], the integral of g from 0 to s [m] (...); zero where s <= 0."""
     depth = np.maximum(np.asarray(s, float), 0.0)
@@ -103,7 +83,9 @@ def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
     # s = t^2 takes the square root out of the integrand; 64 points resolve e^{ms} up to ms of some hundreds.
     points, weights = np.polynomial.legendre.leggauss(64)
     t = np.sqrt(depth)[..., None] * (points + 1) / 2
-    return np.sum(force(law, t * t) * t * weights, axis=-1) * np.sqrt(depth)
+    grown = exact.expm1(law.second * t * t)
+    force = 8.0 * law.first / (3.0 * law.second) * math.sqrt(law.radius) * grown * t * t * t
+    return np.sum(force * t * weights, axis=-1) * np.sqrt(depth)
 
 
 @kernel(error_model="numpy")
@@ -127,14 +109,12 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
     stiffness, exponent, c2, free, previous  the body's terminal law
     others    [N]  >= 0, what presses the body here beside this finger: F2(s2) = f + others
 
-    Both recover to r1, r2, the body under the others. Where these together still fill the approach, there is no
-    contact. Otherwise
+    Both recover to r1, r2, the body under the others; no contact where these still fill the approach. Otherwise
 
         h(s2) = F2(s2) - others - F1(e - s2) = 0,   F1(s) = g1(s) <1 + c1 (s - s1)/T>,
 
     has h <= 0 at s2 = r2, h >= 0 at s2 = e - r1 and never decreases: a root is always found. The step is implicit
-    Euler: f >= 0 and s1 >= 0 whatever T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex. s2 is negative only
-    where the body's own free indentation is.
+    Euler: f >= 0 and s1 >= 0 whatever T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex.
     """
     kind, first, second, radius, c1 = int(finger[0]), finger[1], finger[2], finger[3], finger[4]
     r1 = free_recovery(s1, 0.0, c1, dt)
@@ -171,14 +151,3 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
     # At the root both are equal; away from it by a rounding error, the softer one is the more exact.
     force = min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE)
     return force, approach - s, s, slope1 / (slope1 + slope2)
-
-
-def series(approach: float, dt: float, compression: float, finger: ElasticLaw, finger_damping: float, body: Terminal):
-    """One step of fingertip and body in series, see `series_step`. Returns (f, s1, s2) [N, m, m].
-
-    ValueError: dt not positive.
-    """
-    if not dt > 0.0:
-        raise ValueError(f"dt {dt} s: expected a positive step; infinity gives the static split")
-    form = kernel_form(finger, finger_damping)
-    return series_step(float(approach), float(dt), float(compression), form, *map(float, body))

@@ -22,10 +22,8 @@ import numpy as np
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.exact import arctan2
 
-SHALLOWEST = 0.01
-"""[1] Least depth over the patch's radius: above, the stress is the load's own."""
-PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
-"""Components in Voigt's order: xx, yy, zz, yz, xz, xy."""
+SHALLOWEST = 0.01  # [1] Least depth over the patch's radius: above, the stress is the load's own
+PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt's order: xx, yy, zz, yz, xz, xy
 
 
 def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:

@@ -25,10 +25,8 @@ def equivalent_strain(strain: np.ndarray, poisson: float | np.ndarray = 0.5) -> 
 
 
 def logarithmic_strain(gradient: np.ndarray) -> np.ndarray:
-    """Hencky strain ln U [1] (...,3,3) of deformation gradients (...,3,3); rigid motion gives 0.
-
-    ValueError: a gradient that turns the material inside out.
-    """
+    """Hencky strain ln U [1] (...,3,3) of deformation gradients (...,3,3); rigid motion gives 0. ValueError: a gradient
+    that turns the material inside out."""
     if (np.linalg.det(gradient) <= 0).any():
         raise ValueError("deformation gradient with a determinant <= 0: the material is turned inside out")
     squares, axes = np.linalg.eigh(np.swapaxes(gradient, -1, -2) @ gradient)
@@ -36,12 +34,8 @@ def logarithmic_strain(gradient: np.ndarray) -> np.ndarray:
 
 
 def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Volume in which the strain is at least a level [m³] (L,), exact for a strain that is linear in each tetrahedron.
-
-    values   [1]  (E,4) strain at the corners of each tetrahedron
-    volumes  [m³] (E,)
-    levels   [1]  (L,)
-    """
+    """Volume in which the strain is at least a level [m³] (L,), exact for a strain that is linear in each tetrahedron:
+    `values` [1] (E,4) at its corners, `volumes` [m³] (E,)."""
     values = np.sort(np.asarray(values, dtype=np.float64), axis=1)
     return _volume(values, np.asarray(volumes, dtype=np.float64), np.atleast_1d(np.asarray(levels, dtype=np.float64)))
 
@@ -72,9 +66,7 @@ def _volume(values, volumes, levels):
 
 def growth(low: np.ndarray, high: np.ndarray, force_low: float, force_high: float) -> np.ndarray:
     """Growth with force, (high - low)/(force_high - force_low): of volumes [m³/N], or of the contact area [m²/N].
-
-    ValueError: the forces are the same.
-    """
+    ValueError: the forces are the same."""
     if not force_high != force_low:
         raise ValueError(f"growth between equal forces, {force_low} N: expected two different ones")
     return (np.asarray(high) - np.asarray(low)) / (force_high - force_low)
@@ -87,11 +79,8 @@ def tactile_flow(
 
         phi = -(de/dP) grad e/max(|grad e|², g²)
 
-    Only this component follows from the strain; any motion within a surface may be added to it. g is `FLOOR` times the
-    greatest gradient: where the strain is flat the flow is not determined.
-
-    points     [m] (E,4,3) corners of the tetrahedra
-    low, high  [1] (E,4)   strain at the corners at the two forces
+    Any motion within a surface may be added to it. g is `FLOOR` times the greatest gradient: where the strain is flat
+    the flow is not determined. points [m] (E,4,3) corners; low, high [1] (E,4) strain there at the two forces [N].
 
     A. Bicchi et al., Brain Res. Bull. 75 (2008) 737-741.
     """
@@ -106,12 +95,8 @@ def tactile_flow(
 
 
 def stick_radius(radius: float, tangential: float, normal: float, friction: float) -> float:
-    """Radius of the part of a contact circle that still sticks [m]: a (1 - Q/(mu P))^(1/3), 0 when all slides.
-
-    radius [m] a, tangential [N] Q >= 0, normal [N] P >= 0, friction [1] mu > 0.
-
-    R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268.
-    """
+    """Radius of the part of a contact circle that still sticks [m]: a (1 - Q/(mu P))^(1/3), 0 when all slides; a [m],
+    tangential Q >= 0 [N], normal P >= 0 [N], friction mu > 0 [1]. R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268."""
     if not normal > 0.0:
         return 0.0
     return radius * max(0.0, 1.0 - tangential / (friction * normal)) ** (1.0 / 3.0)

@@ -14,31 +14,21 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 
-LEAST_FORCE = 1e-3
-"""[N] Force at which a body's law is fitted where the contact is lighter than that."""
-LEAST_DEPTH = 1e-9
-"""[m] Depth below which a fitted body counts as rigid; it keeps K finite."""
+LEAST_FORCE = 1e-3  # [N] Force at which a body's law is fitted where the contact is lighter than that
+LEAST_DEPTH = 1e-9  # [m] Depth below which a fitted body counts as rigid; it keeps K finite
 
 
-LEAST_FREE = -0.1
-"""[m] A body that stands farther out than this without force is not meant."""
+LEAST_FREE = -0.1  # [m] A body that stands farther out than this without force is not meant
 
 
 class Terminal(NamedTuple):
-    """Values of a terminal law.
+    """Values of a terminal law."""
 
-    stiffness             [N/m^n]  K > 0
-    exponent              [1]  n in [1, 3]
-    damping               [s/m]  c >= 0
-    rest_indentation      [m]  s_free, indentation of the next step at zero force
-    previous_indentation  [m]  s_prev, indentation at the end of this step
-    """
-
-    stiffness: float
-    exponent: float
-    damping: float = 0.0
-    rest_indentation: float = 0.0
-    previous_indentation: float = 0.0
+    stiffness: float  # [N/m^n] K > 0
+    exponent: float  # [1] n in [1, 3]
+    damping: float = 0.0  # [s/m] c >= 0
+    rest_indentation: float = 0.0  # [m] s_free, indentation of the next step at zero force
+    previous_indentation: float = 0.0  # [m] s_prev, indentation at the end of this step
 
 
 @kernel(error_model="numpy")
@@ -163,16 +153,6 @@ def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None
     ValueError: names the number, what was found and what is expected.
     """
     stiffness, exponent, damping, free, previous = law
-    if (
-        0.0 < stiffness < math.inf
-        and 1.0 <= exponent <= 3.0
-        and 0.0 <= damping < math.inf
-        and LEAST_FREE <= free < math.inf
-        and -math.inf < previous < math.inf
-        and 0.0 <= step < math.inf
-        and 0.0 <= relaxation < math.inf
-    ):
-        return
     some, none = "a finite number > 0", "a finite number >= 0"
     for name, unit, value, least, most, expected in (
         ("stiffness", "N/m^n", stiffness, math.ulp(0.0), math.inf, some),
@@ -194,8 +174,8 @@ def law_at(length: float, start: float, law: Terminal, step: float, relaxation: 
     """K [N/m^n] and s_free [m] for a step of `length` > 0 [s] from the indentation `start` [m], of a law that was given
     for a step of length `step` [s] from s_prev.
 
-    The body goes to what a force asks of it with one time constant, `relaxation` tau [s]: of the way to there an
-    implicit step of length a takes the share m(a) = a/(a + tau). So, s_rest being where it comes to rest without force,
+    The body goes to what a force asks of it with one time constant, `relaxation` tau [s]: of the way there an implicit
+    step of length a takes the share m(a) = a/(a + tau). So, s_rest being where it comes to rest without force,
 
         s_rest = s_prev + (s_free - s_prev)/m(step)
         s_free <- start + m(length) (s_rest - start),   K <- K (m(step)/m(length))^n

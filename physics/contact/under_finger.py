@@ -2,10 +2,8 @@
 
 import math
 
-FINGER_RADIUS = 8e-3
-"""[m] Of that finger."""
-BASIS_POISSON = 0.45
-"""[1] Of the basis of deformation.ReducedFE that ships."""
+FINGER_RADIUS = 8e-3  # [m] Of that finger
+BASIS_POISSON = 0.45  # [1] Of the basis of deformation.ReducedFE that ships
 
 
 def under_finger(plane: float) -> dict[str, float]:

@@ -54,19 +54,3 @@ def displacement(r, a, curvature, share=1.0):
     shape = np.empty(r.shape)
     _bulges(np.ascontiguousarray(r).ravel(), np.ascontiguousarray(a).ravel(), shape.ravel())
     return share * curvature * shape
-
-
-def pressure(r, a, modulus, curvature):
-    """Hertz pressure [Pa], 0 outside the contact:
-
-        p = (2 E*/(pi R)) sqrt(a² - r²)
-
-    r          [m]    (...)  distance from the axis
-    a          [m]    (...)  contact radius
-    modulus    [Pa]   (...)  E*, 1/E* = (1 - nu_1²)/E_1 + (1 - nu_2²)/E_2
-    curvature  [1/m]  (...)  1/R = 1/R_1 + 1/R_2
-
-    K. L. Johnson, Contact Mechanics (1985), eqs. 3.39 and 4.24.
-    """
-    inside = np.maximum(np.square(a) - np.square(r), 0.0)
-    return 2.0 * modulus * curvature / np.pi * np.sqrt(inside)

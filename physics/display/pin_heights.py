@@ -28,9 +28,8 @@ def heights_from_surface(points, tissue, approach, pad_radius, neighbours):
 
         u_f = <z + approach - r²/(2 R_f)>
 
-    z is the height of the deformed surface above the foot point. A hard inclusion holds the surface up, so that the
-    pins above it stand out. Between the given points the surface is taken from a weighted local plane through the
-    `neighbours` of each pin (moving least squares: exact for a tilted plane).
+    z is the height of the deformed surface above the foot point, from a weighted local plane through its points near
+    each pin (`local_plane`).
 
     points      [m]  (n,2)  pins in the tangent plane at the foot point
     tissue      [m]  (n,q,3)  q deformed surface points near each pin: two tangential coordinates, height z
@@ -72,19 +71,16 @@ def local_plane(points, places, values, width):
 def heights_from_pressure(pins, places, forces, radii, b, m, out):
     """Deformation of the fingerpad at each pin under a given pressure; the greatest one, x [m]. Kernel.
 
-        u_f(r) = U(r)/E_f*(x),     x = max u_f
+        u_f(r) = U(r)/E_f*(x),     x = max u_f,     x E_f*(x) = max U
 
-    U/E is the half-space's displacement under the pressure, with the nodal forces spread over Hertzian patches (their
-    displacement is known in closed form everywhere). x solves x E_f*(x) = max U. Under the Hertz pressure of
-    `pad_contact` this is its u_f.
+    U/E is the half-space's displacement under the pressure, with the nodal forces spread over Hertzian patches.
 
     pins    [m]  (n,2)  in the tangent plane        places  [m]  (k,2)  of the loaded nodes
     forces  [N]  (k)    pressure times nodal area   radii   [m]  (k)    of the patches, about the spacing of the nodes
     out     [m]  (n)    receives the heights
 
-    x is sought over the pins and the centre of pressure. Patches of radius 1.2 sqrt(nodal area) add up to a smooth
-    pressure: within 0.1 % of the Hertz deflection with 1400 nodes in the contact, 2 % with 30.
-    K. L. Johnson, Contact Mechanics (1985), eq. 3.42a.
+    x is sought over the pins and the centre of pressure. Patches of radius 1.2 sqrt(nodal area) are within 0.1 % of the
+    Hertz deflection with 1400 nodes in the contact, 2 % with 30. K. L. Johnson, Contact Mechanics (1985), eq. 3.42a.
     """
     top = 0.0
     for i in range(pins.shape[0]):

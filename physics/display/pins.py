@@ -26,11 +26,8 @@ def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
 
         out_i = clip(h_i - c, 0, stroke),      mean(out) + c = mean(h)
 
-    The second line holds exactly: what the clipped pins lose goes into the actuator, so that the mean surface stays
-    where the force puts it. It is also the condition for out + c to be the least-squares nearest surface to h. Where
-    many c do (the range of h fits the stroke) the one of least size is taken: 0 if h fits as it is.
-
-    heights  [m]  (n)  wanted        stroke  [m]  ()  > 0        out  [m]  (n)  receives the heights that can be had
+    The second line holds exactly, and makes out + c the least-squares nearest surface to h. Where many c do the one of
+    least size is taken. heights [m] (n) wanted, stroke [m] > 0, out [m] (n) receives the heights that can be had.
     """
     low, high = heights[0], heights[0]
     for h in heights:
@@ -60,17 +57,14 @@ def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
 
 @kernel
 def approach_target(value: float, target: float, dt: float, rate: float, rise: float, fall: float) -> float:
-    """Position [m] of an actuator after dt: a first-order lag whose speed is limited, exact for a constant target.
+    """Position [m] of an actuator after dt [s]: a first-order lag whose speed is limited, exact for a constant target.
 
         dx/dt = clip((target - x)/tau, -rate, rate),      tau = rise while x < target, fall while x > target
 
-    Far away it runs at `rate`; within rate * tau it closes in exponentially. Two steps of dt/2 give the same as one
-    of dt, and it never overshoots. Nothing moves for dt <= 0. Kernel.
+    Two steps of dt/2 give the same as one of dt, and it never overshoots. Nothing moves for dt <= 0. Kernel.
 
-    value, target  [m]    ()  where it is, where it shall be
-    dt             [s]    ()  elapsed
-    rate           [m/s]  ()  > 0, inf for no limit
-    rise, fall     [s]    ()  time constants, 0 for none (shape memory wire: heating, cooling)
+    value, target  [m];   rate [m/s] > 0, inf for no limit
+    rise, fall     [s]    time constants, 0 for none (shape memory wire: heating, cooling)
     """
     if not dt > 0.0:
         return value
@@ -102,7 +96,6 @@ class Drives(NamedTuple):
     stroke, travel       [m]    of a pin, of the linear actuator
     rate, actuator_rate  [m/s]  greatest speed of each
     rise, fall           [s]    time constants of the pins
-    step                 [m]    resolution of the pins, 0 for none
     """
 
     stroke: float
@@ -111,7 +104,7 @@ class Drives(NamedTuple):
     actuator_rate: float
     rise: float
     fall: float
-    step: float
+    step: float  # [m] resolution of the pins, 0 for none
 
 
 @kernel

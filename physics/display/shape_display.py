@@ -24,21 +24,15 @@ import numpy as np
 from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.kernel import kernel
 
-VALID_RATIO = 0.5
-"""Hertz theory needs a << R_f; a result with a > 0.5 R_f is flagged as outside it."""
+VALID_RATIO = 0.5  # Hertz theory needs a << R_f; a result with a > 0.5 R_f is flagged as outside it
 
 
 class Fingerpad(NamedTuple):
-    """Fingerpad of modulus E_f*(x) = (2b/m)(e^(m x) - 1).
+    """Fingerpad of modulus E_f*(x) = (2b/m)(e^(m x) - 1)."""
 
-    b       [Pa/m]  ()  half the slope of the modulus at x = 0
-    m       [1/m]   ()  rate of stiffening
-    radius  [m]     ()  R_f, of the undeformed pad
-    """
-
-    b: float
-    m: float
-    radius: float
+    b: float  # [Pa/m] () half the slope of the modulus at x = 0
+    m: float  # [1/m] () rate of stiffening
+    radius: float  # [m] () R_f, of the undeformed pad
 
 
 FINGERPADS = {"canonical": Fingerpad(6.0e6, 500.0, 8.0e-3), "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3)}
@@ -48,26 +42,16 @@ who proposed the law, is not publicly available."""
 
 
 class PadContact(NamedTuple):
-    """State of a fingerpad pressed on tissue; all arrays have one shape.
+    """State of a fingerpad pressed on tissue; all arrays have one shape."""
 
-    deflection     [m]    (...)  x, largest deformation of the fingerpad
-    approach       [m]    (...)  delta, rigid-body motion of the finger
-    radius         [m]    (...)  a, of the contact
-    pad_modulus    [Pa]   (...)  E_f*(x)
-    modulus        [Pa]   (...)  E*
-    share          [1]    (...)  E*/E_f*, the fingerpad's part of the compliance
-    curvature      [1/m]  (...)  1/R
-    valid          [1]    (...)  a <= 0.5 R_f
-    """
-
-    deflection: np.ndarray
-    approach: np.ndarray
-    radius: np.ndarray
-    pad_modulus: np.ndarray
-    modulus: np.ndarray
-    share: np.ndarray
-    curvature: np.ndarray
-    valid: np.ndarray
+    deflection: np.ndarray  # [m] (...) x, largest deformation of the fingerpad
+    approach: np.ndarray  # [m] (...) delta, rigid-body motion of the finger
+    radius: np.ndarray  # [m] (...) a, of the contact
+    pad_modulus: np.ndarray  # [Pa] (...) E_f*(x)
+    modulus: np.ndarray  # [Pa] (...) E*
+    share: np.ndarray  # [1] (...) E*/E_f*, the fingerpad's part of the compliance
+    curvature: np.ndarray  # [1/m] (...) 1/R
+    valid: np.ndarray  # [1] (...) a <= 0.5 R_f
 
 
 @kernel
@@ -81,7 +65,6 @@ def _log_modulus(x: float, b: float, m: float) -> float:
 
 @kernel
 def _softplus(z: float) -> float:
-    """ln(1 + e^z)."""
     return max(z, 0.0) + math.log1p(math.exp(-abs(z)))
 
 
@@ -119,12 +102,8 @@ def deflection_of(product: float, b: float, m: float, compliance: float) -> floa
 
 @kernel
 def deflection_under(load: float, b: float, m: float) -> float:
-    """The root x [m] of x E_f*(x) = load: largest deformation of a fingerpad whose pressure alone is known. Kernel.
-
-    load  [N/m]  ()  the largest u_f times E_f*, which the pressure gives; > 0
-
-    Newton's method in ln x from above, as for `deflection_of`.
-    """
+    """The root x [m] of x E_f*(x) = load [N/m] > 0: largest deformation of a fingerpad whose pressure alone is
+    known, the largest u_f times E_f*. Kernel; Newton's method in ln x from above, as for `deflection_of`."""
     target = math.log(load)
     stiff = target + math.log(m) - math.log(2.0 * b / m)
     y = min(0.5 * (target - math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
@@ -170,7 +149,6 @@ def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FIN
     modulus  [Pa]  (...)  E_t of the tissue, > 0; inf for a rigid body
     poisson  [1]   (...)  nu_t, in (-1, 0.5]
     radius   [m]   (...)  R_t of the tissue's surface; inf where flat, negative where hollow (then |R_t| > R_f)
-    pad            fingerpad, or its entry in FINGERPADS
 
     The shapes broadcast. ValueError: an argument out of its range; names the first one and its place.
     D. T. V. Pawluk, R. D. Howe, Harvard Robotics Laboratory TR 96-004 (1996); K. L. Johnson, Contact Mechanics (1985).
@@ -199,11 +177,6 @@ def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> No
         place = tuple(int(i) for i in np.argwhere(~good)[0])
         where = f" at index {place if len(place) > 1 else place[0]}" if place else ""
         raise ValueError(f"{name}: found {float(value[place])}{where}, expected {expected}")
-
-
-def pressure(r, contact: PadContact):
-    """Contact pressure [Pa]; r [m] (...) broadcasts with the state. Its integral over the contact is the force."""
-    return hertz.pressure(r, contact.radius, contact.modulus, contact.curvature)
 
 
 def pad_displacement(r, contact: PadContact):

@@ -6,8 +6,7 @@ bone end in an ellipsoidal cap:
     (x - x0)^2 / a(y)^2 + (z - z0)^2 / b(y)^2 + <1 - (y - y0)/l>^2 = 1,        b palmar below z0, dorsal above
 
 The inner border of the skin has all axes shorter by the skin's thickness. Dimensions are of the order found in adult
-index fingers (breadth 16-17 mm and depth 12-13 mm at the distal joint, skin of the pulp 1-1.4 mm, phalanx with a tuft
-of 7-8 mm on a shaft of 5 mm); they are rounded, not those of a person.
+index fingers, rounded, not those of a person.
 """
 
 from dataclasses import dataclass
@@ -23,29 +22,22 @@ class Anatomy:
     """Dimensions [m] of a fingertip.
 
     length     from the tip to where the model ends          cap     length of the rounded tip
-    width      of the finger                                 skin    thickness
-    palmar     from the axis to the pulp                     bulge   of the pulp, on top of `palmar`
-    dorsal     from the axis to the nail
-    bone_start from the tip to the bone                      bone_cap length of its rounded end
-    shaft      half width of the bone's shaft                tuft    and what its tuft adds
-    bone_depth half depth of the shaft                       bone_height of the bone's axis over the finger's
-    bone_shift of the bone's axis to the side (+x)
     """
 
     length: float = 0.028
-    width: float = 0.016
-    palmar: float = 0.0052
-    bulge: float = 0.0022
-    dorsal: float = 0.0053
+    width: float = 0.016  # of the finger
+    palmar: float = 0.0052  # from the axis to the pulp
+    bulge: float = 0.0022  # of the pulp, on top of `palmar`
+    dorsal: float = 0.0053  # from the axis to the nail
     cap: float = 0.009
-    skin: float = 0.0011
-    bone_start: float = 0.0045
-    bone_cap: float = 0.0025
-    shaft: float = 0.0025
-    tuft: float = 0.0012
-    bone_depth: float = 0.0020
-    bone_height: float = 0.0004
-    bone_shift: float = 0.0006
+    skin: float = 0.0011  # thickness
+    bone_start: float = 0.0045  # from the tip to the bone
+    bone_cap: float = 0.0025  # length of its rounded end
+    shaft: float = 0.0025  # half width of the bone's shaft
+    tuft: float = 0.0012  # and what its tuft adds
+    bone_depth: float = 0.0020  # half depth of the shaft
+    bone_height: float = 0.0004  # of the bone's axis over the finger's
+    bone_shift: float = 0.0006  # of the bone's axis to the side (+x)
 
     def axes(self, name: str, y):
         """Half width, palmar and dorsal half depth, start and cap length of a surface at y [m] (...)."""
@@ -72,17 +64,6 @@ class Anatomy:
         size = np.sqrt((x / a) ** 2 + (z / b) ** 2 + ahead**2)
         slope = np.sqrt((x / a**2) ** 2 + (z / b**2) ** 2 + (ahead / cap) ** 2) / np.maximum(size, 1e-12)
         return (size - 1) / np.clip(slope, 1 / np.maximum(np.maximum(a, b), cap), 1 / np.minimum(np.minimum(a, b), cap))
-
-    def area(self, name: str, y):
-        """Area of a cross-section [m²] (...)."""
-        a, palmar, dorsal, start, cap = self.axes(name, y)
-        ahead = np.maximum(1 - (np.asarray(y, float) - start) / cap, 0)
-        return np.pi / 2 * a * (palmar + dorsal) * np.maximum(1 - ahead**2, 0)
-
-    def volume(self, name: str) -> float:
-        """Volume [m³] inside a surface, from the tip to `length`."""
-        y = np.linspace(0, self.length, 20001)
-        return float(np.trapezoid(self.area(name, y), y))
 
     def fingertip(self, spacing: float = 4e-4) -> FingertipSurfaces:
         """The surfaces sampled on a grid of a spacing [m], with a margin of 2 mm round the finger."""

@@ -27,8 +27,7 @@ from palpate.physics.materials.voigt import STRAIN_LIMIT
 
 LATERAL = ("shear", "cantilever")
 MOST_BEAMS = 20_000
-SHORTEST_STEP = 1e-5
-"""[s] A shorter step is computed as this long: the force of a damper over no time has no bound."""
+SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long: the force of a damper over no time has no bound
 FARTHEST = 1.0
 """[m] A longer shift is computed as this long: all slips long before, and more digits would be lost than kept."""
 FADE = 0.03
@@ -38,27 +37,17 @@ falls with the cube of pressure: the sheet is forty times stiffer than a beam, s
 
 @dataclass(frozen=True)
 class Bundle:
-    """Beams on a square grid, all that touch at the largest depth.
+    """Beams on a square grid, all that touch at the largest depth."""
 
-    points       [m]     (N,2)  skin ends in the plate's plane
-    heights      [m]     (N)    of the skin ends over the plate at first touch; the smallest is 0
-    lengths      [m]     (N,h)  of the elements, from the skin inwards; 0 where a beam lacks one
-    moduli       [Pa]    (h)    viscosities [Pa s] (h)
-    lateral      [N/m]   (N)    lateral stiffness of each beam
-    cell         [m²]    ()     area that a beam stands for
-    sheet                       the skin's triangles; none act where its thickness is 0
-    retardation  [s]     ()     viscosity / modulus of the sheet
-    """
-
-    points: np.ndarray
-    heights: np.ndarray
-    lengths: np.ndarray
-    moduli: np.ndarray
-    viscosities: np.ndarray
-    lateral: np.ndarray
-    cell: float
-    sheet: Sheet
-    retardation: float
+    points: np.ndarray  # [m] (N,2) skin ends in the plate's plane
+    heights: np.ndarray  # [m] (N) of the skin ends over the plate at first touch; the smallest is 0
+    lengths: np.ndarray  # [m] (N,h) of the elements, from the skin inwards; 0 where a beam lacks one
+    moduli: np.ndarray  # [Pa] (h)
+    viscosities: np.ndarray  # [Pa s] (h)
+    lateral: np.ndarray  # stiffness of each beam
+    cell: float  # [m²] () area that a beam stands for
+    sheet: Sheet  # the skin's triangles; none act where its thickness is 0
+    retardation: float  # [s] () viscosity / modulus of the sheet
 
     @property
     def reach(self) -> np.ndarray:
@@ -136,23 +125,6 @@ def check_count(expected: float) -> None:
         raise ValueError(
             f"about {expected:.3g} beams, at most {MOST_BEAMS}; a larger pitch or a smaller depth would do"
         )
-
-
-def dome(
-    radius: float, length: float, pitch: float, depth: float, material: ViscoelasticMaterial = TISSUE, **more
-) -> Bundle:
-    """A paraboloid of the given radius [m] on beams of one length [m] and one material, meshed to a depth [m].
-
-    Without relaxation and sheet it has closed forms: F_n = (E / L) pi R d^2, and F_t / (mu F_n) = 1 - (1 - s/s_g)^2
-    with s_g = 2 (1 + nu) mu d. `more` as in `bundle`.
-    """
-    check_count(2 * math.pi * radius * depth / pitch**2)
-    n = int(math.sqrt(2 * radius * depth) / pitch) + 2
-    index = np.stack(np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1), indexing="ij"), -1).reshape(-1, 2)
-    heights = (index**2).sum(axis=1) * pitch**2 / (2 * radius)
-    touches = heights < depth
-    index, heights = index[touches], heights[touches]
-    return bundle(index, pitch, heights, np.full((len(index), 1), length), (material,), **more)
 
 
 class BundleState:

@@ -12,28 +12,18 @@ from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
 
 
 class BundleBeams(NamedTuple):
-    """What of a bundle does not change.
+    """What of a bundle does not change."""
 
-    heights    [m]    (N)    of the skin ends over the plate at first touch
-    length     [m]    (N)    of each beam                     shares [1] (N,h) of its elements in it
-    reach      [m]    (N)    largest shortening of each beam
-    moduli     [Pa]   (h)    viscosities [Pa s] (h)
-    lateral    [N/m]  (N)    lateral stiffness of each beam
-    cell       [m²]   ()     area that a beam stands for
-    fade       [Pa]   ()     pressure from which a node acts fully on the sheet
-    retardation [s]   ()     viscosity / modulus of the sheet
-    """
-
-    heights: np.ndarray
-    length: np.ndarray
-    shares: np.ndarray
-    reach: np.ndarray
-    moduli: np.ndarray
-    viscosities: np.ndarray
-    lateral: np.ndarray
-    cell: float
-    fade: float
-    retardation: float
+    heights: np.ndarray  # [m] (N) of the skin ends over the plate at first touch
+    length: np.ndarray  # [m] (N) of each beam
+    shares: np.ndarray  # [1] (N,h) of its elements in it
+    reach: np.ndarray  # [m] (N) largest shortening of each beam
+    moduli: np.ndarray  # [Pa] (h)
+    viscosities: np.ndarray  # [Pa s] (h)
+    lateral: np.ndarray  # stiffness of each beam
+    cell: float  # [m²] () area that a beam stands for
+    fade: float  # [Pa] () pressure from which a node acts fully on the sheet
+    retardation: float  # [s] () viscosity / modulus of the sheet
 
 
 class Nodes(NamedTuple):
@@ -54,17 +44,13 @@ class Nodes(NamedTuple):
 
 
 class BundleWorkspace(NamedTuple):
-    """Work space.
+    """Work space."""
 
-    matrix  [N/m] (Z,2,2)  of the sheet and the beams in the step      trial [N] (N,2)  on the plate if all stuck
-    plate   [N]   (N,2)    on the plate        limit [N] (N)  friction at most        weight [1] (N)  in the sheet
-    """
-
-    matrix: np.ndarray
-    trial: np.ndarray
-    plate: np.ndarray
-    limit: np.ndarray
-    weight: np.ndarray
+    matrix: np.ndarray  # [N/m] (Z,2,2) of the sheet and the beams in the step
+    trial: np.ndarray  # [N] (N,2) on the plate if all stuck
+    plate: np.ndarray  # [N] (N,2) on the plate
+    limit: np.ndarray  # [N] (N) friction at most
+    weight: np.ndarray  # [1] (N) in the sheet
     solver: Workspace
 
 

@@ -17,23 +17,15 @@ from palpate.physics.kernel import kernel
 
 
 class Sheet(NamedTuple):
-    """A triangle mesh on the bundle's nodes with its stiffness blocks, and the sparse pattern of their sum.
+    """A triangle mesh on the bundle's nodes with its stiffness blocks, and the sparse pattern of their sum."""
 
-    triangles  [1]    (E,3)      node indices, counter-clockwise
-    blocks     [N/m]  (E,9,2,2)  K_e by node pair, row after row
-    slots      [1]    (E,9)      where each block goes in the sparse matrix
-    rows       [1]    (N+1)      start of each node's row     columns [1] (Z)  node of each block of the row
-    diagonal   [1]    (N)        slot of each node's own block
-    band       [1]    ()         largest |i - j| of coupled nodes
-    """
-
-    triangles: np.ndarray
-    blocks: np.ndarray
-    slots: np.ndarray
-    rows: np.ndarray
-    columns: np.ndarray
-    diagonal: np.ndarray
-    band: int
+    triangles: np.ndarray  # [1] (E,3) node indices, counter-clockwise
+    blocks: np.ndarray  # [N/m] (E,9,2,2) K_e by node pair, row after row
+    slots: np.ndarray  # [1] (E,9) where each block goes in the sparse matrix
+    rows: np.ndarray  # [1] (N+1) start of each node's row
+    columns: np.ndarray  # [1] (Z) node of each block of the row
+    diagonal: np.ndarray  # [1] (N) slot of each node's own block
+    band: int  # [1] () largest |i - j| of coupled nodes
 
 
 def grid_triangles(index: np.ndarray) -> np.ndarray:

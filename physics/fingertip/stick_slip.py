@@ -5,9 +5,8 @@ pad and beams in the step and the force r that would act if all nodes stuck, w i
 
     Phi(w) = 1/2 w^T A w - r^T w + sum_i t_i |w_i|
 
-(Tresca friction). A is positive definite, so the answer is unique: no chatter between stick and slip. Its dual is
-min 1/2 q^T C q - q^T C r over the discs |q_i| <= t_i, C = A^-1, where q_i = r_i - (A w)_i is the force of node i on the
-plate. Node i sticks where q_i is inside its disc.
+(Tresca friction). A is positive definite, so the answer is unique. q_i = r_i - (A w)_i is the force of node i on the
+plate; the node sticks where |q_i| < t_i.
 
 Method (truncated nonsmooth Newton, Gräser & Kornhuber 2009, on one level): block Gauss-Seidel with the exact answer of
 each 2 x 2 problem finds who slips; a Newton step on those nodes, where Phi is smooth, removes what Gauss-Seidel is slow
@@ -23,19 +22,13 @@ from palpate.physics.kernel import kernel
 
 
 class Blocks(NamedTuple):
-    """A symmetric positive definite matrix [N/m] by 2 x 2 blocks, row after row.
+    """A symmetric positive definite matrix [N/m] by 2 x 2 blocks, row after row."""
 
-    rows      [1]    (N+1)    start of each node's row       columns [1] (Z)  node of each block
-    diagonal  [1]    (N)      place of each node's own block
-    values    [N/m]  (Z,2,2)  the blocks
-    band      [1]    ()       largest |i - j| of coupled nodes
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-    diagonal: np.ndarray
-    values: np.ndarray
-    band: int
+    rows: np.ndarray  # [1] (N+1) start of each node's row
+    columns: np.ndarray  # [1] (Z) node of each block
+    diagonal: np.ndarray  # [1] (N) place of each node's own block
+    values: np.ndarray  # [N/m] (Z,2,2) the blocks
+    band: int  # [1] () largest |i - j| of coupled nodes
 
 
 class Workspace(NamedTuple):
@@ -48,7 +41,6 @@ class Workspace(NamedTuple):
 
 
 def workspace(count: int, band: int) -> Workspace:
-    """The work space for `count` nodes."""
     place, nodes = np.zeros((2, count), dtype=np.int64)
     return Workspace(place, nodes, np.zeros((2 * count, 2 * band + 2)), np.zeros(2 * count))
 

@@ -20,8 +20,7 @@ from palpate.physics.exact import product
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
-MATERIALS = (SKIN, TISSUE, BONE, TISSUE)
-"""From the plate upwards: skin, pulp, bone, tissue between bone and nail."""
+MATERIALS = (SKIN, TISSUE, BONE, TISSUE)  # From the plate upwards: skin, pulp, bone, tissue between bone and nail
 
 
 class FingertipError(PalpateError, ValueError):
@@ -57,7 +56,6 @@ class FingertipSurfaces:
         return float(np.clip(0.5 - getattr(self, name) / h, 0, 1).sum() * np.prod(self.spacing))
 
     def save(self, path: str | Path) -> None:
-        """Write an .npz file that `load` reads."""
         np.savez_compressed(path, **{k: getattr(self, k) for k in FIELDS})
 
     @staticmethod
@@ -90,12 +88,11 @@ class Rays:
     """Where lines along the plate's normal cross the surfaces, in the plate's frame.
 
     bottom, top [m] (...)  outer surface; nan where the line misses
-    inner       [m] (...)  lower inner border of the skin; nan where it misses
     low, high   [m] (...)  lower and upper border of the bone; nan where it misses
     """
 
     bottom: np.ndarray
-    inner: np.ndarray
+    inner: np.ndarray  # [m] (...) lower inner border of the skin; nan where it misses
     low: np.ndarray
     high: np.ndarray
     top: np.ndarray
@@ -150,9 +147,7 @@ def fill(
     depth: float,
     pitch: float = 1.2e-3,
     angle: float = 0.0,
-    materials: tuple[
-        ViscoelasticMaterial, ViscoelasticMaterial, ViscoelasticMaterial, ViscoelasticMaterial
-    ] = MATERIALS,
+    materials: tuple[ViscoelasticMaterial, ...] = MATERIALS,
     lateral: str = "shear",
     skin: float = 1e-3,
     skin_material: ViscoelasticMaterial = SKIN,

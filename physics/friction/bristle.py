@@ -6,8 +6,7 @@ and its property `advance` is a compiled function
     advance(law, z, v, load, dt) -> (z [m] (3), force [N] (3), stick)
 
 of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
-[s] > 0; the force is along the sliding velocity of the finger. `friction.NAME` in a
-graph is the law NAME of any file of this folder. A law may have
+[s] > 0. A law may have
 
     stored(z, load)  the energy [J] that the bristles hold: the ledger then reports what is dissipated
     rescale          a setting; True: a load that rises gives the bristles no energy (needs `stored`)
@@ -68,21 +67,17 @@ def carry(z, a, b, slip):
 class Kernel:
     """A law as `step` takes it.
 
-    law       with each choice of words as its place among them: numbers are all that `advance` takes
     carry, advance  compiled
-    stored    of the law, None where it has none
-    rescale   whether a load that rises gives the bristles no energy
     """
 
-    law: Any
+    law: Any  # with each choice of words as its place among them: numbers are all that `advance` takes
     carry: Callable[..., tuple[Vector, Vector]]
     advance: Callable[..., tuple[Vector, Vector, bool]]
-    stored: Callable[[Vector, float], float] | None
-    rescale: bool
+    stored: Callable[[Vector, float], float] | None  # of the law, None where it has none
+    rescale: bool  # whether a load that rises gives the bristles no energy
 
 
 def kernel_form(law: Any) -> Kernel:
-    """The law as `step` takes it."""
     hints = get_type_hints(type(law))
     law = law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
     return Kernel(

@@ -14,10 +14,8 @@ from palpate.physics.exact import product
 from palpate.physics.kernel import kernel
 
 LEAF = 4
-PART, WHOLE = 64, 2048
-"""Leaves of the parts that a large node is bounded by, and of the smallest such node."""
-FLAT = 1e-12
-"""[1] A triangle whose area is less than this share of its longest edge squared counts as that edge."""
+PART, WHOLE = 64, 2048  # Leaves of the parts that a large node is bounded by, and of the smallest such node
+FLAT = 1e-12  # [1] A triangle whose area is less than this share of its longest edge squared counts as that edge
 
 CORNERS, ACROSS, KIND, ORIGIN, COLUMNS = 0, 3, 6, 7, 8
 
@@ -26,19 +24,15 @@ CORNERS, ACROSS, KIND, ORIGIN, COLUMNS = 0, 3, 6, 7, 8
 class MeshTables:
     """A mesh made ready for searching.
 
-    points   (V,6)  position [m] and outward unit normal of each vertex, equal positions made one
     cells    (T,8)  of each triangle in the order of the tree: three corners, the triangles across its edges (corner i
                     to i+1; -1 at a border), 0 or 1 + its longest edge where it is degenerate, its index in the mesh
-    discs    (N,8)  centre, axis, radius and half height of each node; node 0 is unused, node 1 the root
-    star_at  (V+1)  first place of each vertex in `star`
-    star     (3T)   the triangles round each vertex
     """
 
-    points: np.ndarray
+    points: np.ndarray  # (V,6) position [m] and outward unit normal of each vertex, equal positions made one
     cells: np.ndarray
-    discs: np.ndarray
-    star_at: np.ndarray
-    star: np.ndarray
+    discs: np.ndarray  # (N,8) centre, axis, radius and half height of each node; node 0 is unused, node 1 the root
+    star_at: np.ndarray  # (V+1) first place of each vertex in `star`
+    star: np.ndarray  # (3T) the triangles round each vertex
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -49,10 +43,7 @@ class MeshTables:
 def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
     """Tables of a mesh, vertices [m] (V,3) and triangles (T,3). Duplicated triangles are left out, and those that are
     but an edge of another; other degenerate ones stay as segments, without a normal. Vertices that no triangle holds do
-    no harm.
-
-    ValueError: no triangle, an index beyond the vertices, a vertex that is not finite.
-    """
+    no harm. ValueError: no triangle, an index beyond the vertices, a vertex that is not finite."""
     vertices = np.ascontiguousarray(vertices, dtype=float)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     if not len(triangles):
@@ -93,14 +84,12 @@ def weld(vertices: np.ndarray) -> np.ndarray:
 
 
 def _stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles round each vertex: first places (V+1) and triangles (3T)."""
     at = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=count))])
     return at, (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
 
 
 @kernel
 def is_segment(triangles, t):
-    """Whether a triangle has less than three different corners."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return a == b or b == c or c == a
 
@@ -191,7 +180,6 @@ def _discs(vertices, triangles, leaves, discs):
 
 @kernel
 def _add_triangle(vertices, triangle, sums):
-    """Adds corners, normal and number of a triangle to the sums of a node."""
     p, q, r = vertices[triangle[0]], vertices[triangle[1]], vertices[triangle[2]]
     ux, uy, uz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     vx, vy, vz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
@@ -205,7 +193,6 @@ def _add_triangle(vertices, triangle, sums):
 
 @kernel
 def _start_disc(sums, disc):
-    """Mean of the corners and mean normal of a node."""
     length = np.sqrt(sums[3] * sums[3] + sums[4] * sums[4] + sums[5] * sums[5])
     for i in range(3):
         disc[i] = sums[i] / max(sums[6], 1.0)

@@ -1,10 +1,10 @@
 """Closest point of a NURBS surface, followed from tick to tick.
 
-Newton's method from the last foot point finds a local minimum of the distance. The global one may lie elsewhere (hilum,
-medial axis), so every step also looks at samples of the surface. Each sample lies within `cover` of its neighbours'
-part of the surface, so a nearer minimum has a sample nearer than the present distance plus `cover`; walking from it
-downhill over the samples ends at a sample nearer than all its neighbours. Newton's method runs from each of those that
-does not belong to a minimum already known. A tree of one level (spheres round some 16 samples) keeps that cheap.
+Newton's method from the last foot point finds a local minimum of the distance. The global one may lie elsewhere, so
+every step also looks at samples of the surface. Each lies within `cover` of its neighbours' part of the surface, so a
+nearer minimum has a sample nearer than the present distance plus `cover`; walking from it downhill over the samples
+ends at one nearer than all its neighbours. Newton's method runs from each of those that does not belong to a minimum
+already known. A tree of one level (spheres round some 16 samples) keeps that cheap.
 
 The foot point stays with its branch until another is nearer by more than the hysteresis; the distance is always that
 of the nearest branch, and so 1-Lipschitz along any path.
@@ -21,20 +21,15 @@ from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
 HYSTERESIS = 1e-4
-FAR = 1e9
-"""[m] Coordinates beyond this are brought to it, so that squares stay finite."""
+FAR = 1e9  # [m] Coordinates beyond this are brought to it, so that squares stay finite
 SAMPLES = 2500
 SLACK = 0.1
 """[1] A sample counts as nearest of its neighbours unless one is nearer by this share of the squared cover, and by what
 the sagitta adds, in squared distance: between two minima of nearly one distance the samples may show no rise."""
-FLAT = 0.25
-"""[1] Least 1 - d kappa at a foot point without a look at its neighbourhood."""
-ROUND = 9
-"""Directions in which a collapsed border is left."""
-STARTS = 8
-"""Most starts of Newton's method per step beside the last foot point."""
-FOUND = 9
-"""Length of a result: foot (3), normal (3), u, v, signed distance."""
+FLAT = 0.25  # [1] Least 1 - d kappa at a foot point without a look at its neighbourhood
+ROUND = 9  # Directions in which a collapsed border is left
+STARTS = 8  # Most starts of Newton's method per step beside the last foot point
+FOUND = 9  # Length of a result: foot (3), normal (3), u, v, signed distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +162,6 @@ def _nearest(seeds, index, p0, p1, p2):
 
 @kernel
 def _belongs(seeds, index, k, f, x0, x1, x2, least):
-    """Whether sample k, at squared distance f, is one of those round a known minimum x at squared distance `least`."""
     cover = seeds[len(seeds) - 1]
     return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < cover * cover
 
@@ -269,7 +263,6 @@ def _sagitta(surface: Nurbs, u: np.ndarray, v: np.ndarray) -> float:
 
 
 def _links(number: np.ndarray, closed_u: bool, closed_v: bool) -> np.ndarray:
-    """Pairs of neighbours in a grid of sample numbers, diagonals included, both ways, none twice."""
     links = []
     for du, dv in ((1, 0), (0, 1), (1, 1), (1, -1)):
         other = np.roll(number, (-du, -dv), axis=(0, 1))

@@ -14,20 +14,14 @@ import scipy  # its parts are slow to import, and are when they are used
 from palpate.physics.exact import solve
 from palpate.physics.kept import kept
 
-GRADE = 0.35
-"""[1] Distance between the vertices that are sent, over that from the region where all are."""
-RANKED = 600
-"""Vertices that are ranked; the others are sent only where all are."""
+GRADE = 0.35  # [1] Distance between the vertices that are sent, over that from the region where all are
+RANKED = 600  # Vertices that are ranked; the others are sent only where all are
 EVERYWHERE = 150
 """Vertices that are sent wherever the contact is: what the body does as a whole follows its curved surface."""
-LANDMARKS = 16
-"""Vertices farthest from each other by which a receiver knows that all of the surface is listed."""
-SAMPLED = 20_000
-"""Vertices of a large mesh that ranks are given among."""
-NEIGHBOURS = 12
-"""Sent vertices that one in between is interpolated from."""
-STIFF = 1e-4
-"""[1] Regularisation of the linear fit: the neighbours lie nearly in a plane."""
+LANDMARKS = 16  # Vertices farthest from each other by which a receiver knows that all of the surface is listed
+SAMPLED = 20_000  # Vertices of a large mesh that ranks are given among
+NEIGHBOURS = 12  # Sent vertices that one in between is interpolated from
+STIFF = 1e-4  # [1] Regularisation of the linear fit: the neighbours lie nearly in a plane
 
 
 def ranked(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -25,12 +25,10 @@ LENGTH, WIDTH, THICKNESS = 0.110, 0.060, 0.042
 
 BEND = 0.20
 """Rise of the middle over the ends, in half lengths; the medial side is concave above a quarter of the width."""
-TAPER = 0.05
-"""The upper pole is that much wider, the lower that much narrower, than the middle."""
+TAPER = 0.05  # The upper pole is that much wider, the lower that much narrower, than the middle
 HOLLOW, HOLLOW_LENGTH, HOLLOW_HEIGHT = 0.18, 0.30, 0.24
 """Depth and half extents along length and thickness of the hilum, in half lengths."""
-AROUND, ALONG = 32, 33
-"""Points of the grid that the surface goes through."""
+AROUND, ALONG = 32, 33  # Points of the grid that the surface goes through
 
 
 def shape(direction: np.ndarray) -> np.ndarray:
@@ -71,7 +69,7 @@ def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THIC
     points = shape(direction)
     points[:, 0], points[:, -1] = shape(-axis), shape(axis)
     slopes = [_slope(pole, around) * np.pi * sign for pole, sign in ((-axis, 1.0), (axis, -1.0))]
-    fitted = interpolate(points, closed_u=True, parameters="uniform", ends_v=(slopes[0], slopes[1]))
+    fitted = interpolate(points, (slopes[0], slopes[1]))
     low, high = _box(fitted)
     scale = size / (high - low)
     return fitted.moved(np.diag(scale), -scale * (low + high) / 2)

@@ -11,14 +11,10 @@ from palpate.physics.exact import arctan2
 
 @dataclass(frozen=True)
 class Mesh:
-    """A closed or open surface of triangles, counter-clockwise seen from outside.
+    """A closed or open surface of triangles, counter-clockwise seen from outside."""
 
-    vertices   [m]  (V,3) float64
-    triangles  [1]  (T,3) int32, indices of vertices
-    """
-
-    vertices: np.ndarray
-    triangles: np.ndarray
+    vertices: np.ndarray  # [m] (V,3) float64
+    triangles: np.ndarray  # [1] (T,3) int32, indices of vertices
 
     @cached_property
     def face_vectors(self) -> np.ndarray:

@@ -166,7 +166,6 @@ def nearest_weights(ax, ay, az, bx, by, bz, cx, cy, cz):
 
 @kernel
 def _disc(discs, node, p0, p1, p2):
-    """A lower bound of the squared distance from the triangles of a node."""
     x, y, z = p0 - discs[node, 0], p1 - discs[node, 1], p2 - discs[node, 2]
     along = abs(x * discs[node, 3] + y * discs[node, 4] + z * discs[node, 5])
     across = np.sqrt(max(x * x + y * y + z * z - along * along, 0.0))

@@ -4,14 +4,12 @@ With r = S(u,v) - p, minimise r.r / 2:
 
     g = (r.S_u, r.S_v),   H = [[S_u.S_u + r.S_uu, S_u.S_v + r.S_uv], [., S_v.S_v + r.S_vv]]
 
-Where H is not positive definite its eigenvalues are taken by size (the Gauss-Newton matrix, which leaves r out, is safe
-as well, but crawls where 1 - d kappa is a little below 0). Steps are halved until r.r falls (Armijo). An open direction
-is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A stationary point that is no
-minimum is left along the direction of negative curvature.
+Where H is not positive definite its eigenvalues are taken by size. Steps are halved until r.r falls (Armijo). An open
+direction is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A stationary point
+that is no minimum is left along the direction of negative curvature.
 
-Beside a pole S_u vanishes, and (u, v) is the wrong chart: steps are taken in polar coordinates rho = |v - v_pole|,
-phi = 2 pi u on the plane (rho cos phi, rho sin phi), whose gradient and Hessian stay finite and which has no border at
-rho = 0, so that a foot point crosses the pole like any other point.
+Beside a pole S_u vanishes: steps are taken in polar coordinates rho = |v - v_pole|, phi = 2 pi u on the plane
+(rho cos phi, rho sin phi), whose gradient and Hessian stay finite and which has no border at rho = 0.
 
 L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inversion).
 """
@@ -21,14 +19,10 @@ import numpy as np
 from palpate.physics.geometry import nurbs
 from palpate.physics.kernel import kernel
 
-ZERO_DISTANCE = 1e-9
-"""[m] A point this near to the surface lies on it."""
-ZERO_COSINE = 1e-9
-"""[1] The connection is normal to the surface within this."""
-ZERO_MOVE = 1e-10
-"""[m] A last step this short ends the search."""
-POLE_RADIUS = 1e-9
-"""[1] Share of the domain of v that is kept from a pole, where the direction u has no meaning."""
+ZERO_DISTANCE = 1e-9  # [m] A point this near to the surface lies on it
+ZERO_COSINE = 1e-9  # [1] The connection is normal to the surface within this
+ZERO_MOVE = 1e-10  # [m] A last step this short ends the search
+POLE_RADIUS = 1e-9  # [1] Share of the domain of v that is kept from a pole, where the direction u has no meaning
 LIMIT = 60
 
 

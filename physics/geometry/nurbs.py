@@ -25,21 +25,17 @@ POLE_LIMIT = 2e-8
 class Nurbs:
     """One NURBS patch; S_u x S_v points outward.
 
-    points            [m]  (n,m,3)   control points
-    weights           [1]  (n,m)     positive
     knots_u, knots_v  [1]  (n+p+1), (m+q+1)  not decreasing; the domain is [knots[p], knots[n]]
-    degree_u, degree_v     p, q >= 1
     closed_u, closed_v     S is the same at both ends of the direction: the parameter wraps
 
     A row v = const at an end of the domain whose points coincide is a pole where u is closed; it has a tangent plane
-    if the next row of control points lies in one plane with it. Poles belong at the ends of v: the closest-point search
-    steps over them there.
+    if the next row of control points lies in one plane with it.
 
     ValueError: shapes, knots or weights that do not fit together.
     """
 
-    points: np.ndarray
-    weights: np.ndarray
+    points: np.ndarray  # [m] (n,m,3) control points
+    weights: np.ndarray  # [1] (n,m) positive
     knots_u: np.ndarray
     knots_v: np.ndarray
     degree_u: int = 3
@@ -86,7 +82,6 @@ class Nurbs:
         return np.concatenate(parts), np.array(layout, dtype=np.int64)
 
     def _poles(self) -> tuple[bool, bool]:
-        """Whether the rows at the low and the high end of v are single points."""
         size = np.ptp(self.points.reshape(-1, 3), axis=0).max()
         knots, q, m = self.knots_v, self.degree_v, self.weights.shape[1]
         clamped = (knots[0] == knots[q], knots[m] == knots[-1])
@@ -102,15 +97,7 @@ class Nurbs:
         return derivatives.reshape(*u.shape, 6, 3)
 
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """S(u, v) [m] (...,3)."""
         return self.derivatives(u, v)[..., 0, :]
-
-    def normal(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Outward unit normal [1] (...,3), at a pole the limit."""
-        u, v = np.broadcast_arrays(np.asarray(u, dtype=float), np.asarray(v, dtype=float))
-        normals = np.empty((u.size, 3))
-        _normals(*self.packed, u.ravel(), v.ravel(), normals)
-        return normals.reshape(*u.shape, 3)
 
     def moved(self, rotation: np.ndarray, position: np.ndarray) -> Nurbs:
         """The patch rotated by the matrix (3,3), then shifted by `position` [m] (3)."""
@@ -233,7 +220,6 @@ def evaluate(data, layout, u, v, work, out):
 
 @kernel
 def bounds(data, layout):
-    """The domain: u from, u to, v from, v to."""
     b = layout[AT_BV]
     return data[0], data[layout[SPANS_U]], data[b], data[b + layout[SPANS_V]]
 
@@ -266,14 +252,3 @@ def _derivatives(data, layout, u, v, out):
     for k in range(len(u)):
         x = wrap(u[k], u0, u1, layout[CLOSED_U])
         evaluate(data, layout, x, wrap(v[k], v0, v1, layout[CLOSED_V]), work, out[k])
-
-
-@kernel
-def _normals(data, layout, u, v, out):
-    u0, u1, v0, v1 = bounds(data, layout)
-    work = np.empty(24 + 3 * (layout[PU] + layout[PV] + 2))
-    d = np.empty((6, 3))
-    for k in range(len(u)):
-        x, y = wrap(u[k], u0, u1, layout[CLOSED_U]), wrap(v[k], v0, v1, layout[CLOSED_V])
-        evaluate(data, layout, x, y, work, d)
-        out[k] = normal_of(data, layout, x, y, d)

@@ -1,4 +1,4 @@
-"""Making NURBS surfaces: through points by two 1-D passes, and exact spheres, tori and planes.
+"""Making NURBS surfaces: through points by two 1-D passes, and exact spheres, capsules and planes.
 
 L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, revolution) and 9 (interpolation).
 """
@@ -9,86 +9,45 @@ from palpate.physics.exact import solve
 from palpate.physics.geometry.nurbs import Nurbs, basis_matrices
 
 
-def interpolate(
-    points: np.ndarray,
-    degree_u: int = 3,
-    degree_v: int = 3,
-    closed_u: bool = False,
-    closed_v: bool = False,
-    parameters: str = "chord",
-    ends_v: tuple[np.ndarray, np.ndarray] | None = None,
-) -> Nurbs:
-    """The B-spline surface through a grid of points: a pass of 1-D interpolation in v, one in u.
+def interpolate(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> Nurbs:
+    """The bicubic B-spline surface through a grid of points [m] (n,m,3) at even parameters, closed in u, where the
+    first row is not repeated; dS/dv at both ends of v are `slopes` [m] (n,3), (n,3).
 
-    points      [m] (n,m,3)  in a closed direction the first point is not repeated at the end
-    parameters  "chord", "centripetal" or "uniform" spacing, averaged over the rows; S takes point (i, j) at the
-                parameters of `grid_parameters`. A closed direction has period 1
-    ends_v      [m] (n,3), (n,3)  dS/dv at both ends of an open direction v, if they are to be prescribed
-
-    ValueError: fewer points than the degree needs, an unknown spacing, end slopes in a closed direction.
+    ValueError: fewer than four points along a direction.
     """
-    points = np.asarray(points, dtype=float)
-    if points.ndim != 3 or points.shape[2] != 3:
-        raise ValueError(f"points: found shape {points.shape}, expected (n, m, 3)")
-    if ends_v is not None and closed_v:
-        raise ValueError("ends_v: a closed direction has no ends")
-    u, v = grid_parameters(points, closed_u, closed_v, parameters)
-    control_v, knots_v = _curve(np.swapaxes(points, 0, 1), v, degree_v, closed_v, ends_v)
-    control, knots_u = _curve(np.swapaxes(control_v, 0, 1), u, degree_u, closed_u, None)
-    return Nurbs(control, np.ones(control.shape[:2]), knots_u, knots_v, degree_u, degree_v, closed_u, closed_v)
+    if min(points.shape[:2]) < 4:
+        raise ValueError(f"points: found shape {points.shape}, expected at least 4 along each direction")
+    control_v, knots_v = _open(np.swapaxes(points, 0, 1), slopes)
+    control, knots_u = _closed(np.swapaxes(control_v, 0, 1))
+    return Nurbs(control, np.ones(control.shape[:2]), knots_u, knots_v, 3, 3, True, False)
 
 
-def grid_parameters(
-    points: np.ndarray, closed_u: bool, closed_v: bool, parameters: str = "chord"
-) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters in [0, 1] of the rows and columns of a grid of points; a closed direction has one more, 1 itself."""
-    if parameters not in ("chord", "centripetal", "uniform"):
-        raise ValueError(f"parameters: found {parameters!r}, expected 'chord', 'centripetal' or 'uniform'")
-    power = {"chord": 1.0, "centripetal": 0.5, "uniform": 0.0}[parameters]
-    return _parameters(points, closed_u, power), _parameters(np.swapaxes(points, 0, 1), closed_v, power)
+def _even(count: int) -> np.ndarray:
+    """Parameters 0 ... 1 of so many steps."""
+    return np.concatenate([[0.0], np.cumsum(np.full(count, 1.0 / count))[:-1], [1.0]])
 
 
-def _parameters(points: np.ndarray, closed: bool, power: float) -> np.ndarray:
-    """Spacing along axis 0, averaged over the rows that have a length (a pole has none)."""
-    if closed:
-        points = np.concatenate([points, points[:1]])
-    chord = np.linalg.norm(np.diff(points, axis=0), axis=-1)
-    chord = chord[:, chord.sum(axis=0) > 0]
-    step = np.ones((len(points) - 1, 1)) if power == 0 or not chord.size else chord**power
-    share = (step / step.sum(axis=0)).mean(axis=1)
-    if (share <= 0).any():
-        raise ValueError("points: neighbouring rows of points coincide, expected distinct points")
-    return np.concatenate([[0.0], np.cumsum(share)[:-1], [1.0]])
-
-
-def _curve(
-    points: np.ndarray, t: np.ndarray, p: int, closed: bool, ends: tuple[np.ndarray, np.ndarray] | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Control points (axis 0) and knots of the curves through points (k,...) at the parameters t."""
+def _closed(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Control points (axis 0) and knots of the closed cubics through points (k,...)."""
     count = len(points)
-    if count < p + 1:
-        raise ValueError(f"points: found {count} along one direction, expected at least {p + 1} for degree {p}")
-    if closed:
-        before = np.concatenate([[t[-2] - 1.0], t[:-2]])
-        t = t[:-1]
-        cut = t if p % 2 else (before + t) / 2  # at an even degree the knots lie between the points
-        around = np.concatenate([cut - 1.0, cut, cut + 1.0, cut + 2.0])
-        knots = around[count - p : 2 * count + p + 1]
-        matrix = np.zeros((count, count))
-        for row, value in enumerate(collocation(knots, p, t)):
-            np.add.at(matrix[row], np.arange(len(value)) % count, value)
-        control = solve(matrix, points.reshape(count, -1))
-        return np.concatenate([control, control[:p]]).reshape(count + p, *points.shape[1:]), knots
-    right = points.reshape(count, -1)
-    first = 1 if ends is None else 0
-    inner = [t[j : j + p].mean() for j in range(first, count - p + 1 - first)]
-    knots = np.concatenate([np.zeros(p + 1), inner, np.ones(p + 1)])
-    matrix = collocation(knots, p, t)
-    if ends is not None:
-        slopes = collocation(knots, p, np.array([0.0, 1.0]), derivative=1)
-        matrix = np.concatenate([matrix, slopes])
-        right = np.concatenate([right, ends[0].reshape(1, -1), ends[1].reshape(1, -1)])
-    control = solve(matrix, right)
+    t = _even(count)[:-1]
+    knots = np.concatenate([t - 1.0, t, t + 1.0, t + 2.0])[count - 3 : 2 * count + 4]
+    matrix = np.zeros((count, count))
+    for row, value in enumerate(collocation(knots, 3, t)):
+        np.add.at(matrix[row], np.arange(len(value)) % count, value)
+    control = solve(matrix, points.reshape(count, -1))
+    return np.concatenate([control, control[:3]]).reshape(count + 3, *points.shape[1:]), knots
+
+
+def _open(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Control points (axis 0) and knots of the cubics through points (k,...) with these slopes at both ends."""
+    count = len(points)
+    t = _even(count - 1)
+    inner = [t[j : j + 3].mean() for j in range(count - 2)]
+    knots = np.concatenate([np.zeros(4), inner, np.ones(4)])
+    matrix = [collocation(knots, 3, t), collocation(knots, 3, np.array([0.0, 1.0]), derivative=1)]
+    right = [points.reshape(count, -1), slopes[0].reshape(1, -1), slopes[1].reshape(1, -1)]
+    control = solve(np.concatenate(matrix), np.concatenate(right))
     return control.reshape(len(control), *points.shape[1:]), knots
 
 
@@ -144,7 +103,6 @@ def capsule(radius: float, length: float) -> Nurbs:
 
 
 def plane_patch(size: float) -> Nurbs:
-    """A square of side `size` [m] in z = 0, centred on the origin; normal +z."""
     x = np.array([-size / 2, size / 2])
     points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((2, 2))], axis=-1)
     knots = np.array([0.0, 0.0, 1.0, 1.0])

@@ -48,7 +48,6 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
-    """The triangle across each edge, -1 where there is none (T,3)."""
     corners = triangles.astype(np.int64)
     other = np.roll(corners, -1, axis=1)
     key = (np.minimum(corners, other) * vertices + np.maximum(corners, other)).ravel()

@@ -1,9 +1,8 @@
 """The proxy: the foot point of a tool that has gone into a body, on the side from which it went in.
 
-The nearest point of a thin body jumps to the other side when a tool is more than halfway through, and so does the
-force. The proxy of a tool (god object) stays on the surface that it met: C. B. Zilles, J. K. Salisbury, A
-constraint-based god-object method for haptic display, IROS 1995; D. C. Ruspini, K. Kolarov, O. Khatib, The haptic
-display of complex graphical environments, SIGGRAPH 1997.
+The nearest point of a thin body jumps to the other side when a tool is more than halfway through. The proxy of a tool
+(god object) stays on the surface that it met: C. B. Zilles, J. K. Salisbury, IROS 1995; D. C. Ruspini, K. Kolarov,
+O. Khatib, The haptic display of complex graphical environments, SIGGRAPH 1997.
 
 While the tool is outside, the foot is that of `closest` or `mesh_closest`. Once it has gone in from outside
 
@@ -13,10 +12,8 @@ While the tool is outside, the foot is that of `closest` or `mesh_closest`. Once
 * else the foot stays, and the gap goes on along its normal.
 
 It is over when the tool is outside as seen from this side, or far beyond the other one. The gap never changes faster
-than the tool moves, whatever the foot does; until it has come to that of the new foot, the old foot stays. A tool that
-starts inside, or jumps, has no side: its foot is the nearest point.
-
-A sheet ends at its border: beside it the gap is the distance from the border, and the normal points from there.
+than the tool moves; until it has come to that of the new foot, the old foot stays. A tool that starts inside, or jumps,
+has no side: its foot is the nearest point. Beside the border of a sheet the gap is the distance from there.
 """
 
 import numpy as np
@@ -29,39 +26,28 @@ from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
 from palpate.physics.kernel import kernel
 
-JUMP = 6e-3
-"""[m] A tool that moves farther in a step starts anew, without a side: 6 m/s at 1 kHz, 3 m/s at 500 Hz."""
+JUMP = 6e-3  # [m] A tool that moves farther in a step starts anew, without a side: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
 """[1] Cosine between normals below which a foot is on the other side; a little below 0, for rims at right angles."""
-OUTSIDE = -0.5
-"""[1] The same for the direction from the nearest point to a tool that is outside."""
+OUTSIDE = -0.5  # [1] The same for the direction from the nearest point to a tool that is outside
 AMPLIFIED = 4.0
 """[1] Way of the foot over that of the tool along the surface: inside a ball, down to three quarters of its radius."""
-SHALLOW = 0.25
-"""[1] Depth over the least width of the body up to which the way of the foot is not looked at."""
+SHALLOW = 0.25  # [1] Depth over the least width of the body up to which the way of the foot is not looked at
 DEEPER, ALIKE = 1.5, 0.9
 """[1] From this many times that depth on (three quarters of half the width) the normal keeps to the one that it had
 there: least cosine between them."""
-LEAP = 1.5e-3
-"""[m] Most way of the foot in a step, deep inside: a body answers elsewhere with another dent."""
-BESIDE = 1e-6
-"""[1] Of a distance, by which it is more than the gap beside a border."""
-ROUNDING = 1e-7
-"""[m] Way of a foot that is none."""
-FAR_BEYOND = 20e-3
-"""[m] A tool that is so far from the body has been let go, wherever it went in."""
+LEAP = 1.5e-3  # [m] Most way of the foot in a step, deep inside: a body answers elsewhere with another dent
+BESIDE = 1e-6  # [1] Of a distance, by which it is more than the gap beside a border
+ROUNDING = 1e-7  # [m] Way of a foot that is none
+FAR_BEYOND = 20e-3  # [m] A tool that is so far from the body has been let go, wherever it went in
 STARTED, INSIDE, GAP, DEEP, TOOL, FOOT, NORMAL, PLACE, ENTRY, OPEN = 0, 1, 2, 3, 4, 7, 10, 13, 16, 19
 
 
 def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
-    """Of a tool that has not been seen yet: whether there is a last step, whether the tool is inside, the last gap [m],
-    the depth [m] from which on the way of the foot is looked at; tool [m], foot [m] and normal [1] (3 each);
-    parameters, or triangle and weights (3); the normal that is kept to in the depth [1] (3);
-    whether the surface has a border.
-
-    points  [m] (...,3)  of the surface
-    border  whether it is open: a sheet that ends there
-    """
+    """Of a tool that has not been seen yet, for a surface through these points [m] (...,3), with a border or without:
+    whether there is a last step, whether the tool is inside, the last gap [m], the depth [m] from which on the way of
+    the foot is looked at; tool [m], foot [m] and normal [1] (3 each); parameters, or triangle and weights (3); the
+    normal that is kept to in the depth [1] (3); whether there is a border."""
     state = np.zeros(20)
     state[OPEN] = float(border)
     state[DEEP] = SHALLOW * float(np.ptp(points.reshape(-1, 3), axis=0).min())
@@ -70,7 +56,6 @@ def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
 
 @kernel
 def _moved(p, memory):
-    """How far the tool has moved [m]; infinite where it starts anew."""
     square = 0.0
     for k in range(3):
         square += (p[k] - memory[TOOL + k]) ** 2
@@ -107,7 +92,6 @@ def _outside(p, foot, memory):
 
 @kernel
 def _taken(p, foot, memory):
-    """Whether a foot follows from the last one."""
     if _turned(foot, memory):
         return False
     if -memory[GAP] <= memory[DEEP] and -foot[8] <= memory[DEEP]:

@@ -23,7 +23,6 @@ def foot_of(points, cells, t, v, w, foot):
 
 @kernel
 def _face(points, cells, t):
-    """Unit normal of a triangle, zero where it is degenerate."""
     if t < 0 or cells[t, KIND] > 0:
         return 0.0, 0.0, 0.0
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]

@@ -8,10 +8,8 @@ def largest_stretch(vertices: np.ndarray, triangles: np.ndarray, displacement: n
 
         F = e E⁻¹,  C = FᵀF,  strain = sqrt(largest eigenvalue of C) - 1
 
-    E (2,2) has the two edges at rest in the plane of the triangle as columns, e (3,2) the same edges displaced. So 0.1
-    is a line of the surface that has become 10 % longer, and no line of that triangle more; 0 is a rigid motion,
-    however far; below 0 all lines have become shorter. It knows nothing of what lies below the surface. 0 for a
-    triangle without area at rest.
+    E (2,2) has the two edges at rest in the plane of the triangle as columns, e (3,2) the same edges displaced: 0.1 is
+    a line that has become 10 % longer, 0 a rigid motion. 0 for a triangle without area at rest.
 
     vertices [m] (V,3) at rest, triangles [1] (T,3), displacement [m] (V,3)
 

@@ -5,8 +5,7 @@ import numpy as np
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.nurbs import Nurbs
 
-TABLE = 256
-"""Samples of the arc length in each direction."""
+TABLE = 256  # Samples of the arc length in each direction
 
 
 def tessellate(surface: Nurbs, count: int) -> Mesh:
@@ -50,7 +49,6 @@ def tessellate(surface: Nurbs, count: int) -> Mesh:
 
 
 def _length(points: np.ndarray, axis: int) -> np.ndarray:
-    """Arc length along an axis of a grid of points, from 0."""
     step = np.linalg.norm(np.diff(points, axis=axis), axis=-1)
     return np.insert(np.cumsum(step, axis=axis), 0, 0.0, axis=axis)
 
@@ -78,7 +76,6 @@ def _stagger(numbers: np.ndarray) -> np.ndarray:
 
 
 def _bilinear(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Value of a table (TABLE+1, TABLE+1) at x, y in [0, 1]."""
     x, y = x * TABLE, y * TABLE
     i = np.minimum(x.astype(int), TABLE - 1)
     j = np.minimum(y.astype(int), TABLE - 1)
@@ -89,7 +86,6 @@ def _bilinear(table: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _triangles(numbers: np.ndarray, start: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Triangles between neighbouring rings, counter-clockwise from outside."""
     bands = []
     for k in range(len(numbers) - 1):
         bands.append(_band(int(numbers[k]), int(numbers[k + 1]), int(start[k]), int(start[k + 1]), shift[k + 1]))

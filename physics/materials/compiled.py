@@ -16,10 +16,8 @@ LAW = types.UniTuple(types.float64, 4)(MATRIX, types.float64, VECTOR, MATRIX, MA
 
 @lru_cache(maxsize=128)
 def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResultWAP:
-    """The function compiled for a signature such as `LAW`, in the form that a kernel takes.
-
-    TypeError: it is not a `numba.njit` function, or does not fit the signature.
-    """
+    """The function compiled for a signature such as `LAW`, in the form that a kernel takes. TypeError: it is not a
+    `numba.njit` function, or does not fit the signature."""
     if not hasattr(function, "compile"):
         raise TypeError(f"{function!r}: expected a function compiled with numba.njit")
     name = getattr(function, "__name__", "function")

@@ -29,9 +29,7 @@ def energy(F, J, p, P, A):
 
 def demiray(young: float, poisson: float, b: float) -> Material:
     """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain; b [1] > 0.
-
-    MaterialError: see `moduli`; a modulus above that of any rubber; b that is not positive.
-    """
+    MaterialError: see `moduli`; a modulus above that of any rubber; b that is not positive."""
     if not (np.isfinite(b) and b > 0):
         raise MaterialError(f"Demiray, b {b}: expected a positive number; 0 is `neo_hooke`")
     constants = moduli(young, poisson)

@@ -113,9 +113,7 @@ def _stress_and_tangent(F, J, p, P, A):
 
 
 def hencky(young: float, poisson: float) -> Material:
-    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain.
-
-    MaterialError: see `moduli`.
-    """
+    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain. MaterialError:
+    see `moduli`."""
     constants = moduli(young, poisson)
     return Material(energy, constants, mixed=wants_mixed(*constants))

@@ -39,16 +39,14 @@ from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
 
-RUBBER = 1e9
-"""[Pa] Young's modulus above which no solid is rubber-like: ten times that of the hardest rubber."""
+RUBBER = 1e9  # [Pa] Young's modulus above which no solid is rubber-like: ten times that of the hardest rubber
 
 
 MIXED_FROM = 0.47
 """Poisson's ratio at rest from which a law of this folder takes the mixed element. Below it takes the plain one, whose
 error in smooth fields falls with the third power of the size, not with the 1.4th, and which carries a deep press
 further; above, the plain one is too stiff near edges (docs/equations/finite-elements.md)."""
-PLAIN_UP_TO = 0.499
-"""Poisson's ratio at rest above which the plain element locks: refused."""
+PLAIN_UP_TO = 0.499  # Poisson's ratio at rest above which the plain element locks: refused
 
 
 class MaterialError(PalpateError, ValueError):
@@ -61,15 +59,12 @@ class MaterialError(PalpateError, ValueError):
 class Material:
     """A law with its constants.
 
-    law         compiled function, see the head of this file
-    parameters  its constants
-    mixed       one mean volume ratio for each element (no locking near incompressibility)
     small       small strain: J = 1 + div u, for laws that are linear in the displacement
     """
 
-    law: Law
-    parameters: tuple[float, ...]
-    mixed: bool = False
+    law: Law  # compiled function, see the head of this file
+    parameters: tuple[float, ...]  # its constants
+    mixed: bool = False  # one mean volume ratio for each element (no locking near incompressibility)
     small: bool = False
 
     @property
@@ -81,10 +76,8 @@ class Material:
 
 
 def moduli(young: float, poisson: float) -> tuple[float, float]:
-    """Shear and bulk modulus [Pa] of Young's modulus [Pa] and Poisson's ratio.
-
-    MaterialError: a modulus that is not positive, or a ratio outside (-1, 0.5).
-    """
+    """Shear and bulk modulus [Pa] of Young's modulus [Pa] and Poisson's ratio. MaterialError: a modulus that is not
+    positive, or a ratio outside (-1, 0.5)."""
     if not (np.isfinite(young) and young > 0):
         raise MaterialError(f"Young's modulus {young} Pa: expected a positive number")
     if not -1.0 < poisson < 0.5:
@@ -97,9 +90,7 @@ def moduli(young: float, poisson: float) -> tuple[float, float]:
 
 def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
     """Shear and bulk modulus [Pa] of a rubber-like law's shear modulus at rest [Pa] and its Poisson's ratio.
-
-    MaterialError: see `moduli`; a modulus above that of any rubber.
-    """
+    MaterialError: see `moduli`; a modulus above that of any rubber."""
     if not (np.isfinite(shear) and shear > 0):
         raise MaterialError(f"{law}, shear modulus {shear:.4g} Pa at rest: expected a positive number")
     moduli(1.0, poisson)  # refuses the ratio
@@ -130,10 +121,8 @@ def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
 
 
 def rest_moduli(material: Material) -> tuple[float, float]:
-    """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law.
-
-    MaterialError: one that is not positive.
-    """
+    """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law. MaterialError: one that is
+    not positive."""
     P, A = np.zeros((3, 3)), np.zeros((9, 9))
     law: Any = compiled(material.law, LAW)
     _, _, _, bulk = law(np.eye(3), 1.0, np.array(material.parameters), P, A)
@@ -147,7 +136,6 @@ def rest_moduli(material: Material) -> tuple[float, float]:
 
 
 def poisson_of(shear: float, bulk: float) -> float:
-    """Poisson's ratio of moduli."""
     return (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
 
 
@@ -172,10 +160,7 @@ def laws() -> dict[str, ModuleType]:
 
 
 def constructor(name: str) -> Callable[..., Material]:
-    """The function that makes a material of a law of this folder.
-
-    AttributeError: no such law.
-    """
+    """The function that makes a material of a law of this folder. AttributeError: no such law."""
     modules = laws()
     if name not in modules:
         raise AttributeError(f"no material law {name!r}; laws: {', '.join(modules)}")
@@ -189,10 +174,7 @@ def example(name: str) -> Material:
 
 def law(name: str) -> Law:
     """The compiled law of a name, see `Material.name`, which may stand in a file: a function elsewhere is found where
-    the program has imported its module, and nothing is imported for its sake.
-
-    MaterialError: no such law.
-    """
+    the program has imported its module, and nothing is imported for its sake. MaterialError: no such law."""
     module, _, function = name.rpartition(".")
     if module and module not in sys.modules and not module.startswith(f"{__name__.partition('.')[0]}."):
         raise MaterialError(f"law {name!r} lies outside palpate, and no file imports code: import {module} first")

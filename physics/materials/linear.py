@@ -30,9 +30,6 @@ def energy(F, J, p, P, A):
 
 
 def linear(young: float, poisson: float) -> Material:
-    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5).
-
-    MaterialError: see `moduli`.
-    """
+    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5). MaterialError: see `moduli`."""
     constants = moduli(young, poisson)
     return Material(energy, constants, mixed=wants_mixed(*constants), small=True)

@@ -26,10 +26,8 @@ def energy(F, J, p, P, A):
 
 
 def mooney_rivlin(c10: float, c01: float, c20: float, c11: float, c02: float, d1: float) -> Material:
-    """c.. [Pa], d1 [1/Pa] > 0. Moduli at small strain: shear 2 (c10 + c01), bulk 2/d1.
-
-    MaterialError: a shear or bulk modulus that is not positive; Young's modulus above that of any rubber.
-    """
+    """c.. [Pa], d1 [1/Pa] > 0. Moduli at small strain: shear 2 (c10 + c01), bulk 2/d1. MaterialError: a shear or bulk
+    modulus that is not positive; Young's modulus above that of any rubber."""
     constants = tuple(map(float, (c10, c01, c20, c11, c02, d1)))
     shear = 2.0 * (constants[0] + constants[1])
     if not all(np.isfinite(constants)) or shear <= 0 or d1 <= 0:

@@ -18,10 +18,8 @@ def energy(F, J, p, P, A):
 
 
 def neo_hooke(young: float, poisson: float) -> Material:
-    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain.
-
-    MaterialError: see `moduli`; a modulus above that of any rubber.
-    """
+    """mu and kappa from Young's modulus [Pa] > 0 and Poisson's ratio [1] in (-1, 0.5) at small strain. MaterialError:
+    see `moduli`; a modulus above that of any rubber."""
     constants = moduli(young, poisson)
     rubberlike("neo-Hooke", young)
     return Material(energy, constants, mixed=wants_mixed(*constants))

@@ -1,7 +1,6 @@
-"""A hard spherical nodule in soft tissue, as a map of stiffness over the surface or as a map of the modulus.
+"""A hard spherical nodule in soft tissue, as a map of stiffness over the surface.
 
-Status: the map of stiffness is a first-order estimate, not a solution of elasticity. It takes the stress below a load
-from homogeneous tissue and the strain from the local modulus (the way layered ground is handled for settlement). On
+A first-order estimate: the stress below a load is that of homogeneous tissue, the strain that of the local modulus. On
 the axis of a uniform pressure over a circle of radius R on an incompressible half-space, the displacement at depth z is
 
     u(z)/u(0) = 1/sqrt(1 + (z/R)²)
@@ -11,24 +10,16 @@ is `ratio` times stiffer there makes the surface stiffer by
 
     k = 1/(1 - W (1 - 1/ratio))
 
-The strain on the axis is largest at the depth R/sqrt(2) and vanishes at the surface (the load is uniform and the tissue
-incompressible), so a nodule counts most there, and the effect falls with depth below that.
-
 It neglects that the nodule attracts stress, that neighbouring columns shear each other, and that the nodule can move
-as a whole in the soft tissue below it. Trust the place and the trend with depth, size and ratio; for the height of the
-effect use a finite-element model with `modulus_map`.
+as a whole. Trust the place and the trend with depth, size and ratio; for the height of the effect use ReducedFE.
 """
 
 import numpy as np
 
 
 def nodule_centre(vertices, normals, position, depth) -> np.ndarray:
-    """Centre [m] (3) of a nodule that lies `depth` [m] below the point of the surface at `position` [m] (3).
-
-    The surface is taken as the tangent plane at the vertex nearest to `position`.
-
-    vertices, normals  [m], [1]  (V,3)  undeformed surface and its outward unit normals
-    """
+    """Centre [m] (3) of a nodule that lies `depth` [m] below the point of the surface at `position` [m] (3), along the
+    normal of the nearest of its vertices [m] (V,3)."""
     nearest = int(np.argmin(np.sum((np.asarray(vertices) - position) ** 2, axis=1)))
     normal = np.asarray(normals)[nearest]
     above = np.sum((np.asarray(position, float) - np.asarray(vertices)[nearest]) * normal)
@@ -39,15 +30,14 @@ def stiffness_map(vertices, normals, centre, radius, ratio, reach) -> np.ndarray
     """Factor k [1] (V) on the stiffness of each surface vertex above a nodule; exactly 1 where none lies below.
 
     The column below a vertex runs along its inward normal; z1 and z2 are the depths where it enters and leaves the
-    sphere (0 where the sphere reaches the surface). Formula, source and limits: see the module.
+    sphere (0 where the sphere reaches the surface).
 
-    vertices  [m]  (V,3)  undeformed surface        normals  [1]  (V,3)  outward, unit
-    centre    [m]  (3)    of the nodule             radius   [m]  ()     of the nodule, > 0
-    ratio     [1]  ()     modulus of the nodule over that of the tissue, > 0; below 1 for a cyst
-    reach     [m]  ()     R, radius over which a fingertip spreads its load, > 0
+    vertices [m] (V,3), normals [1] (V,3) outward   undeformed surface
+    centre [m] (3), radius [m] > 0                  of the nodule
+    ratio [1] > 0    its modulus over that of the tissue
+    reach [m] > 0    R, radius over which a fingertip spreads its load
 
-    ValueError: an argument out of its range.
-    Uniform circular load: K. L. Johnson, Contact Mechanics (1985), section 3.4(a).
+    ValueError: an argument out of its range. K. L. Johnson, Contact Mechanics (1985), section 3.4(a).
     """
     for name, value in {"radius": radius, "ratio": ratio, "reach": reach}.items():
         if not (np.isfinite(value) and value > 0):

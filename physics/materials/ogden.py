@@ -40,9 +40,7 @@ def energy(F, J, p, P, A):
 
 def ogden(poisson: float, *terms: float) -> Material:
     """Poisson's ratio at small strain, then mu [Pa] and alpha [1] of each term; kappa from sum mu and the ratio.
-
-    MaterialError: no pairs, an alpha of 0, sum mu not positive, a ratio outside (-1, 0.5).
-    """
+    MaterialError: no pairs, an alpha of 0, sum mu not positive, a ratio outside (-1, 0.5)."""
     mu, alpha = np.array(terms[::2], float), np.array(terms[1::2], float)
     if not len(terms) or len(terms) % 2 or not np.isfinite(terms).all() or (alpha == 0.0).any():
         raise MaterialError(f"Ogden terms {terms}: expected pairs of mu [Pa] and alpha, alpha not 0")

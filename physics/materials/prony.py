@@ -48,11 +48,6 @@ class Prony:
         if not (np.isfinite(self.times).all() and (self.times > 0).all()):
             raise MaterialError(f"Prony times {self.times.tolist()} s: expected positive numbers")
 
-    def at(self, time: np.ndarray) -> np.ndarray:
-        """g [1] at times [s] >= 0 after a step (...)."""
-        shown = np.asarray(time, float)[..., None] / self.times
-        return 1.0 + (self.shares * np.expm1(-shown)).sum(axis=-1)
-
     def step(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """What is left after dt [s] >= 0 of the history of each term, exp(-x), and of a change that came evenly within
         it, (1 - exp(-x))/x, x = dt/tau."""

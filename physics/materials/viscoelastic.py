@@ -14,15 +14,12 @@ from dataclasses import dataclass
 class ViscoelasticMaterial:
     """A linear viscoelastic material.
 
-    modulus     [Pa]  E
-    relaxation  [s]   viscosity / modulus: the retardation time of one Voigt element
-    poisson     [1]   nu
     status      where the numbers come from: "stated", "literature", "inferred" or "assumed", in that order of trust
     """
 
-    modulus: float
-    relaxation: float
-    poisson: float = 0.48
+    modulus: float  # [Pa] E
+    relaxation: float  # [s] viscosity / modulus: the retardation time of one Voigt element
+    poisson: float = 0.48  # [1] nu
     status: str = "assumed"
 
     @property

@@ -25,10 +25,8 @@ def energy(F, J, p, P, A):
 
 
 def yeoh(poisson: float, c1: float, c2: float = 0.0, c3: float = 0.0) -> Material:
-    """Poisson's ratio at small strain, c1 > 0, c2, c3 [Pa]; kappa from 2 c1 and the ratio.
-
-    MaterialError: c1 that is not positive, a ratio outside (-1, 0.5), a modulus above that of any rubber.
-    """
+    """Poisson's ratio at small strain, c1 > 0, c2, c3 [Pa]; kappa from 2 c1 and the ratio. MaterialError: c1 that is
+    not positive, a ratio outside (-1, 0.5), a modulus above that of any rubber."""
     if not np.isfinite([c1, c2, c3]).all():
         raise MaterialError(f"Yeoh constants {(c1, c2, c3)}: expected finite numbers [Pa]")
     shear, bulk = of_rest("Yeoh", 2.0 * c1, poisson)

@@ -4,12 +4,12 @@ import itertools
 import math
 
 import numpy as np
-from formulas import series_path, static_split
+from formulas import force, series, series_path, static_split
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 
-from palpate.physics.contact.series import energy, exponential, force, power, series
+from palpate.physics.contact.series import energy, exponential, power
 from palpate.physics.contact.terminal import Terminal
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from formulas import pad_pressure
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
@@ -11,7 +12,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.display import PinArray, tangent_frame
 from palpate.nodes.sensor import ForceSensor
 from palpate.physics.display.pins import pin_grid
-from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
+from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement
 from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 QUICK = {"rate": 1e3, "actuator_rate": 1e3, "stroke": 0.05}
@@ -156,7 +157,7 @@ def test_a_hertz_pressure_on_the_mesh_gives_the_pins_of_the_force():
     state = pad_contact(1.0, 60e3)
     r = np.linalg.norm(mesh.vertices, axis=1)
     nodes = np.flatnonzero(r < state.radius)
-    sent = body(nodes, np.zeros((len(nodes), 3)), pressure(r[nodes], state))
+    sent = body(nodes, np.zeros((len(nodes), 3)), pad_pressure(r[nodes], state))
     pins = one(PinArray(shows="pressure", **QUICK, **FLAT), touch(1.0, 2e-3, 1e-3), sent)
     assert pins.valid
     assert pins.heights[1:5, 1:5] == approx(pad_displacement(DISTANCE, state)[1:5, 1:5], rel=0.03)

@@ -4,18 +4,49 @@ import math
 
 import numpy as np
 
-from palpate.physics.contact.series import kernel_form, series, series_step
+from palpate.physics.contact.series import elastic, kernel_form, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.stability import held
 from palpate.physics.display import hertz_surface as hertz
+from palpate.physics.fingertip.beam_bundle import bundle, check_count
 from palpate.physics.friction import bristle
 from palpate.physics.friction.lugre import stribeck
 from palpate.physics.geometry import nurbs_fit
+from palpate.physics.geometry.nurbs import Nurbs, normal_of
+from palpate.physics.materials.viscoelastic import TISSUE
 from palpate.physics.materials.voigt import chain_strain_step
 
 PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2))
 """Of each kernel that spreads a load, in units of R²."""
+
+
+def force(law, s, rate=0.0, damping=0.0):
+    """Force g(s) <1 + c s'> [N] of an elastic law at compressions s [m] and their rates [m/s] (...)."""
+    depth, speed = np.broadcast_arrays(np.asarray(s, float), np.asarray(rate, float))
+    pairs = zip(depth.ravel().tolist(), speed.ravel().tolist(), strict=True)
+    forces = [elastic(x, *law)[0] * max(0.0, 1.0 + damping * v) for x, v in pairs]
+    return np.array(forces).reshape(depth.shape)
+
+
+def series(approach, dt, compression, finger, finger_damping, body):
+    """One step of fingertip and body in series, see `series_step`: (f, s1, s2) [N, m, m]."""
+    form = kernel_form(finger, finger_damping)
+    return series_step(float(approach), float(dt), float(compression), form, *map(float, body))
+
+
+def pad_pressure(r, contact):
+    """Contact pressure [Pa] of a fingerpad at r [m] (...): Hertz's (K. L. Johnson, Contact Mechanics (1985), 3.39)."""
+    inside = np.maximum(np.square(contact.radius) - np.square(r), 0.0)
+    return 2.0 * contact.modulus * contact.curvature / np.pi * np.sqrt(inside)
+
+
+def outward_normal(surface, u, v):
+    """Outward unit normal [1] (...,3) of a NURBS patch, at a pole the limit."""
+    u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
+    derivatives = surface.derivatives(u, v).reshape(-1, 6, 3)
+    rows = zip(u.ravel().tolist(), v.ravel().tolist(), derivatives, strict=True)
+    return np.array([normal_of(*surface.packed, x, y, d) for x, y, d in rows]).reshape(*u.shape, 3)
 
 
 def static_split(approach, finger, body_stiffness, body_exponent):
@@ -133,3 +164,31 @@ def decays(path: np.ndarray) -> bool:
         return False
     parts = np.array_split(path, 8)
     return float(np.ptp(parts[-1])) < float(np.ptp(parts[1]))
+
+
+def dome(radius, length, pitch, depth, material=TISSUE, **more):
+    """A paraboloid of the given radius [m] on beams of one length [m] and one material, meshed to a depth [m].
+
+    Without relaxation and sheet it has closed forms: F_n = (E / L) pi R d^2, and F_t / (mu F_n) = 1 - (1 - s/s_g)^2
+    with s_g = 2 (1 + nu) mu d. `more` as in `bundle`.
+    """
+    check_count(2 * math.pi * radius * depth / pitch**2)
+    n = int(math.sqrt(2 * radius * depth) / pitch) + 2
+    index = np.stack(np.meshgrid(np.arange(-n, n + 1), np.arange(-n, n + 1), indexing="ij"), -1).reshape(-1, 2)
+    heights = (index**2).sum(axis=1) * pitch**2 / (2 * radius)
+    touches = heights < depth
+    index, heights = index[touches], heights[touches]
+    return bundle(index, pitch, heights, np.full((len(index), 1), length), (material,), **more)
+
+
+def bspline(control, closed_u=False, closed_v=False):
+    """The bicubic B-spline patch of control points [m] (n,m,3), uniform knots; a closed direction wraps."""
+    knots = []
+    for axis, closed in enumerate((closed_u, closed_v)):
+        n = control.shape[axis]
+        if closed:
+            control = np.concatenate([control, np.take(control, range(3), axis=axis)], axis=axis)
+            knots.append((np.arange(n + 7) - 3.0) / n)
+        else:
+            knots.append(np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, n - 2), np.ones(3)]))
+    return Nurbs(control, np.ones(control.shape[:2]), *knots, 3, 3, closed_u, closed_v)

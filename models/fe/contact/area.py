@@ -4,16 +4,14 @@ At the edge of a smooth contact the gap grows with the distance d from it as d^(
 Cambridge 1985, ch. 4, 5), but a mesh resolves it from about half an edge length on. So the area A within a level g is
 measured where that is resolved, each face cut along the level line, and carried on to d = 0: sqrt(A) is linear in d
 round a compact contact, exactly so for a circle. The levels g and 3^(3/2) g lie at d and 3 d; g is chosen so that
-their lines are one edge length apart. A contact narrower than about half an edge cannot be told from none. Gaps of
-this size with no contact beside them are counted, too.
+their lines are one edge length apart. A contact narrower than about half an edge cannot be told from none.
 """
 
 import numpy as np
 
 from palpate.models.fe.element import faces as face_rule
 
-RATIO = 3.0
-"""Of the distances of the two level lines from the edge of contact."""
+RATIO = 3.0  # Of the distances of the two level lines from the edge of contact
 _CUTS = 4
 
 

@@ -12,8 +12,7 @@ from palpate.models.fe.element.mesh import point_text
 STIFF = 10.0
 """Penalty over the stiffness per area of the faces. Ten times as much needs fewer rounds but more iterations where
 points slide."""
-SMOOTH = 10.0
-"""By how much more without friction: fewer rounds, and no sliding points that would want more iterations."""
+SMOOTH = 10.0  # By how much more without friction: fewer rounds, and no sliding points that would want more iterations
 
 
 class Augmented(ContactPair):
@@ -42,7 +41,6 @@ class Augmented(ContactPair):
 
     @property
     def traces(self) -> tuple[np.ndarray, ...]:
-        """What an evaluation writes."""
         return self.traction, self.shear, self.gap, self.normal, self.slip
 
     def clear(self, points: np.ndarray) -> None:
@@ -59,7 +57,6 @@ class Augmented(ContactPair):
         self.remember()
 
     def nodes(self) -> np.ndarray:
-        """Nodes that it may hold (F,6)."""
         return self.faces
 
     def touches(self) -> bool:
@@ -67,7 +64,6 @@ class Augmented(ContactPair):
 
     @property
     def edge(self) -> float:
-        """Mean edge of the faces [m]."""
         return float(np.sqrt(2.0 * self.area.sum() / len(self.faces)))
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
@@ -108,15 +104,11 @@ class Augmented(ContactPair):
         self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
 
     def contact_area(self, displacement: np.ndarray) -> float:
-        """Area of contact on the deformed faces [m²], see `fe.area`."""
         return contact_area((self.points + displacement)[self.faces], self.gap, self.traction)
 
 
 def checked_faces(faces: np.ndarray) -> np.ndarray:
-    """Faces (F,6) as a contact takes them.
-
-    ValueError: none, or not six nodes each.
-    """
+    """Faces (F,6) as a contact takes them. ValueError: none, or not six nodes each."""
     numbers = np.ascontiguousarray(faces, dtype=np.int64)
     if numbers.ndim != 2 or numbers.shape[1] != 6 or len(numbers) == 0:
         raise ValueError(

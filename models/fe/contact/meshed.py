@@ -13,12 +13,9 @@ from palpate.models.fe.element.mesh import MeshError, check_surface
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
-CELLS = 64
-"""Grid cells along the longest side, unless a spacing is given."""
-MARGIN = 4
-"""Grid cells round the body."""
-MOST = 10_000_000
-"""Grid points that are accepted."""
+CELLS = 64  # Grid cells along the longest side, unless a spacing is given
+MARGIN = 4  # Grid cells round the body
+MOST = 10_000_000  # Grid points that are accepted
 _HEAD = 7
 
 
@@ -86,11 +83,10 @@ def meshed(surface: Mesh, spacing: float = 0.0) -> tuple[Shape, np.ndarray]:
     """Shape and parameters of `Rigid` for the inside of a closed surface: `Rigid(faces, *meshed(surface), path)`.
 
     surface  triangles counter-clockwise seen from outside
-    spacing  [m] of the grid; 0: a 64th of the longest side. Edges are rounded to about this. Where triangles stand for
-             a curved surface, take about the length of their edges: the facets are then smoothed away.
+    spacing  [m] of the grid, to which edges are rounded; 0: a 64th of the longest side. Where triangles stand for a
+             curved surface, take about the length of their edges.
 
-    MeshError: a surface that is not closed or is inside out; says where. A spacing that the body is too small or too
-    large for.
+    MeshError: a surface that is not closed or is inside out; a spacing that the body is too small or too large for.
     """
     points, triangles = surface.vertices, surface.triangles
     check_surface(surface)

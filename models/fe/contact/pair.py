@@ -208,15 +208,12 @@ class Pair(Augmented):
         self._where = pattern.where(self._cliques)
 
     def couples(self) -> np.ndarray:
-        """Nodes that this contact couples beyond the elements (C,k), -1 fills up."""
         return self._cliques
 
     def nodes(self) -> np.ndarray:
-        """Nodes that it may hold (F + G,6)."""
         return np.concatenate([self.faces, self.master])
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
-        """Start of a load step from a converged state: find the faces that may touch."""
         self.remember()
         self._start = self.points + displacement
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
@@ -245,8 +242,6 @@ class Pair(Augmented):
         )  # fmt: skip
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
-        """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
-        displacement: sliding friction grows with the pressure."""
         if not self.slip.any():
             return
         own = np.einsum("qa,fai->fqi", self.value, change[self.faces])

@@ -1,14 +1,13 @@
 """Pressure of a contact as a field: continuous, linear over each face.
 
-The tractions at the integration points are right in their sums, so in force and moments over a face, and scatter from
-point to point: the constraint is met at more points than the faces have freedoms. The field p that is nearest to them
-in the mean square over the deformed faces,
+The tractions at the integration points are right in their sums and scatter from point to point. The field p that is
+nearest to them in the mean square over the deformed faces,
 
     int v p da = int v t dA    for every continuous v that is linear over each face,
 
 keeps the resultant and leaves the scatter: t is the traction at the integration points on undeformed area dA, da the
-deformed one. Against Hertz's pressure, whose slope is infinite at the edge of contact, its error in the mean square
-falls with the first power of the faces' size (`benchmarks/fe_hertz.py`); beside the edge it may be a little below zero.
+deformed one. Against Hertz's pressure its error in the mean square falls with the first power of the faces' size
+(`benchmarks/fe_hertz.py`); beside the edge it may be a little below zero.
 """
 
 import numpy as np

@@ -26,10 +26,8 @@ from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import MATRIX, VECTOR, compiled
 
-LEAP = 0.1
-"""Edges of the faces that a rigid body may be deeper in them on its way than at either end of a load step."""
-LOOKS = 200
-"""Places on that way, at most."""
+LEAP = 0.1  # Edges of the faces that a rigid body may be deeper in them on its way than at either end of a load step
+LOOKS = 200  # Places on that way, at most
 
 Shape = Callable[..., float]
 """gap = shape(x, p, normal, curvature): signed distance [m] of the point x (3,) from the body, positive outside, with
@@ -201,8 +199,7 @@ class Rigid(Augmented):
         if not self.penalty > 0.0:
             more = SMOOTH if self.friction == 0.0 else 1.0
             self.penalty = more * STIFF * stiffness_per_area(self.faces, self.area, stiffness)
-        self.moment = np.zeros(3)
-        """Moment of `force` about the rigid body's origin [N m]."""
+        self.moment = np.zeros(3)  # Moment of `force` about the rigid body's origin [N m]
         self._before = np.zeros((*self.area.shape, 3))
         self._bend = np.full(self.area.shape, np.nan)
 
@@ -210,8 +207,8 @@ class Rigid(Augmented):
         self._where = pattern.where(self.faces)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
-        """Whether the rigid body pressed from behind at the end, or passed through the faces on its way: deeper in
-        between than at either end, by `LEAP` of an edge, as seen from the start."""
+        """Also whether the rigid body passed through the faces on its way: deeper in between than at either end, by
+        `LEAP` of an edge, as seen from the start."""
         fault = super().leapt(start, load, end, target)
         if fault:
             return fault
@@ -231,7 +228,6 @@ class Rigid(Augmented):
         return ""
 
     def _touching_points(self, displacement: np.ndarray) -> np.ndarray:
-        """Where the points of the faces are [m] (F,6,3)."""
         return np.einsum("qa,fai->fqi", self.value, (self.points + displacement)[self.faces])
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
@@ -241,10 +237,7 @@ class Rigid(Augmented):
         self._before = (self._touching_points(displacement) - origin) @ turn
 
     def placed(self, load: float) -> tuple[np.ndarray, np.ndarray]:
-        """Place of the rigid body's origin [m] (3) and its rotation (3,3).
-
-        ValueError: the path gives something else.
-        """
+        """Place of the rigid body's origin [m] (3) and its rotation (3,3). ValueError: the path gives others."""
         pose = self.path(load)
         origin, turn = pose if isinstance(pose, tuple) else (pose, np.eye(3))
         origin, turn = np.array(origin, dtype=np.float64), np.array(turn, dtype=np.float64)
@@ -285,8 +278,6 @@ class Rigid(Augmented):
         self._bend = traction.reshape(self.area.shape)
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
-        """Add to `force` (N,3) what the part of the tangent that `add` leaves out gives for a change (N,3) of the
-        displacement: sliding friction grows with the pressure."""
         if not self.slip.any():
             return
         pressed = np.einsum("fqi,qa,fai->fq", self.normal, self.value, change[self.faces])

@@ -6,10 +6,9 @@ carry, or positive though it was not, the traction is wrong by d = max(-s, 0) or
 
     K v = -r + sum w b d(v),      w the area of a point,
 
-piecewise linear, and as large as the number of points that switch. It is solved by Newton's method on these, which ends
-when their set stays as it is. Taken in full, its steps may return to a set that was there before, without end. So each
-goes only as far as the energy falls, of which K v + r - sum w b d(v) is the derivative: it is convex where K without
-the carrying points is positive, and no set then comes twice.
+piecewise linear, solved by Newton's method on the points that switch. Taken in full, its steps may return to a set that
+was there before. So each goes only as far as the energy falls, of which K v + r - sum w b d(v) is the derivative: it is
+convex where K without the carrying points is positive, and no set then comes twice.
 M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; W. W. Hager, SIAM Rev. 31 (1989) 221-239.
 """
 
@@ -20,33 +19,23 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.sparse import csr_array, vstack
 
-ROUNDS = 30
-"""Sets of points that are tried in a step; what is found by then is taken."""
-MOST = 400
-"""Points that may switch in a step; beyond, Newton's step stands as it is."""
+ROUNDS = 30  # Sets of points that are tried in a step; what is found by then is taken
+MOST = 400  # Points that may switch in a step; beyond, Newton's step stands as it is
 
 
-SINGULAR = 1e12
-"""[1] Condition from which on the points that would part are what holds the body."""
+SINGULAR = 1e12  # [1] Condition from which on the points that would part are what holds the body
 
 
 class Switching(NamedTuple):
-    """Points of frictionless contact about a state.
+    """Points of frictionless contact about a state."""
 
-    rows     [1] (P,3N)  change of the gap for one of the displacements
-    level    [Pa] (P,)   multiplier less penalty times gap; a point carries pressure where it is positive
-    penalty  [Pa/m] (P,)
-    area     [m²] (P,)
-    """
-
-    rows: csr_array
-    level: np.ndarray
-    penalty: np.ndarray
-    area: np.ndarray
+    rows: csr_array  # [1] (P,3N) change of the gap for one of the displacements
+    level: np.ndarray  # [Pa] (P,) multiplier less penalty times gap; a point carries pressure where it is positive
+    penalty: np.ndarray  # [Pa/m] (P,)
+    area: np.ndarray  # [m²] (P,)
 
 
 def joined(parts: list[Switching]) -> Switching:
-    """The points of several contacts."""
     rows = csr_array(vstack([p.rows for p in parts], format="csr"))
     return Switching(rows, *(np.concatenate([p[k] for p in parts]) for k in (1, 2, 3)))
 
@@ -127,7 +116,6 @@ class _Answers:
         return True
 
     def opened(self, wanted: np.ndarray) -> np.ndarray:
-        """Openings [m/Pa] (P,k) for unit tractions at these points, which have been fetched."""
         return self._opened[:, self._column[wanted]]
 
     def moved(self, traction: np.ndarray) -> np.ndarray:

@@ -25,8 +25,7 @@ def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return value, gradient
 
 
-VALUES, _GRADIENTS = shape(POINTS)
-"""Shape functions at the integration points (6,6)."""
+VALUES, _GRADIENTS = shape(POINTS)  # Shape functions at the integration points (6,6)
 HATS = np.column_stack([1.0 - POINTS[:, 0] - POINTS[:, 1], POINTS])
 """The three linear functions at the integration points (6,3)."""
 

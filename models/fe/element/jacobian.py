@@ -11,10 +11,8 @@ import numpy as np
 
 from palpate.models.fe.element.elements import shape
 
-DEPTH = 4
-"""Rounds of asking; an element whose sign is still open then is taken as inverted."""
-ROUNDING = 1e-9
-"""Of the greatest determinant of an element; below this share it is taken as zero."""
+DEPTH = 4  # Rounds of asking; an element whose sign is still open then is taken as inverted
+ROUNDING = 1e-9  # Of the greatest determinant of an element; below this share it is taken as zero
 
 _POWERS = np.array([(i, j, k, 3 - i - j - k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)])
 _AT = _POWERS[:, :3] / 3.0

@@ -26,13 +26,11 @@ a triangle two edges become one line, and curved sides then cross by a hair. The
 class TetMesh:
     """Quadratic tetrahedra. Node order of an element: four corners, then the nodes on edges 01, 12, 20, 03, 13, 23.
 
-    points    [m] (N,3)
-    elements  (E,10) node indices
     region    (E,) number of the material that fills each element
     """
 
-    points: np.ndarray
-    elements: np.ndarray
+    points: np.ndarray  # [m] (N,3)
+    elements: np.ndarray  # (E,10) node indices
     region: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     def __post_init__(self) -> None:
@@ -82,10 +80,7 @@ class TetMesh:
         return self.boundary(np.arange(len(self.elements)))
 
     def boundary(self, elements: np.ndarray) -> np.ndarray:
-        """Faces that only one of these elements has (F,6).
-
-        MeshError: a face that more than two elements share.
-        """
+        """Faces that only one of these elements has (F,6). MeshError: a face that more than two elements share."""
         every = self.elements[elements][:, FACES].reshape(-1, 6)
         key = np.sort(every[:, :3], axis=1)
         _, index, count = np.unique(key, axis=0, return_index=True, return_counts=True)
@@ -95,7 +90,6 @@ class TetMesh:
         return every[np.sort(index[count == 1])]
 
     def place(self, element: int) -> str:
-        """Where an element is, for messages."""
         return point_text(self.points[self.elements[element, :4]].mean(axis=0))
 
     @cached_property
@@ -105,7 +99,7 @@ class TetMesh:
 
 
 def _whole(name: str, numbers: np.ndarray) -> np.ndarray:
-    """Whole numbers as such. MeshError: others, which would be cut."""
+    """MeshError: numbers that are not whole, which would be cut."""
     integers = np.asarray(numbers)
     if integers.size and integers.dtype.kind not in "iu":
         raise MeshError(f"{name}: found {integers.dtype} numbers, expected whole ones; `{name}.astype(int)` makes them")
@@ -113,7 +107,6 @@ def _whole(name: str, numbers: np.ndarray) -> np.ndarray:
 
 
 def point_text(at: np.ndarray) -> str:
-    """A point [m] (3,) in words."""
     return f"({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m"
 
 

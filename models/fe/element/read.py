@@ -49,7 +49,6 @@ def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, i
 
 
 def _regions(path: str | Path, mesh: Any, blocks: list[int]) -> tuple[np.ndarray, dict[str, int]]:
-    """Region of each tetrahedron, and the regions' names."""
     count = [len(mesh.cells[k].data) for k in blocks]
     for field in REGION_FIELDS:
         if field in mesh.cell_data:

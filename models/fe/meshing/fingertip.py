@@ -40,22 +40,17 @@ class FingertipDimensions(Layers):
     far round the upper epidermis is held.
 
     bone, subcutis, dermis, epidermis   radius of the bone, then thicknesses
-    phalanx    length of the cylinder behind the rounded tip
-    nail       thickness of the nail, on the upper quarter of the epidermis
-    tilt       [rad] between axis and plate
-    plate      half-widths of a deformable plate and its thickness
-    cells      elements across an eighth of the circumference, 3 and more
     """
 
     bone: float = 6e-3
     subcutis: float = 2.5e-3
     dermis: float = 0.93e-3
     epidermis: float = 0.41e-3
-    nail: float = 0.5e-3
-    phalanx: float = 12e-3
-    tilt: float = np.deg2rad(15.0)
-    plate: tuple[float, float] = (20e-3, 20e-3)
-    cells: int = 6
+    nail: float = 0.5e-3  # thickness of the nail, on the upper quarter of the epidermis
+    phalanx: float = 12e-3  # length of the cylinder behind the rounded tip
+    tilt: float = np.deg2rad(15.0)  # [rad] between axis and plate
+    plate: tuple[float, float] = (20e-3, 20e-3)  # half-widths of a deformable plate and its thickness
+    cells: int = 6  # elements across an eighth of the circumference, 3 and more
     whole = False
 
     def __post_init__(self) -> None:
@@ -65,11 +60,9 @@ class FingertipDimensions(Layers):
 
     @cached_property
     def radii(self) -> np.ndarray:
-        """Outer radius of bone, subcutis, dermis and epidermis [m] (4,)."""
         return np.cumsum([self.bone, self.subcutis, self.dermis, self.epidermis])
 
     def place(self, points: np.ndarray) -> np.ndarray:
-        """World coordinates [m] (N,3) of points of the lattice (N,4)."""
         box, shell = points[:, :3], points[:, 3]
         along = self.phalanx * (1.0 + np.minimum(box[:, 2], 0.0))
         middle = np.stack([0.0 * along, 0.0 * along, along], axis=1)
@@ -80,7 +73,6 @@ class FingertipDimensions(Layers):
         return self._world(middle + core + inside * radius * directions(box))
 
     def describe(self) -> dict[str, Any]:
-        """Its dimensions and fineness."""
         return asdict(self)
 
     def _world(self, p: np.ndarray) -> np.ndarray:
@@ -93,10 +85,8 @@ class FingertipDimensions(Layers):
 
 def divisor_and_bone(material: str | float) -> tuple[float, float]:
     """The divisor of the finger's moduli and the bone's modulus before it [Pa] that a material means: a name of `SETS`,
-    a name with a further divisor ("cortical/36.4"), or a number, the divisor of the printed set.
-
-    MeshError: none of these.
-    """
+    a name with a further divisor ("cortical/36.4"), or a number, the divisor of the printed set. MeshError: none of
+    these."""
     name, slash, number = ("printed", "/", material) if not isinstance(material, str) else material.partition("/")
     if not slash and name not in SETS:
         name, number = "printed", name
@@ -115,9 +105,7 @@ def divisor_and_bone(material: str | float) -> tuple[float, float]:
 
 def materials(material: str | float = "printed") -> dict[int, Material]:
     """The paper's constants, D1 in 1/MPa, all moduli of the finger divided by one number, see `divisor_and_bone`.
-
-    MeshError: no such set.
-    """
+    MeshError: no such set."""
     d, bone = divisor_and_bone(material)
     return {
         BONE: hencky(bone / d, 0.3),

@@ -15,8 +15,7 @@ from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_node
 
 BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
 
-CORE = 0.45
-"""Half width of the lattice's core, as a share of the bone's radius."""
+CORE = 0.45  # Half width of the lattice's core, as a share of the bone's radius
 
 
 @dataclass(frozen=True)
@@ -26,13 +25,11 @@ class Lattice:
     points  [1] (N,4) three coordinates of the box's face that a ray goes through, in [-1, 1]: across, up, and from the
             rear (-1) over the centre of the rounded tip (0) to its front (1); the fourth runs over 0 ... 1 from the
             core to the bone's surface, and by 1 through each layer: 2 subcutis, 3 dermis, 4 epidermis, 5 nail
-    cells   (C,8)
-    region  (C,)
     """
 
     points: np.ndarray
-    cells: np.ndarray
-    region: np.ndarray
+    cells: np.ndarray  # (C,8)
+    region: np.ndarray  # (C,)
 
 
 def lattice(fine: int, radii: np.ndarray, whole: bool) -> Lattice:
@@ -157,7 +154,6 @@ class Layers(ABC):
 
     @cached_property
     def rear(self) -> np.ndarray:
-        """Nodes of the rear face (N,) bool."""
         return self._meshed[1][:, 2] < -1.0 + 1e-12
 
     @cached_property

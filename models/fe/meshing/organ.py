@@ -13,8 +13,7 @@ from palpate.physics.materials.neo_hooke import neo_hooke
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
 """Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
-SLAB = 0.04
-"""[m] Thickness of the slab under a level surface."""
+SLAB = 0.04  # [m] Thickness of the slab under a level surface
 LEAST = 1e-3
 """Volume of the tetrahedron from a point to a triangle, over their mean, from which the triangle counts as seen."""
 
@@ -71,10 +70,8 @@ def level(surface: Mesh) -> bool:
 
 def seen_from(surface: Mesh) -> np.ndarray | None:
     """A point [m] (3) from which every triangle of a closed surface is seen: the origin of its frame where that does,
-    else the one that is farthest from the planes of all triangles (a linear programme); None: there is none.
-
-    MeshError: a surface that is open, or whose normals point inwards.
-    """
+    else the one that is farthest from the planes of all triangles (a linear programme); None: there is none. MeshError:
+    a surface that is open, or whose normals point inwards."""
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
     check_surface(surface)
     volume = np.einsum("ij,ij->", surface.face_vectors, vertices[triangles[:, 0]]) / 6.0
@@ -156,17 +153,14 @@ class Organ:
     """An organ on a bed: mesh and materials.
 
     surface  closed triangle mesh in its own frame; meshed anew where no point inside sees all of it, see `fe.wild`
-    poisson  [1] below 0.5
     bed      [1/m] stiffness per area of what the underside (normals towards -z) lies on, over the organ's modulus
-    nodule   harder ball
-    capsule  harder skin
     """
 
     surface: Mesh
-    poisson: float = 0.45
+    poisson: float = 0.45  # [1] below 0.5
     bed: float = 50.0
-    nodule: Nodule = Nodule()
-    capsule: Capsule = Capsule()
+    nodule: Nodule = Nodule()  # harder ball
+    capsule: Capsule = Capsule()  # harder skin
 
     def __post_init__(self) -> None:
         if not self.bed > 0:
@@ -189,7 +183,6 @@ class Organ:
         self.faces = self.mesh.faces
 
     def materials(self, young: float) -> dict[int, Material]:
-        """Neo-Hookean materials of an organ with this modulus [Pa]."""
         ratios = {0: 1.0, 1: self.nodule.ratio, 2: self.capsule.ratio}
         return {region: neo_hooke(young * r, self.poisson) for region, r in ratios.items()}
 

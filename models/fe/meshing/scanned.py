@@ -21,10 +21,8 @@ from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.layers import CORE, Layers, directions
 from palpate.physics.fingertip import surfaces as measured
 
-LEAST = 0.3e-3
-"""[m] of subcutis that must be left everywhere."""
-SHORT = 5e-3
-"""[m] of finger behind the centre of the bone's rounded tip without which no pressing makes sense."""
+LEAST = 0.3e-3  # [m] of subcutis that must be left everywhere
+SHORT = 5e-3  # [m] of finger behind the centre of the bone's rounded tip without which no pressing makes sense
 OBLIQUE = 0.5
 """Least cosine between a ray and the skin's normal with which the thickness of the layers is taken along the ray."""
 
@@ -33,25 +31,20 @@ OBLIQUE = 0.5
 class Scanned(Layers):
     """A measured finger, meshed whole, as fingers are not symmetric.
 
-    tip        its surfaces; x across, y from the tip to the hand, z from the pulp to the nail
     dermis, epidermis, nail  [m] thicknesses
-    phalanx    [m] length behind the centre of the bone's rounded tip, if the bone goes on that far
-    tilt       [rad] between the y axis and the plate
-    plate      [m] half-widths of a deformable plate and its thickness
-    cells      elements across an eighth of the circumference, 3 and more
 
     MeshError: a bone that is too near the skin, a surface that is cut by the images' rim or folds back as seen from the
     bone's axis, a bone too short to mesh.
     """
 
-    tip: measured.FingertipSurfaces
+    tip: measured.FingertipSurfaces  # its surfaces; x across, y from the tip to the hand, z from the pulp to the nail
     dermis: float = 0.93e-3
     epidermis: float = 0.41e-3
     nail: float = 0.5e-3
-    phalanx: float = 12e-3
-    tilt: float = np.deg2rad(15.0)
-    plate: tuple[float, float] = (20e-3, 20e-3)
-    cells: int = 6
+    phalanx: float = 12e-3  # [m] length behind the centre of the bone's rounded tip, if the bone goes on that far
+    tilt: float = np.deg2rad(15.0)  # [rad] between the y axis and the plate
+    plate: tuple[float, float] = (20e-3, 20e-3)  # [m] half-widths of a deformable plate and its thickness
+    cells: int = 6  # elements across an eighth of the circumference, 3 and more
     whole = True
 
     def __post_init__(self) -> None:
@@ -71,7 +64,6 @@ class Scanned(Layers):
 
     @cached_property
     def _core(self) -> float:
-        """Half width of the lattice's core [m]."""
         palmar = _palmar(9)
         left = palmar[:, [1, 0, 2]]
         every = [palmar, palmar * [1, -1, 1], left, left * [-1, 1, 1], _front(9)]
@@ -113,7 +105,6 @@ class Scanned(Layers):
         return bone, skin, cosine
 
     def place(self, points: np.ndarray) -> np.ndarray:
-        """World coordinates [m] (N,3) of points of the lattice (N,4)."""
         return (self._local(points) - self._lowest) @ measured.plate_axes(self.tilt).T
 
     def _local(self, points: np.ndarray) -> np.ndarray:
@@ -158,17 +149,13 @@ class Axis:
     length: float
 
     def at(self, y: np.ndarray) -> np.ndarray:
-        """Its points (N,3) at y (N,)."""
         return self.start + y[:, None] * self.slope
 
 
 def bone_axis(tip: measured.FingertipSurfaces, phalanx: float) -> Axis:
     """The line through the centres of the bone's sections. The tip's centre lies as far behind the bone's end as the
     section there is wide, as in a half ball; `phalanx` [m] behind it is taken, or what there is up to the bone's other
-    end or the last image.
-
-    MeshError: no bone, or one that is too short.
-    """
+    end or the last image. MeshError: no bone, or one that is too short."""
     h = tip.spacing
     x, y, z = (tip.origin[k] + h[k] * np.arange(tip.bone.shape[k]) for k in range(3))
     share = np.clip(0.5 - tip.bone / h.min(), 0.0, 1.0)
@@ -201,10 +188,8 @@ def bone_axis(tip: measured.FingertipSurfaces, phalanx: float) -> Axis:
 
 
 def crossing(tip: measured.FingertipSurfaces, name: str, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Where rays [m] (N,3), (N,3) leave a surface: the way along them [m] (N,).
-
-    MeshError: a ray that begins outside, does not leave, or comes back.
-    """
+    """Where rays [m] (N,3), (N,3) leave a surface: the way along them [m] (N,). MeshError: a ray that begins outside,
+    does not leave, or comes back."""
     size = (np.array(tip.skin.shape) - 1) * tip.spacing
     step = 0.5 * float(tip.spacing.min())
     way = np.arange(0.0, float(np.hypot(size[0], size[2])), step)
@@ -225,13 +210,11 @@ def crossing(tip: measured.FingertipSurfaces, name: str, origin: np.ndarray, dir
 
 
 def _palmar(count: int) -> np.ndarray:
-    """Points (count²,3) spread over the box's palmar face."""
     across, along = np.meshgrid(np.linspace(-1, 1, count), np.linspace(-1, 1, count), indexing="ij")
     return np.column_stack([across.ravel(), np.full(count * count, -1.0), along.ravel()])
 
 
 def _front(count: int) -> np.ndarray:
-    """Points (count²,3) spread over the box's front."""
     return _palmar(count)[:, [0, 2, 1]] * [1.0, 1.0, -1.0]
 
 

@@ -16,10 +16,7 @@ from palpate.physics.geometry.mesh import Mesh
 
 def solid(surface: Mesh) -> tuple[TetMesh, Mesh]:
     """Quadratic tetrahedra inside any closed surface, and the surface that they have, whose vertices are their first
-    nodes.
-
-    MeshError: pytetwild is not installed, or finds no tetrahedra inside.
-    """
+    nodes. MeshError: pytetwild is not installed, or finds no tetrahedra inside."""
     try:
         from pytetwild import tetrahedralize
     except ModuleNotFoundError as error:

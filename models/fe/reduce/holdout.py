@@ -6,12 +6,9 @@ from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.reduce.snapshots import PressSolution
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 
-YOUNG = 1e4
-"""[Pa] Modulus that the body is pressed with; its error does not depend on it."""
-RADIUS = 1e-2
-"""[m] Of the patch of an unloaded body, which is not asked for."""
-CALLS = 6
-"""Steps in which a held load is settled."""
+YOUNG = 1e4  # [Pa] Modulus that the body is pressed with; its error does not depend on it
+RADIUS = 1e-2  # [m] Of the patch of an unloaded body, which is not asked for
+CALLS = 6  # Steps in which a held load is settled
 
 
 def settled(

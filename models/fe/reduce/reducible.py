@@ -24,30 +24,21 @@ are stiffer in proportion. The bone is held: so the paper's steel points want E 
 
 @dataclass
 class Reducible:
-    """A body whose moduli scale with one number, and the surface that it is touched on.
-
-    materials  modulus [Pa] -> law of each region
-    fixed      (N,3) bool, displacements that are zero
-    surface    V vertices and triangles, in the body's frame
-    hats       (N,V) nodal loads of a unit force spread round each vertex of the surface
-    beds       modulus [Pa] -> what it lies on
-    """
+    """A body whose moduli scale with one number, and the surface that it is touched on."""
 
     mesh: TetMesh
-    materials: Callable[[float], dict[int, Material]]
-    fixed: np.ndarray
-    surface: Mesh
-    hats: np.ndarray
-    beds: Callable[[float], list[ElasticFoundation]] = lambda young: []
+    materials: Callable[[float], dict[int, Material]]  # modulus [Pa] -> law of each region
+    fixed: np.ndarray  # (N,3) bool, displacements that are zero
+    surface: Mesh  # V vertices and triangles, in the body's frame
+    hats: np.ndarray  # (N,V) nodal loads of a unit force spread round each vertex of the surface
+    beds: Callable[[float], list[ElasticFoundation]] = lambda young: []  # modulus [Pa] -> what it lies on
 
     @cached_property
     def elastic(self) -> ElasticBody:
-        """Of modulus 1 Pa."""
         return ElasticBody(self.mesh, self.materials(1.0), self.beds(1.0))
 
     @cached_property
     def digest(self) -> bytes:
-        """A hash of all that its answers depend on."""
         hasher = hashlib.sha256(self.elastic.digest())
         for part in (self.fixed, self.hats, self.surface.vertices, self.surface.triangles):
             hasher.update(np.ascontiguousarray(part).tobytes())
@@ -65,8 +56,6 @@ class Reducible:
 
 
 def of_organ(organ: Organ) -> Reducible:
-    """An organ on its bed."""
-
     def beds(young: float) -> list[ElasticFoundation]:
         return [ElasticFoundation(organ.faces[organ.under()], organ.bed * young)]
 

@@ -14,20 +14,13 @@ from palpate.physics.bodies.sampled.energy import Points, scratch
 from palpate.physics.bodies.sampled.solve import settle, unhurried
 from palpate.physics.bodies.sampled_body import SampledBasis
 
-CELLS = 3
-"""Fineness of the fingertip's mesh, see `fe.fingertip`."""
-TOUCHES, SEED = 120, 1
-"""Touches that are solved in full; of the fingertip, their mirror images come free."""
-PULLED, PULLED_SEED = 24, 9
-"""More of them, all with the greatest tangential force: what the modes miss most."""
-HELD, HELD_SEED = 18, 5
-"""Touches that the modes are not made from."""
-ORGAN_TOUCHES, ORGAN_HELD = 40, 10
-"""The same of an organ."""
-UNSEEN, UNSEEN_SEED = 8, 2
-"""Touches that a basis is not made from in any way and is compared with the full model on."""
-RADII = (3e-3, 6e-3)
-"""[m] Of their patches."""
+CELLS = 3  # Fineness of the fingertip's mesh, see `fe.fingertip`
+TOUCHES, SEED = 120, 1  # Touches that are solved in full; of the fingertip, their mirror images come free
+PULLED, PULLED_SEED = 24, 9  # More of them, all with the greatest tangential force: what the modes miss most
+HELD, HELD_SEED = 18, 5  # Touches that the modes are not made from
+ORGAN_TOUCHES, ORGAN_HELD = 40, 10  # The same of an organ
+UNSEEN, UNSEEN_SEED = 8, 2  # Touches that a basis is not made from in any way and is compared with the full model on
+RADII = (3e-3, 6e-3)  # [m] Of their patches
 HARDEST = 4e4 * 36.4 / SUBCUTIS_MODULUS
 """[m²/m²] Greatest force over modulus and squared radius: 1 N on 5 mm of a finger of E = 160 Pa, about 2 mm deep."""
 ROUND, BEHIND = float(np.deg2rad(65.0)), 7e-3
@@ -35,10 +28,8 @@ ROUND, BEHIND = float(np.deg2rad(65.0)), 7e-3
 ORGAN_RADIUS, SOFTEST = 8e-3, 0.82
 """[m], [1] The same of an organ: 1 N on 8 mm at 19 kPa; beyond, a surface that is free to slide gives way
 (docs/equations/reduced-fe.md)."""
-ASIDE = 0.5
-"""[1] Greatest tangential force over the normal one."""
-BEYOND = 4.0
-"""Squared size of q at which the barrier begins, over the greatest in the snapshots."""
+ASIDE = 0.5  # [1] Greatest tangential force over the normal one
+BEYOND = 4.0  # Squared size of q at which the barrier begins, over the greatest in the snapshots
 
 
 def finger_touches(body: Reducible, count: int, seed: int, pulled: bool = False) -> list[LoadPath]:
@@ -78,7 +69,6 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
 def organ_pressed(
     body: Reducible, report: Report = unheard, folder: Path | None = None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
-    """Full solutions of an organ's touches; and of those that are held out."""
     presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report, folder)
     seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:ORGAN_TOUCHES], presses[ORGAN_TOUCHES:]))
     return seen, held

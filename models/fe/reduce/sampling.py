@@ -1,19 +1,17 @@
 """A sampled body from full solutions: modes by proper orthogonal decomposition, points by non-negative weights.
 
-Modes. The inner product of the decomposition is the mean tangent of loaded states, each over the energy at work there,
-so that an error counts as what it changes in the force. The modes that come out are made orthonormal in K0, the
-stiffness at rest.
+Modes. The inner product is the mean tangent of loaded states, each over the energy at work there, so that an error
+counts as what it changes in the force. The modes are made orthonormal in K0, the stiffness at rest.
 
 Points. At snapshot s the modes' generalised forces are sums over all integration points, g_s = sum_p g_ps,
-g_ps = w_p G_p'P(1 + G_p q_s). Weights >= 0, most of them zero, with sum_p x_p g_ps near g_s for all s: the non-negative
-least squares of C. L. Lawson, R. J. Hanson, Solving Least Squares Problems (1974), stopped as soon as the residual is
-small. Rows are multiplied by the inverse factor of the reduced tangent there, so that the residual is an error of q in
-energy; one more row for each snapshot is the error of the indentation under its load, counted `GOAL` times.
-J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Eng. 313 (2017) 687-722.
+g_ps = w_p G_p'P(1 + G_p q_s). Weights >= 0, most of them zero, with sum_p x_p g_ps near g_s for all s: the
+non-negative least squares of C. L. Lawson, R. J. Hanson, Solving Least Squares Problems (1974), stopped as soon as
+the residual is small. Rows are multiplied by the inverse factor of the reduced tangent, so that the residual is an
+error of q in energy; one more row for each snapshot is the error of the indentation under its load, counted `GOAL`
+times. J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Eng. 313 (2017) 687-722.
 
-There are more rows than memory: they are mixed down to `ROWS` by a random matrix of few signs, which keeps the length
-of every residual that the weights can leave to some per cent. P.-G. Martinsson, J. A. Tropp, Acta Numerica 29 (2020)
-403-572 (sparse sign embeddings).
+The rows are mixed down to `ROWS` by a random matrix of few signs, which keeps the length of every residual to some per
+cent. P.-G. Martinsson, J. A. Tropp, Acta Numerica 29 (2020) 403-572 (sparse sign embeddings).
 
 The weights change the tangent at rest, Phi'K0 Phi = 1, a little, to M. The modes of the points are therefore taken as
 G_p M^(-1/2): at rest the sampled body is the full one in these modes, exactly.
@@ -30,16 +28,11 @@ from palpate.physics.bodies.sampled.energy import Points, forces, scratch, tange
 from palpate.physics.bodies.sampled.step import gamma
 from palpate.physics.materials.hyperelastic import Material, place_of
 
-SAMPLING = 4e-3
-"""Residual of the weights, relative to the forces; slabs want 3e-3."""
-GOAL = 4.0
-"""How much more the indentation counts than the rest."""
-METRIC = 60
-"""About how many touches the mean tangent is taken over."""
-STATES = 1500
-"""Snapshots, at random, that the points are sampled at."""
-FEW = 7
-"""One in how many points gives the tangent that the forces of a snapshot are weighed with."""
+SAMPLING = 4e-3  # Residual of the weights, relative to the forces; slabs want 3e-3
+GOAL = 4.0  # How much more the indentation counts than the rest
+METRIC = 60  # About how many touches the mean tangent is taken over
+STATES = 1500  # Snapshots, at random, that the points are sampled at
+FEW = 7  # One in how many points gives the tangent that the forces of a snapshot are weighed with
 ROWS, SIGNS, SEED = 4096, 8, 1
 """Rows that the forces of all snapshots are mixed down to, how many of them each one goes to, and which."""
 
@@ -68,10 +61,7 @@ def modes(body: Reducible, pressed: list[PressSolution], count: int) -> tuple[np
 
 
 def points_of(body: Reducible, phi: np.ndarray, limit: float) -> Points:
-    """All integration points of a body with its modes (N,3,r), each with its own weight.
-
-    ValueError: a law that is not sampled, see `_place`.
-    """
+    """All integration points of a body with its modes (N,3,r), each with its own weight. ValueError: see `_place`."""
     mesh, many, r = body.mesh, len(body.mesh.elements), phi.shape[2]
     slope, det = gradients(mesh.points, mesh.elements)
     laws = {region: law for region, law in body.materials(1.0).items() if (mesh.region == region).any()}
@@ -97,7 +87,6 @@ def points_of(body: Reducible, phi: np.ndarray, limit: float) -> Points:
 
 
 def chosen(points: Points, which: np.ndarray, weights: np.ndarray) -> Points:
-    """These points, their weights multiplied."""
     r = points.modes.shape[1]
     return points._replace(
         modes=np.ascontiguousarray(points.modes.reshape(-1, 9, r)[which].reshape(-1, r)),
@@ -213,10 +202,8 @@ def bent(w: np.ndarray, pull: np.ndarray, weight: np.ndarray) -> tuple[float, fl
 
 
 def _place(law: Material) -> int:
-    """Where a law is, see `hyperelastic.place_of`.
-
-    ValueError: a law of small strain; an element with one mean volume ratio, whose energy is no sum over its points.
-    """
+    """Where a law is, see `hyperelastic.place_of`. ValueError: a law of small strain; an element with one mean volume
+    ratio, whose energy is no sum over its points."""
     name = law.name
     if law.small:
         raise ValueError(f"material law {name!r}: it is for small strains, but a sampled body has large rotations")

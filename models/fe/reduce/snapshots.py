@@ -21,16 +21,12 @@ from palpate.physics.geometry.mesh import Mesh
 
 STIFFENING = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
 """Shares of the greatest load at which a solution is kept, for a body that stiffens a hundredfold."""
-MILD = np.array([0.25, 0.5, 0.75, 1.0])
-"""The same for a body that does not."""
+MILD = np.array([0.25, 0.5, 0.75, 1.0])  # The same for a body that does not
 TOLERANCE, MOST, MEMORY = 3e-4, 40, 8
 """Step of the iteration from rest, over the displacement, at which it has settled; its length; iterates mixed."""
-YOUNG = 1e3
-"""[Pa] Modulus that the full model is solved with; displacements do not depend on it."""
-STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)
-"""Steps count levels, see `press`."""
-TURN = np.array([-1.0, 1.0, 1.0])
-"""Mirrors a place or a vector in x."""
+YOUNG = 1e3  # [Pa] Modulus that the full model is solved with; displacements do not depend on it
+STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)  # Steps count levels, see `press`
+TURN = np.array([-1.0, 1.0, 1.0])  # Mirrors a place or a vector in x
 
 
 @dataclass(frozen=True)
@@ -38,14 +34,12 @@ class LoadPath:
     """A growing load on the surface.
 
     foot, normal [m], [1] (3)   where, and out of the body
-    load         [1]   (V,3)    unit force along the inner normal, with its tangential part
-    levels       [N]   (L,)     forces at which the solution is wanted, rising
     """
 
     foot: np.ndarray
     normal: np.ndarray
-    load: np.ndarray
-    levels: np.ndarray
+    load: np.ndarray  # [1] (V,3) unit force along the inner normal, with its tangential part
+    levels: np.ndarray  # [N] (L,) forces at which the solution is wanted, rising
 
     def mirrored(self, vertices: np.ndarray) -> LoadPath:
         """The same in x, where (V,) is the vertex at each one's mirrored place."""
@@ -62,9 +56,7 @@ class PressSolution:
 
 def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
     """Unit force (V,3) on the vertices of a surface: pressure (1 - d²/R²)² round a foot point, against its normal.
-
-    ValueError: no part of the surface within the radius faces the normal.
-    """
+    ValueError: no part of the surface within the radius faces the normal."""
     corner, face, hat = surface.vertices[surface.triangles], surface.face_vectors, face_rule.HATS
     away = np.linalg.norm(np.einsum("qc,fci->fqi", hat, corner) - foot, axis=2) / radius
     weight = np.where(away < 1.0, (1.0 - away * away) ** 2, 0.0) * face_rule.WEIGHTS
@@ -225,18 +217,12 @@ def _settled(
 
 
 def mirrored(pressed: list[PressSolution], nodes: np.ndarray, vertices: np.ndarray) -> list[PressSolution]:
-    """What the full model answers to the same touches mirrored in x, where the body has that symmetry.
-
-    nodes, vertices  (N,), (V,) the node and the vertex at each one's mirrored place
-    """
+    """What the full model answers to the touches mirrored in x; nodes (N,), vertices (V,) those at mirrored places."""
     return [PressSolution(p.touch.mirrored(vertices), TURN * p.solutions[:, nodes]) for p in pressed]
 
 
 def mirror(points: np.ndarray) -> np.ndarray:
-    """Index (N,) of the point at each one's place mirrored in x.
-
-    ValueError: a point without one.
-    """
+    """Index (N,) of the point at each one's place mirrored in x. ValueError: a point without one."""
     size = 1e-6 * float(np.ptp(points, axis=0).max())
     away, index = cKDTree(points).query(points * TURN)
     if (away > size).any():

@@ -58,7 +58,6 @@ class Assembly:
         self.floor = 1e-13 * typical * mesh.size
 
     def _couple(self) -> None:
-        """Pattern and elimination tree of elements and contacts."""
         mesh = self.mesh
         width = max(10, self._extra.shape[1])
         cliques = np.concatenate([_widen(mesh.elements, width), _widen(self._extra, width)])
@@ -83,10 +82,7 @@ class Assembly:
         return np.zeros((len(self.tangent.pattern.indices), 3, 3))
 
     def balance(self, u: np.ndarray, load: float) -> Balance:
-        """What is out of balance at a displacement.
-
-        Inverted: an element is inside out.
-        """
+        """What is out of balance at a displacement. Inverted: an element is inside out."""
         force, data = np.zeros_like(u), self._blocks()
         self.energy, bad = self.body.add(u, force, data)
         if bad >= 0:

@@ -1,5 +1,4 @@
-"""An elastic body: its elements in groups of one material, the springs that it lies on, its surface. What a load step,
-a press and a reduction all need of it is said here once."""
+"""An elastic body: its elements in groups of one material, the springs that it lies on, its surface."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -19,21 +18,16 @@ from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 
-COLUMNS = 16
-"""Surface vertices whose compliance is solved for at a time."""
+COLUMNS = 16  # Surface vertices whose compliance is solved for at a time
 
 
 class ElementGroup(NamedTuple):
-    """Elements of one material.
-
-    own     (G,) their numbers
-    slope   [1/m] (G,n,10,3) gradients of the shape functions;  weight  [m³] (G,n) of the points
-    """
+    """Elements of one material."""
 
     material: Material
-    own: np.ndarray
-    slope: np.ndarray
-    weight: np.ndarray
+    own: np.ndarray  # (G,) their numbers
+    slope: np.ndarray  # [1/m] (G,n,10,3) gradients of the shape functions
+    weight: np.ndarray  # [m³] (G,n) of the points
 
 
 class ElasticBody:
@@ -65,7 +59,6 @@ class ElasticBody:
 
     @cached_property
     def pattern(self) -> Pattern:
-        """Of its tangent."""
         sparsity = pattern(len(self.mesh.points), self.mesh.elements)
         self.couple(sparsity)
         return sparsity
@@ -103,7 +96,6 @@ class ElasticBody:
         return energy + 0.5 * float(np.sum(springs * u)), force + springs
 
     def tangent(self, u: np.ndarray) -> np.ndarray:
-        """Blocks (B,3,3) of the tangent at displacements [m] (N,3), springs included."""
         data = np.zeros((len(self.pattern.indices), 3, 3))
         self.balance(u, data)
         return data
@@ -141,7 +133,6 @@ class ElasticBody:
         return 0.5 * (full + full.T)
 
     def digest(self) -> bytes:
-        """A hash of all that its forces depend on."""
         hasher = hashlib.sha256()
         for law, own, slope, weight in self.groups:
             hasher.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())

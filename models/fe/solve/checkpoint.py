@@ -13,20 +13,13 @@ from palpate.physics.archive import replacing
 
 
 class SolverState(NamedTuple):
-    """Where a run is.
+    """Where a run is."""
 
-    load          reached
-    displacement  [m] (N,3) there
-    step          size of the next one
-    moved         by how much the load went in the last step; 0: there is none to go on from
-    change        [m] (N,3) what it changed
-    """
-
-    load: float
-    displacement: np.ndarray
-    step: float
-    moved: float
-    change: np.ndarray
+    load: float  # reached
+    displacement: np.ndarray  # [m] (N,3) there
+    step: float  # size of the next one
+    moved: float  # by how much the load went in the last step; 0: there is none to go on from
+    change: np.ndarray  # [m] (N,3) what it changed
 
 
 def write_state(path: str | Path, state: SolverState, contacts: Sequence[ContactPair]) -> None:
@@ -39,10 +32,8 @@ def write_state(path: str | Path, state: SolverState, contacts: Sequence[Contact
 
 
 def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPair]) -> SolverState:
-    """The state in a file, and the multipliers into the contacts.
-
-    ValueError: the file is not of `write_state`, or of another model than that of a displacement like this (N,3).
-    """
+    """The state in a file, and the multipliers into the contacts. ValueError: the file is not of `write_state`, or of
+    another model than that of a displacement like this (N,3)."""
     try:
         with np.load(path) as file:
             arrays = {name: file[name] for name in file.files}

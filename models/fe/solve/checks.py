@@ -8,8 +8,7 @@ from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.solve.support import pieces
 from palpate.physics.materials.hyperelastic import PLAIN_UP_TO, Material, MaterialError, poisson_of, rest_moduli
 
-SMALLEST, LARGEST = 1e-5, 4.0
-"""[m] Limits of a mesh's diagonal: what is larger than a body is in another unit."""
+SMALLEST, LARGEST = 1e-5, 4.0  # [m] Limits of a mesh's diagonal: what is larger than a body is in another unit
 SOFTEST, STIFFEST = 50.0, 2e12
 """[Pa] Limits of Young's modulus: below the softest tissue, where a modulus in kPa would be; above diamond."""
 
@@ -72,10 +71,8 @@ def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) 
 
 
 def checked(what: str, values: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:
-    """What a user's function of the load gives, zero where it is not wanted (N,3).
-
-    ValueError: another shape, or a number that is not finite.
-    """
+    """What a user's function of the load gives, zero where it is not wanted (N,3). ValueError: another shape, or a
+    number that is not finite."""
     values = np.asarray(values, dtype=np.float64)
     if values.shape != wanted.shape:
         raise ValueError(f"{what} at load {load:.6g}: found shape {values.shape}, expected {wanted.shape}")

@@ -28,7 +28,6 @@ from palpate.physics.materials.prony import Prony
 
 @kernel
 def _deform(F, displacement, nodes, slope):
-    """The deformation gradient [1] (3,3) into F."""
     for i in range(3):
         for j in range(3):
             F[i, j] = 1.0 if i == j else 0.0
@@ -118,7 +117,6 @@ class Relaxation(ContactPair):
         self._where = [pattern.where(elements) for _, _, elements, *_ in self._parts]
 
     def nodes(self) -> np.ndarray:
-        """It holds none."""
         return np.zeros(0, dtype=np.int64)
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
@@ -134,10 +132,7 @@ class Relaxation(ContactPair):
                 history[i] = left[i] * history[i] + share * fresh[i] * (stress - before)
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:
-        """Add to the residual (N,3) and, if asked, to the tangent's blocks.
-
-        ValueError: a load that goes back in time.
-        """
+        """ValueError: a load that goes back in time."""
         dt = load - self._time
         if dt < 0.0:
             raise ValueError(f"load {load:.6g}: before {self._time:.6g}; with relaxation the load is a time [s]")
@@ -151,7 +146,6 @@ class Relaxation(ContactPair):
             )  # fmt: skip
 
     def state(self) -> dict[str, Any]:
-        """Time, stress and history of each region."""
         arrays = {f"{name}{k}": part[5 + i] for k, part in enumerate(self._parts) for i, name in enumerate(("s", "h"))}
         return {"time": np.array(self._time), **arrays}
 

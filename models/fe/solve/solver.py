@@ -29,19 +29,13 @@ class _Fault(ArithmeticError):
 
 @dataclass(frozen=True)
 class Settings:
-    """How the load is stepped and when an iteration has converged.
+    """How the load is stepped and when an iteration has converged."""
 
-    tolerance   [1] residual over the greatest of reaction, contact and inner forces
-    iterations  Newton iterations of one load step before it is cut back
-    step        load of the first step; it grows to `largest` where Newton converges fast
-    least       load step below which the solver gives up
-    """
-
-    tolerance: float = 1e-6
-    iterations: int = 40
-    step: float = 0.1
+    tolerance: float = 1e-6  # [1] residual over the greatest of reaction, contact and inner forces
+    iterations: int = 40  # Newton iterations of one load step before it is cut back
+    step: float = 0.1  # load of the first step; it grows to `largest` where Newton converges fast
     largest: float = 0.25
-    least: float = 1e-4
+    least: float = 1e-4  # load step below which the solver gives up
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "iterations", "step", "largest", "least"):
@@ -109,12 +103,9 @@ class Solver:
         self._support = Support(mesh, self.fixed)
 
     def advance(self, load: float, report: Report = unheard) -> None:
-        """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first
-        step is as large as the one before would have gone on with.
-
-        ConvergenceError: a step of the least size fails; the last converged state is kept.
-        ValueError: a load that is not finite.
-        """
+        """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first step
+        is as large as the one before would have gone on with. ConvergenceError: a step of the least size fails; the
+        last converged state is kept. ValueError: a load that is not finite."""
         if not np.isfinite(load):
             raise ValueError(f"load {load}: expected a finite number")
         while abs(load - self.load) > 1e-12 * max(1.0, abs(load)):
@@ -136,7 +127,6 @@ class Solver:
                 )
 
     def _apart(self) -> str:
-        """The contacts that nothing touches, which often is why a step fails."""
         apart = [f"contact {k}" for k, contact in enumerate(self.contacts) if not contact.touches()]
         if not apart:
             return ""
@@ -165,10 +155,7 @@ class Solver:
         return "", self.iterations - before
 
     def _newton(self, load: float) -> np.ndarray:
-        """Displacement (N,3) in balance at a load.
-
-        _Fault: says why there is none.
-        """
+        """Displacement (N,3) in balance at a load. _Fault: says why there is none."""
         goal = np.zeros_like(self.displacement)
         if self.held is not None:
             goal = checked("held", self.held(load), load, self.fixed)
@@ -271,10 +258,7 @@ class Solver:
         write_state(path, SolverState(self.load, self.displacement, self._step, *last), self.contacts)
 
     def resume(self, path: str | Path) -> None:
-        """Go on from a saved state of the same model.
-
-        ValueError: the file is of another model, or is none of `save`.
-        """
+        """Go on from a saved state of the same model. ValueError: a file of another model, or none of `save`."""
         state = read_state(path, self.displacement, self.contacts)
         self.load, self.displacement, self._step = state.load, state.displacement, state.step
         self._last = (state.moved, state.change) if state.moved else None

@@ -12,8 +12,7 @@ from palpate.models.fe.sparse.pattern import Pattern
 
 FIXED = 1e-12
 """[1] Stiffness against a rigid motion, over the greatest, above which fixed components hold it; below is rounding."""
-HELD = 1e-8
-"""[1] The same for contacts: a contact a thousandth of the body wide still holds it against turning."""
+HELD = 1e-8  # [1] The same for contacts: a contact a thousandth of the body wide still holds it against turning
 CARRIED = 1e-11
 """[1] Force of the contacts, over their stiffness times the size of the body, below which they carry nothing."""
 
@@ -38,8 +37,7 @@ class Support:
             held = rigid[fixed]
             value, vector = np.linalg.eigh(held.T @ held)
             motions.append(rigid @ vector[:, value <= FIXED * max(value[-1], 1.0)])
-        self.free = np.concatenate(motions, axis=2).reshape(mesh.points.size, -1)
-        """Displacements (3N,k), at most 1."""
+        self.free = np.concatenate(motions, axis=2).reshape(mesh.points.size, -1)  # Displacements (3N,k), at most 1
 
     def adrift(self, u: np.ndarray, load: float, contacts: Sequence[ContactPair], pattern: Pattern) -> str:
         """What a body in balance may do without resistance, empty where it is held.
@@ -60,7 +58,6 @@ class Support:
         return self._described((self.free @ vector[:, 0]).reshape(-1, 3), bool(carried))
 
     def _described(self, motion: np.ndarray, carried: bool) -> str:
-        """A motion (N,3) in words: which piece, and how it goes."""
         piece = self._piece[np.argmax(np.linalg.norm(motion, axis=1))]
         own = self.mesh.elements[self._piece[self.mesh.elements[:, 0]] == piece]
         rigid = _rigid(self.mesh.points, self._piece == piece).reshape(motion.size, 6)

@@ -55,8 +55,7 @@ class Cholesky:
         self.tree = tree = dissect(points, indptr, indices)
         self._pivots = np.diff(tree.first)
         self._rows = self._pivots + np.diff(tree.start)
-        sizes = 9 * self._rows * self._pivots
-        self._panel = np.concatenate([[0], np.cumsum(sizes)])
+        self._panel = np.concatenate([[0], np.cumsum(9 * self._rows * self._pivots)])
         self._children = np.bincount(tree.parent[tree.parent >= 0], minlength=len(tree.parent))
         self._relative = _relative(tree)
         # of each: pivots and rows in nodes, where its boundary begins, where its panel does
@@ -66,7 +65,6 @@ class Cholesky:
         self._set(single)
 
     def _set(self, single: bool) -> None:
-        """The precision, and no factor yet."""
         self.dtype = np.dtype(np.float32 if single else np.float64)
         letter = "s" if single else "d"
         self._potrf = _Routine("lapack", letter + "potrf", 5)
@@ -86,18 +84,10 @@ class Cholesky:
         """What BLAS takes by address: letters, 1 and -1, and room for sizes."""
         return _LETTERS, self._scale, np.zeros(4, dtype=np.int32)
 
-    @property
-    def nonzeros(self) -> int:
-        """Numbers that the factor stores."""
-        return int(self._panel[-1])
-
     def factor(self, data: np.ndarray) -> None:
-        """Factor the matrix whose blocks are `data` (B,3,3), in the order of the pattern.
-
-        NotPositive: the matrix is not positive definite (or holds a NaN).
-        """
+        """Factor the matrix with these blocks (B,3,3). NotPositive: it is not positive definite (or holds a NaN)."""
         if self._factor is None:
-            self._factor = np.empty(self.nonzeros, dtype=self.dtype)
+            self._factor = np.empty(int(self._panel[-1]), dtype=self.dtype)
             largest = int(3 * self._rows.max())
             self._front = np.empty(largest * largest, dtype=self.dtype)
             self._updates = np.empty(self._stack, dtype=self.dtype)

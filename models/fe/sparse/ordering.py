@@ -12,10 +12,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-LEAF = 32
-"""Nodes below which a part is eliminated as one dense block."""
-ENDS = 0.32
-"""Share of a part that lies for certain on either side of its cut."""
+LEAF = 32  # Nodes below which a part is eliminated as one dense block
+ENDS = 0.32  # Share of a part that lies for certain on either side of its cut
 LARGE = 4000
 """Nodes from which on a part is cut along the `TRIED` most promising directions only: there each cut takes long."""
 TRIED = 3
@@ -26,20 +24,13 @@ DIRECTIONS = np.array(
 
 @dataclass(frozen=True)
 class Tree:
-    """Fronts of a multifrontal factor in postorder; front t eliminates the nodes `order[first[t]:first[t + 1]]`.
+    """Fronts of a multifrontal factor in postorder; front t eliminates the nodes `order[first[t]:first[t + 1]]`."""
 
-    order     (N,)    nodes in order of elimination
-    first     (T+1,)  pivots of each front, as positions in `order`
-    parent    (T,)    front that takes the update of front t, -1 at a root
-    boundary  (B,)    positions coupled to the pivots of each front and eliminated later, sorted
-    start     (T+1,)  where the boundary of front t stands in `boundary`
-    """
-
-    order: np.ndarray
-    first: np.ndarray
-    parent: np.ndarray
-    boundary: np.ndarray
-    start: np.ndarray
+    order: np.ndarray  # (N,) nodes in order of elimination
+    first: np.ndarray  # (T+1,) pivots of each front, as positions in `order`
+    parent: np.ndarray  # (T,) front that takes the update of front t, -1 at a root
+    boundary: np.ndarray  # (B,) positions coupled to the pivots of each front and eliminated later, sorted
+    start: np.ndarray  # (T+1,) where the boundary of front t stands in `boundary`
 
 
 def dissect(points: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> Tree:

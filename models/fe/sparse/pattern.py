@@ -17,10 +17,8 @@ class Pattern:
     indices: np.ndarray
 
     def where(self, elements: np.ndarray) -> np.ndarray:
-        """Place of the block of each pair of nodes of each element (E,k,k); any place where a node is -1.
-
-        ValueError: a pair that the pattern does not couple.
-        """
+        """Place of the block of each pair of nodes of each element (E,k,k); any place where a node is -1. ValueError: a
+        pair that the pattern does not couple."""
         count = len(self.indptr) - 1
         keys = np.repeat(np.arange(count), np.diff(self.indptr)) * count + self.indices
         a, b = elements[:, :, None], elements[:, None, :]
@@ -31,7 +29,6 @@ class Pattern:
         return places
 
     def matrix(self, data: np.ndarray) -> bsr_array:
-        """The sparse matrix with these blocks (B,3,3)."""
         size = 3 * (len(self.indptr) - 1)
         return bsr_array((data, self.indices, self.indptr), shape=(size, size))
 

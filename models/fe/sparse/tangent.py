@@ -4,10 +4,9 @@ The factor is in single precision, which takes half the time and memory, and con
 make up for it. They make up as well for a factor of an earlier iteration of the same load step, where the tangent has
 changed little. What single precision cannot factor, or not well enough, is factored in double.
 
-An iteration of conjugate gradients takes one product with the matrix and one solution by the factor. They end as soon
-as they go too slowly to be worth their time: to factor anew is then cheaper. In single precision the factor is not
-quite the same map each time, so directions are made conjugate by the change of the residual (E. Polak, G. Ribiere,
-1969).
+Conjugate gradients end as soon as they go too slowly to be worth their time: to factor anew is then cheaper. In single
+precision the factor is not quite the same map each time, so directions are made conjugate by the change of the residual
+(E. Polak, G. Ribiere, 1969).
 """
 
 from collections.abc import Callable
@@ -22,20 +21,16 @@ from palpate.models.fe.sparse.pattern import Pattern, pattern
 
 ENOUGH = 1e-4
 """[1] Residual of the linear system that a direction leaves: Newton's iteration converges by as much each time."""
-SKEW = 1e-3
-"""[1] The same where the tangent has an unsymmetric part, of the system multiplied by the factor's inverse."""
+SKEW = 1e-3  # [1] The same where the tangent has an unsymmetric part, of the system multiplied by the factor's inverse
 KEPT = 8
 """Conjugate gradients that a factor of an earlier iteration is worth; to factor anew takes as long as about so many."""
-FRESH = 20
-"""Conjugate gradients with a factor of this iteration; where more were needed single precision is not enough."""
+FRESH = 20  # Conjugate gradients with a factor of this iteration; where more were needed single precision is not enough
 
 
-SEEN = 3
-"""Conjugate gradients after which the rate is trusted to foretell how many more there will be."""
+SEEN = 3  # Conjugate gradients after which the rate is trusted to foretell how many more there will be
 
 
-Linear = Callable[[np.ndarray], np.ndarray]
-"""A linear map of displacements or forces."""
+Linear = Callable[[np.ndarray], np.ndarray]  # A linear map of displacements or forces
 
 
 class UnheldError(ArithmeticError):
@@ -93,8 +88,7 @@ class Tangent:
         self.diagonal = self.pattern.where(np.arange(len(points))[:, None])[:, 0, 0]
         self._double = Cholesky(points, self.pattern.indptr, self.pattern.indices)
         self._single = self._double.alike(single=True)
-        self._factor = self._double
-        """The one in use."""
+        self._factor = self._double  # The one in use
         self.forget()
 
     def forget(self) -> None:
@@ -107,10 +101,8 @@ class Tangent:
 
     def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Linear) -> np.ndarray:
         """Change of displacement [m] (N,3) for forces [N] (N,3), to `ENOUGH` of them; `skew` is the product of a change
-        with what the blocks (B,3,3) leave out of the tangent.
-
-        UnheldError: a tangent that is singular or far from positive.
-        """
+        with what the blocks (B,3,3) leave out of the tangent. UnheldError: a tangent that is singular or far from
+        positive."""
         matrix = data.copy()
         self.hold(matrix)
         forces, product = rhs.ravel(), self.pattern.matrix(matrix)
@@ -144,17 +136,13 @@ class Tangent:
         return self._double.solve(rhs)
 
     def factor(self, data: np.ndarray) -> None:
-        """Factor the tangent, in double precision, for `solve`; one that is not positive definite is shifted until it
-        is.
-
-        UnheldError: it is singular or far from positive.
-        """
+        """Factor the tangent, in double precision, for `solve`, shifted until it is positive definite. UnheldError: it
+        is singular or far from positive."""
         matrix = data.copy()
         self.hold(matrix)
         self._shifted(matrix)
 
     def _shifted(self, matrix: np.ndarray) -> None:
-        """Factor blocks whose fixed rows are taken out, shifted until they are positive definite."""
         self._factor, self._kept = self._double, False
         mean = float(self.stiffness(matrix).mean())
         shift = 0.0

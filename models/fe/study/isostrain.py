@@ -3,8 +3,6 @@
 Displacement is quadratic in an element, so that strain varies in it. For volumes each element is cut into `CUTS`³
 tetrahedra: strain and place are taken at their corners, the strain linear between these, and the part above a level is
 cut off (`physics.tactile.isostrain_volume`). The error falls with the square of the number of cuts.
-
-Pictures and flows take the strain at the corners of the elements, smoothed within a layer.
 """
 
 import itertools
@@ -16,12 +14,9 @@ from palpate.models.fe.element.mesh import EDGES, TetMesh
 from palpate.models.fe.meshing.layers import BONE, EPIDERMIS, NAIL
 from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume, logarithmic_strain
 
-CUTS = 4
-"""Pieces of each edge that elements are cut into for volumes."""
-CHUNK = 2048
-"""Elements that are cut together."""
-LEAST_STRETCH = 1e-6
-"""Of a point that is pressed flat; a point that is turned inside out counts by its stretches."""
+CUTS = 4  # Pieces of each edge that elements are cut into for volumes
+CHUNK = 2048  # Elements that are cut together
+LEAST_STRETCH = 1e-6  # Of a point that is pressed flat; a point that is turned inside out counts by its stretches
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _PARTS = np.array(
     [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], [4, 5, 6, 7], [4, 8, 5, 7], [5, 8, 9, 7], [5, 9, 6, 7]]
@@ -30,11 +25,9 @@ _PARTS = np.array(
 
 
 def strain(mesh: TetMesh, displacement: np.ndarray) -> np.ndarray:
-    """Equivalent strain at the corners of each element [1] (E,4), of that element alone.
+    """Equivalent strain at the corners of each element [1] (E,4), of that element alone, under displacements [m] (N,3).
 
     Effective Poisson ratio: the material's in the elastic layers, 0.5 in the others.
-
-    displacement  [m] (N,3)
     """
     slope, _ = gradients(mesh.points, mesh.elements, _CORNERS)
     gradient = np.eye(3) + np.einsum("eai,enaj->enij", displacement[mesh.elements], slope)
@@ -42,17 +35,11 @@ def strain(mesh: TetMesh, displacement: np.ndarray) -> np.ndarray:
 
 
 def _poisson(mesh: TetMesh) -> np.ndarray:
-    """Effective Poisson ratio of each element (E,)."""
     return np.where(np.isin(mesh.region, (BONE, EPIDERMIS, NAIL)), 0.3, 0.5)
 
 
 def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, cuts: int = CUTS) -> np.ndarray:
-    """Deformed volume in which the equivalent strain is at least a level [m³] (L,).
-
-    displacement  [m] (N,3)
-    levels        [1] (L,)
-    cuts          [1] pieces of each edge
-    """
+    """Deformed volume [m³] (L,) in which the equivalent strain is at least a level (L,), at displacements [m] (N,3)."""
     at, pieces = subdivided(cuts)
     value, _ = shape(at)
     moved, poisson = mesh.points + displacement, _poisson(mesh)

@@ -8,14 +8,11 @@ from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 from palpate.models.fe.study.press_record import Record
 from palpate.physics.contact.tactile import growth
 
-LOW, HIGH = 0.11, 0.50
-"""[N] The two forces of the paper's Table III."""
+LOW, HIGH = 0.11, 0.50  # [N] The two forces of the paper's Table III
 
-WEAK = 0.1
-"""[1] The strain whose volume says on which plate the finger is strained more at the same indentation."""
+WEAK = 0.1  # [1] The strain whose volume says on which plate the finger is strained more at the same indentation
 
-LEAST = 1e-3
-"""[mm³, mm³/N] A smaller isostrain volume, or growth of it, on both plates: the level is not reached."""
+LEAST = 1e-3  # [mm³, mm³/N] A smaller isostrain volume, or growth of it, on both plates: the level is not reached
 
 
 def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str, Any]:

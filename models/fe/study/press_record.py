@@ -18,8 +18,7 @@ from palpate.models.fe.study.pressing import Pressing
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 
-LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])
-"""Equivalent strains at which volumes are recorded."""
+LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])  # Equivalent strains at which volumes are recorded
 
 
 @dataclass(frozen=True)
@@ -36,10 +35,7 @@ class Record:
     volumes: np.ndarray
 
     def at(self, force: float) -> tuple[float, float, np.ndarray]:
-        """Indentation, area and volumes at a force [N], between the rows.
-
-        ValueError: the record does not reach that force.
-        """
+        """Indentation, area and volumes at a force [N], between the rows. ValueError: it is not reached."""
         if not 0.0 <= force <= self.force[-1]:
             raise ValueError(f"force {force} N: the record ends at {self.force[-1]:.4g} N")
         volumes = np.array([np.interp(force, self.force, column) for column in self.volumes.T])
@@ -47,10 +43,7 @@ class Record:
         return first, second, volumes
 
     def at_depth(self, indentation: float) -> float:
-        """Force [N] at an indentation [m], between the rows.
-
-        ValueError: the record does not reach that indentation.
-        """
+        """Force [N] at an indentation [m], between the rows. ValueError: it is not reached."""
         if not 0.0 <= indentation <= self.indentation[-1]:
             raise ValueError(f"indentation {indentation} m: the record ends at {self.indentation[-1]:.4g} m")
         return float(np.interp(indentation, self.indentation, self.force))
@@ -68,10 +61,8 @@ class PressRun:
         self.folder = folder
 
     def begin(self, pressing: Pressing) -> list[list[float]]:
-        """Make the folder for a pressing, or take it up where its run was broken off: the rows so far.
-
-        ArgumentError: it holds a run of other settings, or is damaged.
-        """
+        """Make the folder for a pressing, or take it up where its run was broken off: the rows so far. ArgumentError:
+        it holds a run of other settings, or is damaged."""
         plain = json.loads(json.dumps(pressing.settings()))
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
@@ -112,7 +103,6 @@ class PressRun:
         pressing.solver.save(self.folder / "state.npz")
 
     def settings(self) -> dict[str, Any]:
-        """What was run. ArgumentError: no run."""
         try:
             settings = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError) as error:
@@ -122,14 +112,13 @@ class PressRun:
         return settings
 
     def table(self) -> np.ndarray:
-        """Rows (k, 3 + l): indentation, force, area, volumes. ArgumentError: no run."""
+        """Rows (k, 3 + l): indentation, force, area, volumes."""
         rows = self._read("table.npz")["rows"]
         if rows.ndim != 2 or rows.shape[1] != 3 + len(LEVELS) or not np.isfinite(rows).all():
             raise self._damaged("table.npz", f"found {rows.shape}, expected finite rows of {3 + len(LEVELS)}")
         return rows
 
     def record(self) -> Record:
-        """What was found so far. ArgumentError: no run."""
         return as_record(self.table().tolist())
 
     def mesh(self) -> tuple[TetMesh, float]:
@@ -141,7 +130,6 @@ class PressRun:
             raise self._damaged("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
-        """Displacement [m] (N,3) of a row of the table. ArgumentError: no such step."""
         if row == 0:
             return np.zeros_like(self.mesh()[0].points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
@@ -155,11 +143,9 @@ class PressRun:
         return arrays["corners"], arrays["pressure"]
 
     def displacement_at(self, force: float) -> np.ndarray:
-        """Displacement [m] (N,3) at a force [N], between the steps. ArgumentError: not reached."""
         return self._between(self.record().force, force, "N")
 
     def displacement_at_depth(self, indentation: float) -> np.ndarray:
-        """Displacement [m] (N,3) at an indentation [m], between the steps. ArgumentError: not reached."""
         return self._between(self.record().indentation, indentation, "m")
 
     def _between(self, marks: np.ndarray, mark: float, unit: str) -> np.ndarray:
@@ -205,17 +191,13 @@ def differing(first: dict[str, Any], second: dict[str, Any]) -> tuple[str, Any, 
     return None
 
 
-DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)
-"""What reading a damaged file may raise."""
+DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)  # What reading a damaged file may raise
 
 
 def record(pressing: Pressing, end: float, run: PressRun | None = None, report: Report = unheard) -> Record:
     """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
-    broken off goes on from its last step.
-
-    ConvergenceError: a step that fails; the steps before it are in the folder.
-    ArgumentError: a folder of another run, or a damaged one.
-    """
+    broken off goes on from its last step. ConvergenceError: a step that fails; the steps before it are in the folder.
+    ArgumentError: a folder of another run, or a damaged one."""
     rows = [[0.0] * (3 + len(LEVELS))] if run is None else run.begin(pressing)
     report(pressing.solver.load)
 
@@ -231,13 +213,11 @@ def record(pressing: Pressing, end: float, run: PressRun | None = None, report: 
 
 
 def as_record(rows: list[list[float]]) -> Record:
-    """A record of rows: indentation, force, area, volumes."""
     table = np.array(rows)
     return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
 
 
 def run_name(plate: str, material: str, cells: int, friction: float, finger: Path | None = None) -> str:
-    """Of the folder in which a run keeps its results."""
     return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}" + (
         "" if finger is None else f"-{finger.stem}"
     )

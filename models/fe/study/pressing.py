@@ -18,24 +18,21 @@ from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.models.fe.study.isostrain import strain, volumes_above
 from palpate.physics.materials.hyperelastic import Material
 
-PENETRATION = 2e-6
-"""[m] that the contact may leave."""
+PENETRATION = 2e-6  # [m] that the contact may leave
 
 
 @dataclass
 class Pressing:
     """A fingertip against a plate that rises: `solver.advance(z)` brings the plate up by z [m].
 
-    plate     "steel" (200 GPa on tissue of kPa: taken as rigid) or "silicone"
     material  one of the finger's sets of constants, see `fe.meshing.fingertip.divisor_and_bone`
-    laws      such a set -> material of each layer
     """
 
     finger: Layers
-    plate: str = "steel"
+    plate: str = "steel"  # "steel" (200 GPa on tissue of kPa: taken as rigid) or "silicone"
     material: str | float = "printed"
     friction: float = 0.2
-    laws: Callable[[str | float], dict[int, Material]] = materials
+    laws: Callable[[str | float], dict[int, Material]] = materials  # such a set -> material of each layer
 
     def __post_init__(self) -> None:
         if self.plate not in PAPER:
@@ -86,7 +83,6 @@ class Pressing:
         return quadratic(points, tets, np.full(len(tets), PLATE))
 
     def settings(self) -> dict[str, Any]:
-        """What tells this pressing from another, as plain data."""
         divisor, bone = divisor_and_bone(self.material)
         return {
             "plate": self.plate, "divisor": divisor, "bone": bone, "friction": self.friction,
@@ -109,7 +105,6 @@ class Pressing:
         return self.sides * self.touch.contact_area(self.solver.displacement)
 
     def strain(self) -> np.ndarray:
-        """Equivalent strain at the corners of the finger's elements [1] (E,4)."""
         return strain(self.finger.mesh, self.solver.displacement[: len(self.finger.mesh.points)])
 
     def volumes(self, levels: np.ndarray) -> np.ndarray:

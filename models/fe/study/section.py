@@ -9,23 +9,17 @@ from palpate.models.fe.meshing.layers import PLATE
 from palpate.models.fe.study.isostrain import cross, parts, smooth, strain
 from palpate.physics.contact.tactile import tactile_flow
 
-_SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
-"""Four triangles on the six nodes of a face."""
+_SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # Four triangles on the six nodes of a face
 
 
 @dataclass(frozen=True)
 class Section:
-    """What the cut shows, in the plane (y, z) [m].
+    """What the cut shows, in the plane (y, z) [m]."""
 
-    triangles  (M,3,2) of the finger    values (M,3,...) there
-    borders    (B,2,2) lines between layers and round the finger
-    plate      (P,2,2) outline of a deformable plate
-    """
-
-    triangles: np.ndarray
-    values: np.ndarray
-    borders: np.ndarray
-    plate: np.ndarray
+    triangles: np.ndarray  # (M,3,2) of the finger
+    values: np.ndarray  # (M,3,...) there
+    borders: np.ndarray  # (B,2,2) lines between layers and round the finger
+    plate: np.ndarray  # (P,2,2) outline of a deformable plate
 
 
 def section(mesh: TetMesh, displacement: np.ndarray, values: np.ndarray) -> Section:
@@ -56,7 +50,6 @@ def _outline(mesh: TetMesh, moved: np.ndarray, elements: np.ndarray, shift: floa
 
 
 def finger(mesh: TetMesh) -> TetMesh:
-    """The mesh without the plate, on the same nodes."""
     own = mesh.region != PLATE
     return TetMesh(mesh.points, mesh.elements[own], mesh.region[own])
 

@@ -3,15 +3,12 @@
     s_i = m_i.u,      c_ij = T/(T + tau) m_i.D m_j,    D = du/dh = [Phi K^-1 Phi' + gamma R + gamma'/w R h (R h)'/E²]/E
 
 m_i (V,3) the shares of contact i in its normal force, K = d²W/dq². D is symmetric, and positive where W is convex, so
-c_ij = c_ji and |c_ij| <= sqrt(c_ii c_jj): modes, barrier and what the modes miss couple as they are.
-
-The law of each is the tangent of the next step at the present forces f of all, which it meets exactly:
+c_ij = c_ji and |c_ij| <= sqrt(c_ii c_jj). The law of each is the tangent of the next step at the present forces f of
+all, which it meets exactly:
 
     s_i = s_free,i + sum_j c_ij f_j,      s_free = s + T/(T + tau) (m.D f - m.D h) - c f
 
-It is not a power as with one contact, since a force on the other side of a body may count as less than none here, at
-which a power has no value. As the indentation grows slower than the force in a body that stiffens, the forces of
-repeated steps at a place come to rest from below (Newton's method for a concave function).
+It is no power as with one contact, since a force on the other side of a body may count as less than none here.
 """
 
 from __future__ import annotations
@@ -39,32 +36,20 @@ Patch = tuple[np.ndarray, np.ndarray, float]
 
 
 class SampledContacts(NamedTuple):
-    """What a step reads and answers of each contact.
+    """What a step reads and answers of each contact."""
 
-    ends       (c)          of its nodes in the list of all
-    shares     (c)          1 where it bears a load, 0 where its forces only mark the patch
-    normals    [1] (c,3)
-    forces     [N] (c)      normal force
-    measures   [1] (c,V,3)  shares in the normal force, m
-    modal      [m] (2,c,r)  Phi'm, and K^-1 Phi'm
-    residual   [m] (c,3)    m.R h/E, and room
-    compliance [m/N] (c,c)  c_ij
-    depths     [m] (2,c)    s_free and s
-    """
-
-    ends: np.ndarray
-    shares: np.ndarray
-    normals: np.ndarray
-    forces: np.ndarray
-    measures: np.ndarray
-    modal: np.ndarray
-    residual: np.ndarray
-    compliance: np.ndarray
-    depths: np.ndarray
+    ends: np.ndarray  # (c) of its nodes in the list of all
+    shares: np.ndarray  # in the normal force, m
+    normals: np.ndarray  # [1] (c,3)
+    forces: np.ndarray  # [N] (c) normal force
+    measures: np.ndarray  # [1] (c,V,3)
+    modal: np.ndarray  # [m] (2,c,r) Phi'm, and K^-1 Phi'm
+    residual: np.ndarray  # [m] (c,3) m.R h/E, and room
+    compliance: np.ndarray  # [m/N] (c,c) c_ij
+    depths: np.ndarray  # [m] (2,c) s_free and s
 
     @classmethod
     def of(cls, count: int, vertices: int, modes: int) -> SampledContacts:
-        """Of so many contacts, of a body of so many vertices and modes."""
         return cls(
             np.zeros(count, np.int64), np.zeros(count), np.zeros((count, 3)), np.zeros(count),
             np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
@@ -72,7 +57,6 @@ class SampledContacts(NamedTuple):
         )  # fmt: skip
 
     def take(self, normals: Sequence[tuple], patches: Sequence[Patch]) -> None:
-        """What the next step reads."""
         self.normals[:] = normals
         self.shares[:] = [share for _, _, share in patches]
         self.ends[:] = np.cumsum([len(nodes) for nodes, _, _ in patches])
@@ -85,22 +69,17 @@ def laws_of(compliance: np.ndarray, depths: np.ndarray) -> list[tuple[float, flo
 
 
 def coupling_of(compliance: np.ndarray) -> np.ndarray:
-    """[1] (c,c) O, see `physics.contact.joint`."""
     return compliance / np.diagonal(compliance)[:, None]
 
 
 def together(patches: Sequence[Patch]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and forces of all patches in one list."""
     return np.concatenate([nodes for nodes, _, _ in patches]), np.concatenate([pull for _, pull, _ in patches])
 
 
 @kernel(error_model="numpy")
 def step_all(model, patch, pull, dt, fields, active, vectors, matrices, room, numbers, contacts):
-    """A step under all loads: evaluations of the energy, and whether it settled.
-
-    patch, pull  nodes (k) and forces [N] (k,3) of all patches, one after the other
-    contacts     `SampledContacts`, filled; the others as of `step.step`
-    """
+    """A step under all loads: evaluations of the energy, and whether it settled. patch, pull: nodes (k) and forces [N]
+    (k,3) of all patches, one after the other; contacts: filled; the others as of `step.step`."""
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, loaded = vectors[0], vectors[1], vectors[7]
     young, bend, take = model.young, model.bend, dt / (dt + model.retardation)

@@ -3,11 +3,8 @@
     W(q) = sum_p w_p [W + U](F_p) + 1/2 q.S q + B(q),    F_p = 1 + G_p q,    w_p > 0
 
 G_p (9,r) are the gradients of the modes at point p; S the springs that the body stands on; B a barrier: zero up to the
-size |q| that the modes were made for, rising without bound towards twice that size. All forces derive from W, so that
-the sampled body is as elastic as the full one. J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech.
-Eng. 313 (2017) 687-722 (empirical cubature).
-
-Each point has its own volume ratio: what elements with one mean ratio (`fe.elements`, mixed) hold is no such sum.
+size |q| that the modes were made for, infinite at twice that size. Each point has its own volume ratio. J. A.
+Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Eng. 313 (2017) 687-722 (empirical cubature).
 """
 
 from typing import NamedTuple
@@ -19,10 +16,8 @@ from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import law_at
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 
-ROOM = 3.0
-"""Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins."""
-NEAR = 64
-"""Points whose modes are worked on together."""
+ROOM = 3.0  # Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins
+NEAR = 64  # Points whose modes are worked on together
 
 
 class Points(NamedTuple):
@@ -30,21 +25,15 @@ class Points(NamedTuple):
 
     modes      [1]     (9P,r) du_i/dX_j of each mode at row 9p + 3i + j of point p; products with them are taken in
                        their own precision, single to be fast (then forces are the energy's slope to about 1e-7)
-    weights    [m³]    (P,)
-    kinds      [1]     (P,) which of `laws` each point has
-    constants  [Pa..]  (P,n) parameters of the law, padded with 0
-    springs    [J]     (r,r)
-    limit      [1]     |q|² at which the barrier begins
-    laws       [1]     (L,) where these laws are in this process, see `hyperelastic.place_of`
     """
 
     modes: np.ndarray
-    weights: np.ndarray
-    kinds: np.ndarray
-    constants: np.ndarray
-    springs: np.ndarray
-    limit: float
-    laws: np.ndarray
+    weights: np.ndarray  # [m³] (P,)
+    kinds: np.ndarray  # [1] (P,) which of `laws` each point has
+    constants: np.ndarray  # [Pa..] (P,n) parameters of the law, padded with 0
+    springs: np.ndarray  # [J] (r,r)
+    limit: float  # [1] |q|² at which the barrier begins
+    laws: np.ndarray  # [1] (L,) where these laws are in this process, see `hyperelastic.place_of`
 
 
 class SampledWorkspace(NamedTuple):
@@ -64,7 +53,6 @@ class SampledWorkspace(NamedTuple):
 
 
 def scratch(points: Points) -> SampledWorkspace:
-    """Memory for these points."""
     rows, r = points.modes.shape
     x, D, f, g = (np.zeros(size, dtype=points.modes.dtype) for size in (r, rows, rows, r))
     return SampledWorkspace(

@@ -11,14 +11,10 @@ from palpate.physics.bodies.sampled.energy import forces, tangent
 from palpate.physics.dot import inner, times
 from palpate.physics.kernel import kernel
 
-TOLERANCE = 3e-3
-"""Energy norm of the residual over that of the solution."""
-STALLED = 5
-"""Evaluations after which the tangent is made anew."""
-MOST = 14
-"""Evaluations in a call that has time."""
-EACH = 2
-"""Evaluations in a step of the loop; what is left of the residual is left to the next step."""
+TOLERANCE = 3e-3  # Energy norm of the residual over that of the solution
+STALLED = 5  # Evaluations after which the tangent is made anew
+MOST = 14  # Evaluations in a call that has time
+EACH = 2  # Evaluations in a step of the loop; what is left of the residual is left to the next step
 
 
 def unhurried() -> np.ndarray:
@@ -83,10 +79,9 @@ def at_rest(H):
 def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
     """Bring q (r,) to the equilibrium under p (r,): W there, evaluations, and whether it has settled.
 
-    g (r,) and `energy` hold the gradient of W and W at q, before and after; budget (2,) holds how
-    many evaluations there may be, no more than `STALLED` of them without the tangent, and the length that the line
-    search begins with, 1 unless the last call ended in the midst of one; H (r,r) the inverse of the tangent; K, L
-    (r,r) and vectors (4,r) are memory.
+    g (r,) and `energy` hold the gradient of W and W at q, before and after; budget (2,) how many evaluations there may
+    be, no more than `STALLED` of them without the tangent, and the first length of the line search, 1 unless the last
+    call ended in the midst of one; H (r,r) the inverse of the tangent; K, L (r,r) and vectors (4,r) are memory.
     """
     r, most = len(q), int(budget[0])
     d, trial, slope, lean = vectors[0], vectors[1], vectors[2], vectors[3]

@@ -13,8 +13,7 @@ from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
 from palpate.physics.dot import times
 from palpate.physics.kernel import kernel
 
-LEAST_COMPLIANCE = 1e-12
-"""[m/N] of a patch; it keeps the law finite."""
+LEAST_COMPLIANCE = 1e-12  # [m/N] of a patch; it keeps the law finite
 
 
 class SampledModel(NamedTuple):
@@ -87,7 +86,6 @@ def residual_displacement(residual_compliance, x, active, count, v):
 
 @kernel(error_model="numpy")
 def apply_residual_compliance(residual_compliance, x, active, count, out):
-    """R x (V,3) at the vertices where the measure or the load is."""
     for k in range(count):
         v = active[k]
         out[v, 0], out[v, 1], out[v, 2] = residual_displacement(residual_compliance, x, active, count, v)
@@ -95,7 +93,6 @@ def apply_residual_compliance(residual_compliance, x, active, count, out):
 
 @kernel(error_model="numpy")
 def project(modes, x, active, count, out):
-    """Phi'x (r,)."""
     out[:] = 0.0
     for k in range(count):
         v = active[k]

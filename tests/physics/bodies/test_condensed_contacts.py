@@ -16,7 +16,7 @@ from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.bodies.condensed_contacts import CondensedContacts, _mean_inverse, joint_profile
+from palpate.physics.bodies.condensed_contacts import _mean_inverse, joint_profile
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import Spreader
@@ -45,10 +45,10 @@ def load(body, place, force, normal=UP):
 
 def pressed(body, places, forces, steps=2, dt=1.0):
     """The contacts after some steps, and their indentations [m]."""
-    many = CondensedContacts(body, len(places))
+    many = body.under(len(places))
     loads = [load(body, place, force) for place, force in zip(places, forces, strict=True)]
     for _ in range(steps):
-        laws = many.step(loads, dt)
+        laws = many.steps(loads, dt)
     return many, np.array([law[2] for law in laws])
 
 
@@ -91,25 +91,25 @@ def test_what_each_does_to_the_other_is_equal_to_rounding():
 def test_the_law_of_each_says_where_it_goes_under_the_forces_of_all(model):
     """At the forces of now the next step is the body's own; at others of the linear body, too."""
     body = slab(model, 0.02)
-    many = CondensedContacts(body, 2)
+    many = body.under(2)
     places, forces = [(-0.006, 0.0), (0.006, 0.002)], np.array([0.5, 0.3])
     for _ in range(5):
-        laws = many.step([load(body, p, f) for p, f in zip(places, forces, strict=True)], 1e-3)
+        laws = many.steps([load(body, p, f) for p, f in zip(places, forces, strict=True)], 1e-3)
     following = forces if model == "nonlinear" else np.array([0.2, 0.6])
     acting = many.coupling @ following
     told = [free + c * a for (c, free, _), a in zip(laws, acting, strict=True)]
-    then = many.step([load(body, p, f) for p, f in zip(places, following, strict=True)], 1e-3)
+    then = many.steps([load(body, p, f) for p, f in zip(places, following, strict=True)], 1e-3)
     assert [law[2] for law in then] == approx(told, rel=2e-3 if model == "nonlinear" else 2e-5)
 
 
 def test_the_energy_of_a_linear_body_is_half_the_work_of_its_forces_and_no_cycle_makes_any():
     body = slab("linear", 0.02)
-    many, rng = CondensedContacts(body, 3), np.random.default_rng(5)
+    many, rng = body.under(3), np.random.default_rng(5)
     places, work, before = [(-0.008, 0.0), (0.004, 0.006), (0.012, -0.004)], 0.0, np.zeros(3)
     for _ in range(60):
         forces = rng.uniform(0.0, 1.0, 3) * (rng.uniform(size=3) > 0.2)
         now = np.array(
-            [law[2] for law in many.step([load(body, p, f) for p, f in zip(places, forces, strict=True)], 5e-3)]
+            [law[2] for law in many.steps([load(body, p, f) for p, f in zip(places, forces, strict=True)], 5e-3)]
         )
         work += forces @ (now - before)
         before = now
@@ -120,19 +120,19 @@ def test_the_energy_of_a_linear_body_is_half_the_work_of_its_forces_and_no_cycle
 
 def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
     body, step = slab("linear"), 2e-4
-    many = CondensedContacts(body, 2)
+    many = body.under(2)
     for _ in range(3):
-        many.step([load(body, (0.010, 0.001), 0.0), load(body, (-0.004, 0.0), 0.8)], 1e3)
+        many.steps([load(body, (0.010, 0.001), 0.0), load(body, (-0.004, 0.0), 0.8)], 1e3)
 
     def indented(x, y, force=0.0):
-        return many.step([load(body, (x, y), force), load(body, (-0.004, 0.0), 0.8)], 1e3)[0][2]
+        return many.steps([load(body, (x, y), force), load(body, (-0.004, 0.0), 0.8)], 1e3)[0][2]
 
     expected = [
         (indented(0.010 + step, 0.001) - indented(0.010 - step, 0.001)) / (2 * step),
         (indented(0.010, 0.001 + step) - indented(0.010, 0.001 - step)) / (2 * step),
     ]
     indented(0.010, 0.001, 1e-9)
-    found = many._slope[0] / 1e-9
+    found = many._drawn[0] / 1e-9
     assert found[:2] == approx(expected, rel=0.12, abs=0.02 * abs(expected[0]))
     assert found[0] < 0.0 and abs(found[2]) < 1e-12  # it is drawn into the other's dent
 

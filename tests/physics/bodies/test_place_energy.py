@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from formulas import series
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
@@ -14,7 +15,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import on_hand
-from palpate.physics.contact.series import exponential, series
+from palpate.physics.contact.series import exponential
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS

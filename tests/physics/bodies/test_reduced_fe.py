@@ -219,7 +219,7 @@ def test_after_release_it_recovers_without_overshoot_and_forgets():
         it.step(nodes, -np.outer(share, UP), foot, UP, 1e-3)
     depth = [it.step(nodes[:0], np.zeros((0, 3)), foot, UP, 1e-3)[2] for _ in range(1200)]
     assert (np.diff(depth) <= 0).all() and min(depth) >= 0.0
-    assert depth[-1] == 0.0 and it._count == 0
+    assert depth[-1] == 0.0 and it.still
     _, moved = it.displaced(foot)
     assert (moved == 0.0).all()
 

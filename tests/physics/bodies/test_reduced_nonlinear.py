@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from formulas import series
 from pytest import approx
 from scipy.optimize import brentq
 
@@ -17,7 +18,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.large_displacement import DEEPEST
-from palpate.physics.contact.series import exponential, series
+from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS
 

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from formulas import series
 from pytest import approx
 from sampled_slab import MODES, RADIUS, YOUNG, at, basis, body, compliance, mode_shapes, pressed, slab, touches
 from scipy.optimize import brentq, nnls
@@ -30,7 +31,7 @@ from palpate.physics.bodies.sampled.energy import barrier, forces, scratch, tang
 from palpate.physics.bodies.sampled.solve import invert, settle, unhurried
 from palpate.physics.bodies.sampled.step import gamma
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
-from palpate.physics.contact.series import exponential, series
+from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.records.reader import Recording

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from formulas import series_path, static_split
+from formulas import force, series, series_path, static_split
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -17,7 +17,7 @@ from theory.impact import peak_energy, peak_indentation, restitution
 from palpate.launch.testing import FakeBus
 from palpate.messages import Proximity, Surface
 from palpate.nodes.contact import Series
-from palpate.physics.contact.series import elastic, energy, exponential, force, hertz_exponential, power, series
+from palpate.physics.contact.series import elastic, energy, exponential, hertz_exponential, power
 from palpate.physics.contact.terminal import Terminal, indentation
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0

@@ -4,13 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from formulas import force
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 from scipy.optimize import least_squares
 
 from palpate.physics.contact.joint import joint_step
-from palpate.physics.contact.series import elastic, exponential, force, kernel_form, power, series_step
+from palpate.physics.contact.series import elastic, exponential, kernel_form, power, series_step
 
 FINGER, C1 = exponential(26.2641, 1681.06), 8.0
 FORM = kernel_form(FINGER, C1)

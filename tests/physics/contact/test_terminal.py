@@ -3,13 +3,14 @@
 import math
 
 import pytest
+from formulas import force as law_force
+from formulas import series
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
 from scipy.optimize import brentq
 
-from palpate.physics.contact.series import exponential, series
-from palpate.physics.contact.series import force as law_force
+from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal, fit_terminal, free_recovery, indentation, terminal_force
 
 positive = st.floats(1e-6, 0.03)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from formulas import tissue_displacement
+from formulas import pad_pressure, tissue_displacement
 from pytest import approx
 
 from palpate.physics.display.pin_heights import (
@@ -12,7 +12,7 @@ from palpate.physics.display.pin_heights import (
     local_plane,
 )
 from palpate.physics.display.pins import pin_grid
-from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement, pressure
+from palpate.physics.display.shape_display import FINGERPADS, pad_contact, pad_displacement
 
 PAD = FINGERPADS["canonical"]
 GRID = pin_grid(6, 5, 2e-3).reshape(-1, 2)
@@ -54,7 +54,7 @@ def test_the_pressure_of_a_hertz_contact_gives_its_fingerpad_deformation(force, 
     state = pad_contact(force, modulus)
     side = np.arange(-15e-3, 15e-3, spacing) + 0.3 * spacing
     places = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-    forces = pressure(np.hypot(*places.T), state) * spacing**2
+    forces = pad_pressure(np.hypot(*places.T), state) * spacing**2
     out = np.empty(len(GRID))
     radii = np.full(len(places), 1.2 * spacing)
     deflection = heights_from_pressure(GRID, places, forces, radii, PAD.b, PAD.m, out)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from formulas import tissue_displacement
+from formulas import pad_pressure, tissue_displacement
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
@@ -16,7 +16,6 @@ from palpate.physics.display.shape_display import (
     deflection_under,
     pad_contact,
     pad_displacement,
-    pressure,
 )
 
 PAD = FINGERPADS["canonical"]
@@ -78,9 +77,9 @@ def test_the_calibrated_finger_meets_the_points_it_was_fitted_to():
 @pytest.mark.parametrize(("force", "modulus"), [(0.05, 15e3), (1.0, 5e3), (3.0, 15e3), (4.0, np.inf)])
 def test_the_pressure_integrates_to_the_force(force, modulus):
     state = pad_contact(force, modulus)
-    total, _ = quad(lambda r: 2 * np.pi * r * float(pressure(r, state)), 0, float(state.radius))
+    total, _ = quad(lambda r: 2 * np.pi * r * float(pad_pressure(r, state)), 0, float(state.radius))
     assert total == approx(force, rel=1e-8)
-    assert pressure(1.01 * state.radius, state) == 0
+    assert pad_pressure(1.01 * state.radius, state) == 0
 
 
 def test_deflection_and_approach_are_one_on_a_rigid_plate():
@@ -125,7 +124,7 @@ def test_the_displacement_is_that_of_the_pressure_on_a_half_space():
             return max(-r * np.cos(angle) - half, 0.0), max(-r * np.cos(angle) + half, 0.0)
 
         total, _ = dblquad(
-            lambda s, angle, r=r: float(pressure(np.sqrt(r**2 + s**2 + 2 * r * s * np.cos(angle)), state)),
+            lambda s, angle, r=r: float(pad_pressure(np.sqrt(r**2 + s**2 + 2 * r * s * np.cos(angle)), state)),
             0, np.pi, lambda t: chord(t)[0], lambda t: chord(t)[1], epsabs=1e-6, epsrel=1e-6,
         )  # fmt: skip
         assert pad_displacement(r, state) == approx(2 * total / (np.pi * state.pad_modulus), rel=1e-4)

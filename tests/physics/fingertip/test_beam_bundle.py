@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from formulas import stress_history
+from formulas import dome, stress_history
 from pytest import approx
 
-from palpate.physics.fingertip.beam_bundle import BundleState, bundle, dome, step
+from palpate.physics.fingertip.beam_bundle import BundleState, bundle, step
 from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 
