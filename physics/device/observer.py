@@ -4,12 +4,12 @@ A reading in counts q is off by up to q/2, and its differences are counts divide
 works in seconds instead, so its output converges as the ticks become shorter. It has two stages.
 
 **Rest.** Readings that stay within a band of two neighbouring counts for `REST` are replaced by their mean since they
-entered it, within a count of the last one. The gain of a mean falls with time, as 1/t: a spring K against a hand k turns
-an error of the place into K/k times its motion, and a loop that an encoder keeps swinging comes to rest as the gain
-falls. So once the finger has turned round within the band, the band may be three counts wide; a slow motion that does
-not turn is no rest. A reading outside the band ends the rest at once, and what the mean differed from it fades out.
+entered it, within a count of the last one. A spring K against a hand k turns an error of the place into K/k times its
+motion. The gain of a mean falls as 1/t, so a loop that the encoder keeps swinging comes to rest. Once the finger has
+turned round within the band, the band may be three counts wide; a slow motion that does not turn is no rest. A reading
+outside the band ends the rest, and the difference between it and the mean fades out.
 
-**Motion.** With x the estimate and r the reading or the mean,
+**Motion.** With x the estimate and r the reading, or the mean in its place,
 
     x' = v,    v' = 3 w (p + w d - v),    p' = (w^2/3) d,    d = u - x
 
@@ -50,7 +50,7 @@ def begin(axis, reading):
 
 @kernel
 def settle(axis, reading, count, dt):
-    """The reading, or the mean that stands in for it at rest, and the share [1] of the mean; arguments as of `follow`."""
+    """The reading, or at rest the mean in its place, and the share [1] of the mean; arguments as of `follow`."""
     last = axis[LAST]
     if reading != last:
         way = math.copysign(1.0, reading - last)

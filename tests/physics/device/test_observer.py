@@ -7,8 +7,8 @@ Bounds follow from its constants, q being a count and w its bandwidth. x is off 
     3a/w^2 by an acceleration a, the error of its three poles; beyond a count w grows as (d/q)^1.5, so that
            (d/q)^4 = 3a/(w^2 q), of which it may be twice off for a moment.
 
-A step d of what x follows makes a speed of at most 0.8 w d, the peak of its impulse response h; whatever stays within d,
-one of at most 1.76 w d, the integral of |h'|. Both are for d up to a count, above which w grows.
+A step d of what x follows makes a speed of at most 0.8 w d, the peak of its impulse response h; an error that stays
+within d makes at most 1.76 w d, the integral of |h'|. Both are for d up to a count, above which w grows.
 """
 
 import numpy as np
