@@ -1,11 +1,11 @@
-"""A place on the shipped kidney, pressed by the load of `peers.continuum`: the static curve there, by two solvers.
+"""A place on the shipped kidney, pressed by the load of `continuum`: the static curve there.
 
 The kidney is the image of a cube, through the ball that its shape is made from (`physics.geometry.kidney`), so that a
 grid of the cube, graded towards the place, is a mesh of it. It lies on a bed of springs where its normal looks down
 (z below `DOWN`), in all directions. The patch presses along the normal of its place; the surface under it does not move
 sideways. Its radius is a distance in space, as in spread.Kernel.
 
-`fe.Solver` takes quadratic tetrahedra on the grid, FElupe bricks of 27 nodes; each makes its own load and bed.
+`fe.Solver` takes quadratic tetrahedra on the grid; FElupe, which makes the references too, bricks of 27 nodes.
 """
 
 from dataclasses import dataclass
@@ -21,8 +21,8 @@ from palpate.models.fe.solve.solver import Solver
 from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.peers import continuum, felupe
-from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
+from palpate.studies.accuracy import continuum
+from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
 
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
 """[N] Forces at which a curve is known."""
@@ -88,7 +88,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class Frame:
     """The kidney with its place at the origin and the normal there along z; turn (3,3) has the axes as rows."""
 
     foot: np.ndarray
@@ -103,10 +103,10 @@ class _Frame:
         return normals @ self.turn[:, 2] < DOWN * np.linalg.norm(normals, axis=-1)
 
 
-def _cut(block: Kidney) -> tuple[_Frame, list[np.ndarray]]:
+def cut(block: Kidney) -> tuple[Frame, list[np.ndarray]]:
     """The frame of a place, and the grid's planes in the cube, finest under the patch."""
     foot, normal, ahead = (v[0] for v in along(np.array([block.place])))
-    frame = _Frame(foot, np.stack([ahead, np.cross(normal, ahead), normal]))
+    frame = Frame(foot, np.stack([ahead, np.cross(normal, ahead), normal]))
     size, middle = RADIUS / block.cells, float(np.interp(block.place, *_path()[::-1]))
     axes = []
     for axis, (low, high) in enumerate(((-RADIUS, RADIUS), (-RADIUS, RADIUS), (-0.6 * RADIUS, 0.0))):
@@ -125,7 +125,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     Two sides of the cube are one smooth side where they meet, so that curved tetrahedra there would cross: those keep
     straight edges.
     """
-    frame, axes = _cut(block)
+    frame, axes = cut(block)
     corner_points, cells = grid(*axes)
     elements, edges = edge_nodes(len(corner_points), bricks(corner_points, cells))
     cube = np.concatenate([corner_points, corner_points[edges].mean(axis=1)])
@@ -138,7 +138,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
         placed[bent] = straight
     mesh = TetMesh(placed, elements)
     p, on_top = mesh.points, cube[:, 2] > 1.0 - 1e-9
-    unit = continuum.on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], _pressure)
+    unit = continuum.on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], pressure)
     fixed = np.zeros(p.shape, dtype=bool)
     fixed[on_top & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9)), :2] = True
     share = frame.down(face_rule.normals(p, mesh.faces))
@@ -162,27 +162,7 @@ class _PartBed(ElasticFoundation):
         self.couple(pattern)
 
 
-def _pressure(points: np.ndarray) -> np.ndarray:
+def pressure(points: np.ndarray) -> np.ndarray:
     """At points [m] (...,3) of a frame; its scale does not matter."""
     q = np.minimum((points**2).sum(axis=-1) / RADIUS**2, 1.0)
     return (1.0 - q) ** 2
-
-
-def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
-    """Press the kidney with FElupe. The curve has no shape.
-
-    MissingError: it is not installed.
-    """
-    fem = felupe.library()
-    frame, axes = _cut(block)
-    mesh = felupe.bricks(fem, tuple(axes))
-    cube = np.array(mesh.points)
-    mesh.points[:] = p = frame.points(cube)
-    sides = felupe.sides(cube, axes)
-    unit = felupe.on_bricks(p, sides[-1], _pressure, 2 * CUTS)
-    springs = BED * YOUNG * felupe.springs(p, np.concatenate(sides), frame.down)
-    field = felupe.displaced(fem, mesh)
-    solid, outer = felupe.neo_hooke(fem, field, YOUNG, POISSON), felupe.Outer(field, unit, springs)
-    under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
-    held = {"stuck": fem.Boundary(field[0], mask=under, skip=(0, 0, 1))}
-    return pressed(lambda force: felupe.balanced(fem, field, [solid, outer], held, force), levels, unit, NO_TOP)

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.laboratory import OUTSIDE, missing
 from palpate.studies.accuracy.output.pareto import (
     ParetoPoint,
     advice,
@@ -82,22 +81,9 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
         lines += [f"![Orders]({pictures['convergence'].name})", ""] if "convergence" in pictures else []
         lines += ["| method | touch | refined | observed | theory |", "|---|---|---|---|---|"]
         lines += [f"| {s.title} | {s.touch} | {s.axis} | {s.observed:.2f} | {s.theory} |" for s in orders] + [""]
-    lines += _outside(cells)
     lines += ["## Run", "", *(f"* {k}: {_told(v)}" for k, v in about.items()), "", "## Not covered", ""]
     lines += [f"* {text}" for text in NOT_COVERED]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _outside(cells: Sequence[Cell]) -> list[str]:
-    """Which outside solvers there are, how to install the others, how to add one."""
-    ran = {c.method: c.title for c in cells}
-    told = [ran[one.method] for one in OUTSIDE if one.method in ran]
-    return [
-        "## Outside solvers", "", f"Here {', '.join(told) if told else 'none'} ran beside palpate's models.", "",
-        *(f"* Not installed: {text}" for text in missing()),
-        "* To add one, write what `studies/peers/felupe.py` has, `press(block, levels) -> Curve`, name it in `SOLVERS` "
-        "of `studies/accuracy/places.py` and give it a line in `OUTSIDE` of `studies/accuracy/laboratory.py`.", "",
-    ]  # fmt: skip
 
 
 def _told(value: Any) -> str:

@@ -13,7 +13,6 @@ from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
 from palpate.studies.accuracy.refinement import mostly, studies
 from palpate.studies.accuracy.truth import QUANTITIES
-from palpate.studies.peers import calculix
 
 PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "trace", "kept")]
 MEASURES = ("rms", "worst", "band")
@@ -21,8 +20,7 @@ MEASURES = ("rms", "worst", "band")
 
 def about() -> dict[str, Any]:
     """Versions, machine and commit."""
-    versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
-    return {**versions, "calculix": calculix.version() or "not installed", "seeds": "none, nothing here is random"}
+    return {**machine("numpy", "scipy", "numba"), "seeds": "none, nothing here is random"}
 
 
 def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, Path]:

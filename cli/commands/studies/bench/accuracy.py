@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,7 +14,6 @@ from palpate.physics.errors import RunError
 
 if TYPE_CHECKING:
     from palpate.studies.accuracy.cells import Cell
-    from palpate.studies.accuracy.touches import BenchCase
 
 
 def accuracy(
@@ -26,12 +25,6 @@ def accuracy(
     quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 4 minutes of a core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
-    rebuild: Annotated[
-        bool,
-        typer.Option(
-            "--rebuild-references", help="Compute the stored references anew, or those of --touch; needs FElupe."
-        ),
-    ] = False,
     as_json: Json = False,
 ) -> None:
     """Error beside time per step: every model on standard touches, against references. Makes a page, pictures, a table.
@@ -50,9 +43,6 @@ def accuracy(
     from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)
-    if rebuild:
-        _rebuild(about, wanted, silent=as_json)
-        return
     methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
     todo = matrix(wanted, methods, quick)
     check_folder(out)
@@ -72,23 +62,9 @@ def accuracy(
         _print(cells, files)
 
 
-def _rebuild(about: dict[str, Any], wanted: list[BenchCase], silent: bool) -> None:
-    from palpate.studies.accuracy.places import SHIPPED, on_path
-    from palpate.studies.accuracy.places import rebuild as work
-
-    places = list(dict.fromkeys(name for touch in wanted if touch.place for name in on_path(touch.place)))
-    about = {**about, "command": "palpate bench accuracy --rebuild-references"}
-    for what, share in work(places, about):
-        if not silent:
-            say(f"{100 * share:3.0f} %  {what}", wrap=True)
-    if silent:
-        tell({"ok": True, "folder": str(SHIPPED), "places": places})
-
-
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.launch.run.busy import busy
     from palpate.physics import extras
-    from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.output.page import LEGEND, default_costs
     from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
 
@@ -111,8 +87,6 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     if kept := sum(cell.kept for cell in cells):
         words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
         say(words)
-    for text in missing():
-        say(f"not installed  {text}")
     if "overview" not in files:
         say(extras.missing("no pictures", "matplotlib", "view"))
     for name, file in files.items():

@@ -8,8 +8,7 @@ meshed, y >= 0; the touched place lies on y = 0. What comes out is a static curv
 with p, so that f ds is work done on the block, and the shape of its top.
 
 Two solvers, which make the references, share this description and nothing else: `fe.Solver` on quadratic tetrahedra,
-and FElupe on bricks of 27 nodes (`peers.felupe`). Each makes its own load, bed and elements from the grid. CalculiX
-(`peers.calculix`) and MuJoCo (`peers.mujoco`) take the tetrahedra of the first.
+and FElupe on bricks of 27 nodes (`benchmarks/peer_felupe.py`). Each makes its own load, bed and elements from the grid.
 """
 
 import time
