@@ -8,7 +8,6 @@ from palpate.models.fe import Rigid, Settings, Solver, linear, plane, quadratic,
 from palpate.models.fe.contact.pressure import HATS, nodal_pressure
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import bricks, grid
-from palpate.studies.accuracy.halfspace import point_force
 
 YOUNG, RADIUS = 1e4, 0.01
 SIZE = 30.0
@@ -68,3 +67,15 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
         "pressure at the points, L2": points_off,
         "pressure field, L2": field_off,
     }
+
+
+def point_force(points: np.ndarray, young: float, poisson: float) -> np.ndarray:
+    """Displacement [m] (n,3) of the half-space z < 0 of a modulus [Pa] by a unit force [N] at the origin, into it.
+
+    K. L. Johnson, Contact Mechanics, Cambridge 1985, eq. 3.18.
+    """
+    shear = young / (2 * (1 + poisson))
+    r, down = np.linalg.norm(points, axis=1), -points[:, 2]
+    out = down / r**3 - (1 - 2 * poisson) / (r * (r + down))
+    sink = down**2 / r**3 + 2 * (1 - poisson) / r
+    return np.stack([out * points[:, 0], out * points[:, 1], -sink], axis=1) / (4 * np.pi * shear)

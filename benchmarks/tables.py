@@ -26,7 +26,7 @@ def show(title: str, rows: list[dict[str, object]], digits: int = 4) -> None:
         table.add_column(escape(name), justify="right")
     for row in rows:
         cells = ["" if row.get(name) is None else row[name] for name in names]
-        table.add_row(*(figure(cell, digits) if isinstance(cell, float) else str(cell) for cell in cells))
+        table.add_row(*(figure(cell, digits) if isinstance(cell, float) else escape(str(cell)) for cell in cells))
     out = Console()
     (out if out.is_terminal else Console(width=200)).print(table)  # a file has no edge to cut figures at
 

@@ -19,12 +19,6 @@ from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import truth
 
-POINTS = 200
-"""Instants of a touch at which the force of a cell is kept, so that fidelities can be held against each other."""
-
-SHOWING = "refinement.py"
-"""The module that only shows results, beside those in `output`."""
-
 
 @dataclass
 class Cell:
@@ -33,11 +27,7 @@ class Cell:
     status          "ok", "refused" or "failed"; why says more
     errors          by quantity, see `score.Score`
     p50, p99        [s] of a step;  steps how many were timed
-    memory          [byte];  offline [s];  estimated_error [1]
-    trace           [N] (POINTS,) force over the touch, over its peak in truth
-    discretisation  [1] rms of the force from that of the finest setting on the same axis, over the peak of the truth
-    finest          [1] rms of the force of that finest setting from the truth
-    falling         axes on which the finest setting has not come to an end, see `refinement`
+    memory          [byte];  offline [s]
     kept            whether it is of an earlier run
     """
 
@@ -45,7 +35,6 @@ class Cell:
     method: str
     title: str
     fidelity: str
-    axis: str
     rate: float
     status: str = "ok"
     why: str = ""
@@ -55,11 +44,6 @@ class Cell:
     steps: int = 0
     memory: int | None = None
     offline: float = 0.0
-    estimated_error: float | None = None
-    trace: list[float] = field(default_factory=list)
-    discretisation: float | None = None
-    finest: float | None = None
-    falling: str = ""
     kept: bool = field(default=False, compare=False)
 
     def at_reference(self, quantity: str = "force") -> bool:
@@ -103,7 +87,7 @@ def compute(
 
 def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
     """One cell. Whatever a method raises is its failure, and is charged."""
-    cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.axis, fidelity.rate)
+    cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.rate)
     why = method.refuses(touch)
     right = truth(touch)
     if not why:
@@ -114,12 +98,8 @@ def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) 
             cell.errors = score(outcome, right)
             if not all(np.isfinite(v) for own in cell.errors.values() for v in own.values()):
                 raise ArithmeticError("what it tells is not finite")
-            peak = float(right.values["force"].max())
-            at = np.linspace(0.0, touch.duration, POINTS)
-            cell.trace = (np.interp(at, outcome.times, outcome.values["force"]) / peak).tolist()
             cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
             cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
-            cell.estimated_error = None if np.isnan(outcome.estimated_error) else outcome.estimated_error
             return cell
         except UnsupportedError as error:
             why = str(error)
@@ -146,12 +126,12 @@ def _read(path: Path) -> Cell | None:
 def _sources() -> str:
     """A hash of what any cell depends on: the code that computes, and the references."""
     digest = hashlib.sha256()
-    packages = ("physics", "nodes", "messages", "models.fe", "studies.peers", "studies.accuracy")
+    packages = ("physics", "nodes", "messages", "models.fe", "studies.accuracy")
     for package in (f"palpate.{name}" for name in packages):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):
-                if package != "palpate.studies.accuracy" or not (file.name == SHOWING or file.parent.name == "output"):
+                if package != "palpate.studies.accuracy" or file.parent.name != "output":
                     digest.update(f"{package}/{file.relative_to(folder)}".encode() + file.read_bytes())
     for file in sorted(SHIPPED.glob("*.npz")):
         digest.update(file.name.encode() + file.read_bytes())

@@ -7,24 +7,20 @@ import numpy as np
 
 from palpate.studies.accuracy.touches import BenchCase
 
-NEAR = 16e-3
-"""[m] From the foot point within which the shape of the surface is compared."""
-LOOKS = 12
-"""Instants of a touch at which it is."""
+NEAR = 16e-3  # [m] From the foot point within which the shape of the surface is compared
+LOOKS = 12  # Instants of a touch at which it is
 
 
 @dataclass(frozen=True)
 class Fidelity:
     """One setting of a method.
 
-    axis      what is refined: "step", "mesh", "basis", "reach", "form"; the last setting on an axis is its finest
     rate      [Hz] of the steps
     settings  by node: {"body": {...}, "spread": {...}, "surface": {...}}
     quick     whether a quick run has it
     """
 
     name: str
-    axis: str
     rate: float = 1000.0
     settings: dict[str, dict[str, object]] = field(default_factory=dict)
     quick: bool = False
@@ -39,7 +35,6 @@ class MethodOutcome:
     shapes   (time [s], points [m] (k,2), depth [m] (k,)) at some instants
     steps    [s] (n,) time that each step took
     memory   [byte] arrays that the method holds, None where nobody counted; offline [s] once, before
-    estimated_error  [1] what the model says that its indentation is off by, NaN where it says nothing
     """
 
     times: np.ndarray
@@ -48,7 +43,6 @@ class MethodOutcome:
     steps: np.ndarray
     memory: int | None
     offline: float
-    estimated_error: float = float("nan")
 
 
 @dataclass(frozen=True)
@@ -57,7 +51,7 @@ class Method:
 
     compute     (touch, fidelity, repeats) -> outcome; raises UnsupportedError, or what went wrong
     refuses     why it cannot compute a touch; empty where it can
-    fidelities  from coarse to fine on each axis
+    fidelities  what it is tried at
     """
 
     name: str

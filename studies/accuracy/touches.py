@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.peers.continuum import RADIUS
+from palpate.studies.accuracy.continuum import RADIUS
 
-RETARDATION = 0.02
-"""[s] Of the viscous touches: that of deformation.ReducedFE."""
+RETARDATION = 0.02  # [s] Of the viscous touches: that of deformation.ReducedFE
 
 
 @dataclass(frozen=True)
@@ -22,7 +21,7 @@ class BenchCase:
     place        of the stored reference, or of a path of them (`accuracy.places`); empty where there is a closed form
     retardation  [s] Kelvin-Voigt, of the slab
     friction     whether the finger slides with friction
-    nodule       whether the slab has the nodule of `continuum.Inclusion` below (0, 0)
+    nodule       whether the slab has the nodule of `continuum` below (0, 0)
     sticks       whether the surface under the patch is held along itself
     """
 

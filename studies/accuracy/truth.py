@@ -26,20 +26,18 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
 from palpate.physics.kernel import kernel
+from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.places import PLACES, ReferenceSite, on_path, stored
 from palpate.studies.accuracy.touches import BenchCase
-from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
-RATE = 32000
-"""[Hz]"""
+RATE = 32000  # [Hz]
 QUANTITIES = {
     "force": "N", "friction": "N", "indentation": "m", "shape": "m", "area": "m²", "traction": "Pa", "energy": "J",
 }  # fmt: skip
 """What is compared, with its unit."""
 EXACT = 1e-9
 """[1] What a closed form may be off by: rounding, and parts of the set-up that are rigid but for 1e-12 m/N."""
-HERTZ = 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * math.sqrt(RADIUS)
-"""[N/m^1.5] Of the ball on the half-space."""
+HERTZ = 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * math.sqrt(RADIUS)  # [N/m^1.5] Of the ball on the half-space
 SLIDING = LuGre(0.5, 0.7, 0.02, bristle_stiffness=500.0, bristle_damping=1.0, viscous=0.4, rescale=False)
 """Friction of the kidney scene, by the plain differential equation."""
 
@@ -59,11 +57,9 @@ class Truth:
     place: ReferenceSite | None
 
     def value(self, name: str, times: np.ndarray) -> np.ndarray:
-        """A quantity at these times."""
         return np.interp(times, self.times, self.values[name])
 
     def band(self, name: str, times: np.ndarray) -> np.ndarray:
-        """What it may be off by."""
         return np.interp(times, self.times, self.bands[name])
 
     def depth(self, points: np.ndarray, time: float) -> np.ndarray:

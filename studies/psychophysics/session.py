@@ -46,8 +46,7 @@ class Presenter(Protocol):
         """The answer to the experiment's question."""
 
 
-Mark = Callable[[str, float | None], object]
-"""Takes an event, and when it was [s, time.monotonic]; None: now."""
+Mark = Callable[[str, float | None], object]  # Takes an event, and when it was [s, time.monotonic]; None: now
 
 
 def markers(task: str, participant: str) -> Mark:
@@ -108,7 +107,6 @@ def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, pr
 
 
 def _next(order: Schedule, row: Row) -> Trial | None:
-    """The trial after an answer."""
     try:
         return order.send(row["hit"] == "1")
     except StopIteration:

@@ -59,7 +59,6 @@ def test_no_legend_lies_on_a_curve(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "figure", lambda *size: drawn.append(blank(*size)) or drawn[-1])
     same = {"rate": 1000.0, "delay": 0, "stable": 400.0, "bare": 380.0, "controlled": 4000.0}
     pictures.draw_walls([{**same, "damping": 0.1 * k, "passive": 300.0} for k in range(3)], tmp_path / "walls.png")
-    pictures.draw_bodies([{**same, "body": "deformation.MassSpring"}], tmp_path / "bodies.png")
     for figure in drawn:
         (legend,) = figure.legends
         box = legend.get_window_extent()
@@ -74,14 +73,11 @@ def test_a_device_that_is_none_is_refused_by_name(tmp_path, wrong):
     assert not (tmp_path / "stability.csv").exists()
 
 
-def test_bodies_and_regions_come_with_tables_and_pictures(tmp_path):
-    options = ("--body", "deformation.MassSpring", "--regions", "--coulomb", "0.05")
+def test_bodies_come_with_a_table(tmp_path):
+    options = ("--body", "deformation.MassSpring", "--coulomb", "0.05")
     told = json.loads(call("-o", str(tmp_path), *options).stdout)
     (row,) = told["bodies"]
     assert row["body"] == "deformation.MassSpring" and row["stable"] == approx(460, rel=0.05)
-    assert {kind for line in told["regions"]["kinds"] for kind in line} >= {"rests", "rests from near by", "grows"}
-    for name in ("bodies.csv", "bodies.png", "regions.png"):
-        assert (tmp_path / name).stat().st_size > 100
     with (tmp_path / "bodies.csv").open(encoding="utf-8") as file:
         (line,) = csv.DictReader(file)
     assert float(line["stable [N/m]"]) == approx(row["stable"], rel=1e-5)
@@ -92,10 +88,9 @@ def test_bodies_and_regions_come_with_tables_and_pictures(tmp_path):
     [
         (("--body", "collision.Mesh"), "expected a node that takes Load"),
         (("--body", "deformation.Nope"), "no class 'Nope'"),
-        (("--regions", "--resolution", "0"), "expected an encoder"),
     ],
 )
-def test_what_is_no_body_or_has_no_encoder_is_refused(tmp_path, wrong, told):
+def test_what_is_no_body_is_refused(tmp_path, wrong, told):
     result = call("-o", str(tmp_path), *wrong)
     assert result.exit_code == 2 and told in " ".join(result.stdout.split())
 
@@ -106,7 +101,6 @@ def test_what_is_no_body_or_has_no_encoder_is_refused(tmp_path, wrong, told):
         (["--mass", "-1"], "--mass: found -1"),
         (["--rate", "nan"], "--rate: found nan"),
         (["--body", "deformation.Nope"], "'deformation' has no class 'Nope'"),
-        (["--regions", "--resolution", "0"], "--regions: found --resolution 0"),
         (["-o", "{file}/x"], "file/x: Not a directory"),
     ],
 )

@@ -12,10 +12,10 @@ from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.spread import Kernel
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.outcome import Fidelity
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ
-from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 PLANE = {"surface": "plane", "vertices": 900, "position": (0.0, 0.0, 0.0)}
 
@@ -66,7 +66,7 @@ def test_the_force_under_a_rigid_ball_is_off_by_what_the_note_says():
     """The ball of `bench accuracy`, against Hertz's closed form at its deepest."""
     touch = TOUCHES["ball"]
     body = {"model": "linear", "young": YOUNG, "poisson": POISSON, "retardation": 0.0}
-    outcome = chain.run(touch, ReducedFE, Fidelity("as it is", "step", settings={"body": body}), chain.BALL, 1)
+    outcome = chain.run(touch, ReducedFE, Fidelity("as it is", settings={"body": body}), chain.BALL, 1)
     approach, *_ = touch.at(outcome.times)
     deepest = float(approach.max())
     ratio = float(outcome.values["force"].max()) / (HERTZ * deepest**1.5)

@@ -76,7 +76,6 @@ def figure(width: float, height: float, title: str, current: bool = False) -> Fi
 
 
 def entitle(figure: Figure, title: str) -> None:
-    """Write the line over all of a figure."""
     figure.suptitle(title, x=0.01, ha="left", weight="bold")
 
 
@@ -151,10 +150,18 @@ def log_ticks(axes: Axes) -> None:
 
 
 def deformation_colours() -> Any:
-    """`DEFORMATION` as a colour map."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("deformation", DEFORMATION)
+
+
+def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> None:
+    """The bar of these colours from 0 to its top."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    bar = figure.colorbar(ScalarMappable(Normalize(0.0, top), deformation_colours()), label=label, **place)
+    bar.outline.set_visible(False)  # type: ignore[operator]
 
 
 def trace(axes: Axes, x: np.ndarray, values: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,30 +28,25 @@ if TYPE_CHECKING:
 
 BATCH = 100  # instants that are drawn at a time: 140 MB of pixels
 ENDINGS = (".mp4", ".gif")
+DPI = 100
+QUICKEST = 50.0  # [1/s] of a GIF: browsers slow down one that is quicker
 
 
 class FilmFrame:
     """The figure of one instant: surface, colour bar, time, force; `show` puts another instant into it."""
 
     def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
-        from palpate.views.pictures.style import INK, deformation_colours, figure
+        from palpate.views.pictures.style import INK, deformation_bar, figure
 
         self.figure: Figure = figure(7.68, 4.32, "")
         axes = self.figure.subplots()
         axes.set_axis_off()
         self._image = axes.imshow(pixels)
         self._title = axes.set_title("", fontsize=12, color=INK)
-        scale = ScalarMappable(Normalize(0.0, most * of.scale), deformation_colours())
-        bar = self.figure.colorbar(scale, ax=axes, shrink=0.7)
-        bar.set_label(of.label)
-        bar.outline.set_visible(False)  # type: ignore[operator]
+        deformation_bar(self.figure, most * of.scale, of.label, ax=axes, shrink=0.7)
         self.show(pixels, instant)
 
     def show(self, pixels: np.ndarray, instant: Instant) -> None:
-        """Another instant."""
         self._image.set_data(pixels)
         self._title.set_text(instant.title())
 
@@ -111,17 +105,10 @@ def film(
     by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
-    write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     with replacing(target) as part:
         frames = _frames(shown.mesh, [by_time[row] for row in rows], of)
-        write(part, _pixels(_counted(frames, count, done)), rate)
+        _write(part, frames, rate, lambda drawn: done(drawn / count))
     return count
-
-
-def _counted(frames: Iterator[FilmFrame], count: int, done: Callable[[float], object]) -> Iterator[FilmFrame]:
-    for number, frame in enumerate(frames, 1):
-        yield frame
-        done(number / count)
 
 
 def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:
@@ -148,32 +135,26 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Film
             yield frame
 
 
-def _pixels(frames: Iterator[FilmFrame]) -> Iterator[np.ndarray]:
-    """Red, green, blue bytes (h, w, 3) of each frame."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callable[[int], object]) -> None:
+    """A film of frames that share one figure, by the writer of matplotlib for this ending; `done` counts them."""
+    from matplotlib import rc_context
+    from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
-    for frame in frames:
-        canvas = FigureCanvasAgg(frame.figure)
-        canvas.draw()
-        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    look: Any = {}
+    fps: Any = rate  # matplotlib's types know whole numbers alone
+    writer: AbstractMovieWriter
+    if target.suffix.lower() == ".gif":
+        writer = PillowWriter(fps=min(fps, QUICKEST))
+    else:
+        import imageio_ffmpeg
 
-
-def _write_mp4(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
-    import imageio_ffmpeg
-
+        look = {"animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe()}
+        writer = FFMpegWriter(fps=fps)
     first = next(frames)
-    height, width = first.shape[:2]
-    with closing(imageio_ffmpeg.write_frames(str(target), (width, height), fps=rate)) as writer:
-        writer.send(None)
-        for frame in chain([first], frames):
-            writer.send(np.ascontiguousarray(frame))
-
-
-def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
-    from PIL import Image
-
-    images = [Image.fromarray(frame).quantize(64) for frame in frames]
-    images[0].save(target, save_all=True, append_images=images[1:], duration=max(20, round(1000 / rate)), loop=0)
+    with rc_context(look), writer.saving(first.figure, str(target), DPI):
+        for number, _ in enumerate(chain([first], frames), 1):
+            writer.grab_frame()
+            done(number)
 
 
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:

@@ -16,8 +16,7 @@ from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 from palpate.views.surface.render import RIGHT
 
-SHALLOWEST = 0.35
-"""Instants with less than this share of the deepest indentation show hardly anything."""
+SHALLOWEST = 0.35  # Instants with less than this share of the deepest indentation show hardly anything
 
 
 @dataclass(frozen=True)
@@ -72,7 +71,6 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 
 
 def _mesh(touch: TouchStreams, stream: str) -> Mesh:
-    """The undeformed mesh of a body."""
     node = touch.node(stream)
     try:
         kind = recorded_class(node["class"], Node)

@@ -5,35 +5,17 @@ from pathlib import Path
 from typing import Any
 
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.laboratory import OUTSIDE, missing
-from palpate.studies.accuracy.output.pareto import (
-    ParetoPoint,
-    advice,
-    best,
-    duration,
-    front,
-    percent,
-    point,
-    summaries,
-    unable,
-)
+from palpate.studies.accuracy.output.pareto import advice, best, duration, front, percent, point, summaries, unable
 from palpate.studies.accuracy.places import on_path, stored
-from palpate.studies.accuracy.refinement import AXES, mostly, still_falling, studies
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 
-DEFAULT = ("MassSpring", "1000 Hz")
-"""What the kidney graph runs unless it is told otherwise."""
 LEGEND = (
     "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot "
     "do or breaks down on; they are in no error and no time."
 )
-COLUMNS = (
-    "Below, errors are rms and worst, over the peak of the reference. *Held* is memory, *once* is building and "
-    "starting, *mostly* is what the error of the force is made of."
-)
-SOLVER = {"fe": "full FE", "felupe": "FElupe"}
-"""Those of the references."""
+COLUMNS = "Below, errors are rms and worst, over the peak of the reference; *once* is building and starting."
+SOLVER = {"fe": "full FE", "felupe": "FElupe"}  # Those of the references
 NOT_COVERED = (
     "Organs other than a slab and the top of one kidney; of that, the shape of its surface and its viscosity.",
     "Measured tissue. Each reference solves equations; whether they are those of a kidney is not asked.",
@@ -44,22 +26,9 @@ NOT_COVERED = (
 )
 
 
-def default_costs(told: Sequence[ParetoPoint]) -> str:
-    """One sentence on the default: time and error as in its row of the table."""
-    own = next((s for s in told if (s.method, s.fidelity) == DEFAULT), None)
-    if own is None:
-        return "The default, MassSpring at 1 kHz, computed none of these touches."
-    touches = f"median of {own.computed} touches, {percent(own.worst)} at worst, {own.hardest}"
-    return (
-        f"The default, {own.title}, {own.fidelity}: force off by {percent(own.error)} (RMS over the peak, "
-        f"{touches if own.computed > 1 else own.hardest}), p50 {duration(own.p50)}, p99 {duration(own.p99)}."
-    )
-
-
 def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
-    """Write the page beside its pictures."""
     told = summaries(cells)
-    lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(told), ""]
+    lines = ["# What accuracy costs in time", "", advice(told), ""]
     if "overview" in pictures:
         lines += [f"![All touches]({pictures['overview'].name})", ""]
     lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]
@@ -76,28 +45,9 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
     lines += [COLUMNS, ""]
     for touch in dict.fromkeys(c.touch for c in cells):
         lines += _of_touch([c for c in cells if c.touch == touch], pictures.get(touch))
-    orders = studies(cells)
-    if orders:
-        lines += ["## Orders of convergence", ""]
-        lines += [f"![Orders]({pictures['convergence'].name})", ""] if "convergence" in pictures else []
-        lines += ["| method | touch | refined | observed | theory |", "|---|---|---|---|---|"]
-        lines += [f"| {s.title} | {s.touch} | {s.axis} | {s.observed:.2f} | {s.theory} |" for s in orders] + [""]
-    lines += _outside(cells)
     lines += ["## Run", "", *(f"* {k}: {_told(v)}" for k, v in about.items()), "", "## Not covered", ""]
     lines += [f"* {text}" for text in NOT_COVERED]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _outside(cells: Sequence[Cell]) -> list[str]:
-    """Which outside solvers there are, how to install the others, how to add one."""
-    ran = {c.method: c.title for c in cells}
-    told = [ran[one.method] for one in OUTSIDE if one.method in ran]
-    return [
-        "## Outside solvers", "", f"Here {', '.join(told) if told else 'none'} ran beside palpate's models.", "",
-        *(f"* Not installed: {text}" for text in missing()),
-        "* To add one, write what `studies/peers/felupe.py` has, `press(block, levels) -> Curve`, name it in `SOLVERS` "
-        "of `studies/accuracy/places.py` and give it a line in `OUTSIDE` of `studies/accuracy/laboratory.py`.", "",
-    ]  # fmt: skip
 
 
 def _told(value: Any) -> str:
@@ -110,7 +60,7 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
     if picture is not None:
         lines += [f"![{touch.name}]({picture.name})", ""]
     told = [q for q in QUANTITIES if any(q in c.errors for c in own if c.status == "ok")]
-    lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | held | once | mostly |",
+    lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | memory | once | why not |",
               f"|---|{'---|' * (len(told) + 5)}"]  # fmt: skip
     bold = front([point(c) for c in own])
     for k, cell in enumerate(own):
@@ -121,11 +71,10 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
         memory = "" if cell.memory is None else f"{cell.memory / 1e6:.1f} MB"
         lines.append(
             f"| {mark}{cell.title}, {cell.fidelity}{mark} | {errors} | {duration(cell.p50)} | {duration(cell.p99)} "
-            f"| {memory} | {cell.offline:.1f} s | {mostly(cell) or cell.why} |"
+            f"| {memory} | {cell.offline:.1f} s | {cell.why} |"
         )
-    lines += ["", *_limits(own), *_claims(own)]
     refused = {c.title: c.why for c in own if c.status == "refused"}
-    return [*lines, *(f"* {title} cannot: {why}" for title, why in refused.items()), ""]
+    return [*lines, "", *(f"* {title} cannot: {why}" for title, why in refused.items()), ""]
 
 
 def _reference(own: list[Cell]) -> str:
@@ -141,35 +90,6 @@ def _reference(own: list[Cell]) -> str:
     band = next((c.errors["force"]["band"] for c in own if c.status == "ok"), float("nan"))
     at = f", at {len(names)} places" if len(names) > 1 else ""
     return f"Reference: {meshes}{at}. It may be off by {percent(band)} of the peak force."
-
-
-def _limits(own: list[Cell]) -> list[str]:
-    """What is left when a method is refined, axis by axis."""
-    lines = []
-    for method in dict.fromkeys(c.method for c in own if c.status == "ok"):
-        for axis, text in AXES.items():
-            line = [c for c in own if (c.method, c.axis) == (method, axis) and c.discretisation is not None]
-            if not line:
-                continue
-            last, change = (
-                line[-1],
-                f"the last refinement changed the force by {percent(line[-2].discretisation or 0.0)}",
-            )
-            if last.at_reference():
-                lines.append(f"* {last.title}, {text}: comes to the reference")
-                continue
-            flat = "still falling" if still_falling(line) else "flat"
-            lines.append(f"* {last.title}, {text}: {percent(last.errors['force']['rms'])} is left, {flat}; {change}")
-    return lines
-
-
-def _claims(own: list[Cell]) -> list[str]:
-    return [
-        f"* {c.title}, {c.fidelity}: its basis claims {percent(c.estimated_error)} of the indentation in the mean; "
-        f"here it is off by {percent(c.errors['indentation']['rms'])} of its peak (rms)"
-        for c in own
-        if c.estimated_error is not None and c.fidelity == "1000 Hz"
-    ]
 
 
 def _error(cell: Cell, quantity: str) -> str:

@@ -11,22 +11,17 @@ from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
-from palpate.studies.accuracy.refinement import mostly, studies
 from palpate.studies.accuracy.truth import QUANTITIES
-from palpate.studies.peers import calculix
 
-PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "trace", "kept")]
+PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "kept")]
 MEASURES = ("rms", "worst", "band")
 
 
 def about() -> dict[str, Any]:
-    """Versions, machine and commit."""
-    versions = machine("numpy", "scipy", "numba", "felupe", "mujoco")
-    return {**versions, "calculix": calculix.version() or "not installed", "seeds": "none, nothing here is random"}
+    return {**machine("numpy", "scipy", "numba"), "seeds": "none, nothing here is random"}
 
 
 def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, Path]:
-    """The files by what they are."""
     table(cells, told, folder / "accuracy.csv")
     drawn = _drawn(cells, folder)
     page.write(cells, told, drawn, folder / "accuracy.md")
@@ -35,7 +30,7 @@ def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, 
 
 def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
     """A line of provenance as JSON behind a `#`, then a row a cell: [s], [byte], errors over the peak of the truth."""
-    names = [*PLAIN, "mostly", *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
+    names = [*PLAIN, *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {json.dumps(told, ensure_ascii=False, default=str)}\n")
@@ -44,21 +39,23 @@ def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
         for cell in cells:
             row: dict[str, Any] = {n: "" if getattr(cell, n) is None else getattr(cell, n) for n in PLAIN}
             errors = {f"{q} {m}": own[m] for q, own in cell.errors.items() for m in MEASURES}
-            rows.writerow({**row, "mostly": mostly(cell), **errors})
+            rows.writerow({**row, **errors})
 
 
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
     """The pictures; none where matplotlib is missing."""
     try:
-        from palpate.studies.accuracy.output.pictures import convergence, overview, touch_picture
+        from matplotlib import rc_context
+
+        from palpate.studies.accuracy.output.pictures import overview, touch_picture
     except ImportError:
         return {}
+    from palpate.views.pictures.style import LOOK
+
     drawn = {touch: folder / f"{touch}.png" for touch in dict.fromkeys(c.touch for c in cells)}
-    for touch, file in drawn.items():
-        touch_picture([c for c in cells if c.touch == touch], file)
-    drawn["overview"] = folder / "overview.png"
-    overview(summaries(cells), cells, drawn["overview"])
-    if orders := studies(cells):
-        drawn["convergence"] = folder / "convergence.png"
-        convergence(orders, drawn["convergence"])
+    with rc_context(LOOK):
+        for touch, file in drawn.items():
+            touch_picture([c for c in cells if c.touch == touch], file)
+        drawn["overview"] = folder / "overview.png"
+        overview(summaries(cells), cells, drawn["overview"])
     return drawn

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,7 +14,6 @@ from palpate.physics.errors import RunError
 
 if TYPE_CHECKING:
     from palpate.studies.accuracy.cells import Cell
-    from palpate.studies.accuracy.touches import BenchCase
 
 EXAMPLE = "palpate bench accuracy --quick"
 
@@ -28,12 +27,6 @@ def accuracy(
     quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 4 minutes of a core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
-    rebuild: Annotated[
-        bool,
-        typer.Option(
-            "--rebuild-references", help="Compute the stored references anew, or those of --touch; needs FElupe."
-        ),
-    ] = False,
     as_json: Json = False,
 ) -> None:
     """Measure the error and the step time of every model.
@@ -48,14 +41,10 @@ def accuracy(
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.output.report import about as versions
     from palpate.studies.accuracy.output.report import written
-    from palpate.studies.accuracy.refinement import mostly, told_apart
     from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)
-    if rebuild:
-        _rebuild(about, wanted, silent=as_json)
-        return
-    methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
+    methods = known.chosen(only, {name: find_class(name) for name in body or ()})
     todo = matrix(wanted, methods, quick)
     check_folder(out)
 
@@ -65,33 +54,18 @@ def accuracy(
     if not any(cell.status == "ok" for cell in cells):
         why = dict.fromkeys(f"{cell.title}, {cell.touch}: {cell.why}" for cell in cells)
         raise RunError(f"none of these methods computes any of these touches ({'; '.join(why)})")
-    told_apart(cells)
     files = written(cells, about, out)
     if as_json:
         tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
-              "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
+              "cells": [asdict(c) for c in cells]})  # fmt: skip
     else:
         _print(cells, files)
-
-
-def _rebuild(about: dict[str, Any], wanted: list[BenchCase], silent: bool) -> None:
-    from palpate.studies.accuracy.places import SHIPPED, on_path
-    from palpate.studies.accuracy.places import rebuild as work
-
-    places = list(dict.fromkeys(name for touch in wanted if touch.place for name in on_path(touch.place)))
-    about = {**about, "command": "palpate bench accuracy --rebuild-references"}
-    for what, share in work(places, about):
-        if not silent:
-            say(f"{100 * share:3.0f} %  {what}", wrap=True)
-    if silent:
-        tell({"ok": True, "folder": str(SHIPPED), "places": places})
 
 
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.launch.run.busy import busy
     from palpate.physics import extras
-    from palpate.studies.accuracy.laboratory import missing
-    from palpate.studies.accuracy.output.page import LEGEND, default_costs
+    from palpate.studies.accuracy.output.page import LEGEND
     from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
 
     told = summaries(cells)
@@ -109,11 +83,8 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     say(LEGEND, wrap=True)
     if none := unable(cells):
         say(f"Cannot do any touch: {', '.join(none)}.", wrap=True)
-    say(default_costs(told), wrap=True)
     if kept := sum(cell.kept for cell in cells):
         say(f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again")
-    for text in missing():
-        say(f"not installed  {text}")
     if "overview" not in files:
         say(extras.missing("no pictures", "matplotlib", "view"))
     for name, file in files.items():

@@ -1,0 +1,154 @@
+"""The references of `palpate bench accuracy`, made anew: two solvers, each on two meshes.
+
+    python benchmarks/references.py [PLACE ...]     # such as middle kidney+00; all without a name: 40 minutes of a core
+
+    value = mean of both solvers' finer meshes
+    band  = |difference of these| + the greater of both  |finer - coarser| / ((h/h')² - 1)
+
+The last is Richardson's estimate with second order, which is below the order that smooth parts of the solution have.
+It needs FElupe (`pip install "palpate[bench]"`). An interrupted run resumes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, fields, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import kidney_place
+import numpy as np
+import peer_felupe
+from scipy.interpolate import RegularGridInterpolator
+
+from palpate.engine.provenance import machine
+from palpate.physics import kernel_cache
+from palpate.physics.archive import replacing
+from palpate.studies.accuracy import continuum, kidney, places
+from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
+from palpate.studies.accuracy.kidney import Kidney
+from palpate.studies.accuracy.places import PLACES, SHIPPED, ReferenceSite, cells_text
+
+MESHES = {"fe": (3, 5), "felupe": (2, 3)}
+"""Cells across the patch's radius, coarser and finer, of each solver."""
+NEAR = 2.0 * RADIUS
+"""[m] Round the place within which shapes are compared."""
+Place = Block | Kidney
+
+
+def pressed(block: Place, solver: str) -> ContinuumCurve:
+    """The curve of a place by a solver."""
+    if isinstance(block, Block):
+        levels = places.levels_of(block)
+        return continuum.press(block, levels) if solver == "fe" else peer_felupe.press(block, levels)
+    return kidney_place.press(block) if solver == "fe" else kidney_place.press_felupe(block)
+
+
+def kept(block: Place, solver: str) -> ContinuumCurve:
+    """The same, or what was computed before with the same sources."""
+    told = f"{solver} {block} {peer_felupe.version()} {_sources()}"
+    path = places.cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
+    if path.is_file():
+        with np.load(path) as file:
+            own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
+        return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
+    curve = pressed(block, solver)
+    with replacing(path) as part:
+        np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
+    return curve
+
+
+@lru_cache(maxsize=1)
+def _sources() -> str:
+    """A hash of what a curve depends on."""
+    modules = (continuum, kidney, kidney_place, peer_felupe)
+    text = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
+    return hashlib.sha256(text + kernel_cache.key().encode()).hexdigest()
+
+
+def rebuild(
+    names: list[str], provenance: dict[str, Any], folder: Path = SHIPPED, meshes: dict[str, tuple[int, int]] = MESHES
+) -> Iterator[tuple[str, float]]:
+    """Compute the references of these names anew and store them; yields the name and the share done."""
+    todo = [(name, solver, cells) for name in names for solver in meshes for cells in meshes[solver]]
+    curves_of: dict[tuple[str, str, int], ContinuumCurve] = {}
+    for done, (name, solver, cells) in enumerate(todo):
+        yield f"{name}: {solver}, {cells_text(cells)}", done / len(todo)
+        curves_of[name, solver, cells] = kept(replace(PLACES[name], cells=cells), solver)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        curves = {solver: [curves_of[name, solver, cells] for cells in meshes[solver]] for solver in meshes}
+        place = combined(PLACES[name], curves, meshes)
+        about = {
+            **provenance,
+            "place": asdict(PLACES[name]),
+            "solvers": {
+                solver: {"cells a radius": meshes[solver], "unknowns": [c.unknowns for c in own],
+                         "indentation": [c.indentation.tolist() for c in own]}
+                for solver, own in curves.items()
+            },
+            "young": YOUNG, "poisson": POISSON, "bed": BED, "radius": RADIUS, "felupe": peer_felupe.version(),
+        }  # fmt: skip
+        numbers = {f.name: getattr(place, f.name) for f in fields(ReferenceSite) if f.name != "about"}
+        numbers["shape"] = place.shape.astype(np.float32)
+        np.savez_compressed(folder / f"{name}.npz", **numbers, about=np.array(json.dumps(about)))
+    places.stored.cache_clear()
+    yield "stored", 1.0
+
+
+def combined(
+    block: Place, curves: dict[str, list[ContinuumCurve]], meshes: dict[str, tuple[int, int]]
+) -> ReferenceSite:
+    """The reference from each solver's curves on its coarser and finer mesh."""
+    fine = {solver: own[-1] for solver, own in curves.items()}
+    base = fine["fe"]
+    rest = {
+        solver: 1.0 / ((meshes[solver][1] / meshes[solver][0]) ** 2 - 1.0) if len(own) > 1 else 1.0
+        for solver, own in curves.items()
+    }
+    depth = np.mean([c.indentation for c in fine.values()], axis=0)
+    apart = np.ptp([c.indentation for c in fine.values()], axis=0)
+    left = np.max([rest[s] * np.abs(own[-1].indentation - own[0].indentation) for s, own in curves.items()], axis=0)
+    work = np.mean([c.work for c in fine.values()], axis=0)
+    numbers = (base.force, depth, work, apart + left, base.x, base.y)
+    if not len(base.x):
+        return ReferenceSite(*numbers, base.shape, np.zeros_like(depth), {})
+    shapes = {s: [_carried(c, base) for c in own] for s, own in curves.items()}
+    shape = np.mean([own[-1] for own in shapes.values()], axis=0)
+    x, y = np.meshgrid(base.x, base.y, indexing="ij")
+    near = np.hypot(x - block.place, y) < NEAR
+
+    def rms(difference: np.ndarray) -> np.ndarray:
+        return np.asarray(np.sqrt((difference[:, near] ** 2).mean(axis=1)))
+
+    last = [own[-1] for own in shapes.values()]
+    own_left = np.max([rest[s] * rms(own[-1] - own[0]) for s, own in shapes.items()], axis=0)
+    shape_band = rms(last[0] - last[-1]) + own_left
+    return ReferenceSite(*numbers, shape, shape_band, {})
+
+
+def _carried(curve: ContinuumCurve, base: ContinuumCurve) -> np.ndarray:
+    """The shape of a curve at the lines of another (L,x,y)."""
+    if len(curve.x) == len(base.x) and np.allclose(curve.x, base.x) and len(curve.y) == len(base.y):
+        return curve.shape
+    at = np.stack(np.meshgrid(base.x, base.y, indexing="ij"), axis=-1)
+    return np.array([RegularGridInterpolator((curve.x, curve.y), s, method="cubic")(at) for s in curve.shape])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("places", nargs="*", metavar="PLACE", help=f"of {', '.join(PLACES)}; all if left out")
+    names = parser.parse_args().places or list(PLACES)
+    if wrong := set(names) - set(PLACES):
+        parser.error(f"found {min(wrong)!r}, expected some of {', '.join(PLACES)}")
+    about = {**machine("numpy", "scipy", "numba"), "command": f"python benchmarks/references.py {' '.join(names)}"}
+    for what, share in rebuild(names, about):
+        print(f"{100 * share:3.0f} %  {what}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
