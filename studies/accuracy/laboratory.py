@@ -18,7 +18,7 @@ CELLS = (1, 2, 3, 4)  # Across the radius
 REFUSED = {
     "half-space": "a half-space has no border, and a closed form: Hertz's",
     "kidney": "the whole kidney takes minutes: python benchmarks/references.py",
-    "plate": "the layered fingertip takes minutes: palpate fe fingertip",
+    "plate": "the layered fingertip takes minutes: palpate build fe fingertip",
 }
 """Bodies that are not meshed here, and why."""
 
