@@ -29,9 +29,11 @@ class Verbs(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """The options; those that install shell completion work but stay out of the help."""
-        params: list[Any] = super().get_params(ctx)
+        params = super().get_params(ctx)
+        param: Any
         for param in params:
-            param.hidden = getattr(param, "hidden", False) or param.name in ("install_completion", "show_completion")
+            if param.name in ("install_completion", "show_completion"):
+                param.hidden = True
         return params
 
     def invoke(self, ctx: Any) -> Any:

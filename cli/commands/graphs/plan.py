@@ -61,18 +61,18 @@ def plan(
     else:
         from palpate.cli.terminal import plan_tables
 
-        shown = console()
-        shown.print(plan_tables.running(planned, placement))
+        screen = console()
+        screen.print(plan_tables.running(planned, placement))
         if why := plan_tables.processes(placement):
-            shown.print(why)
+            screen.print(why)
         if planned.skipped:
-            shown.print()
-            shown.print(plan_tables.skipped(planned))
+            screen.print()
+            screen.print(plan_tables.skipped(planned))
         for note in planned.graph.notes:
-            shown.print(f"\n{note}", style="yellow")
+            screen.print(f"\n{note}", style="yellow")
         if items:
-            shown.print()
-            shown.print(plan_tables.bill(items, source))
+            screen.print()
+            screen.print(plan_tables.bill(items, source))
 
 
 def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:
