@@ -143,25 +143,22 @@ class Fitted:
         self.titles, self.rows, self.spare = list(titles), rows, spare
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        widths = {
-            title: max([*map(len, title.split("\n")), *(row[k].cell_len for row in self.rows)])
-            for k, title in enumerate(self.titles)
-        }
         gone: list[str] = []
-        for title in self.spare:
-            shown = [width for name, width in widths.items() if name not in gone]
-            if sum(shown) + len(shown) <= options.max_width:
-                break
-            gone.append(title)
+        grid, endless = self._grid(gone), options.update(max_width=1000)
+        while len(gone) < len(self.spare) and console.measure(grid, options=endless).maximum > options.max_width:
+            gone.append(self.spare[len(gone)])
+            grid = self._grid(gone)
+        yield grid
+        if gone:
+            names = ", ".join(title.split("\n")[0] for title in gone)
+            yield Text(f"a wider terminal also shows: {names}", style="dim")
+
+    def _grid(self, gone: Sequence[str]) -> Table:
         kept = [k for k, title in enumerate(self.titles) if title not in gone]
-        gap = 2 if sum(widths[self.titles[k]] + 2 for k in kept) <= options.max_width else 1
-        grid = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 0, 0, gap))
+        grid = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 0, 0, 1))
         for k in kept:
             # As text: brackets are no markup here.
             grid.add_column(Text(self.titles[k]), justify="right" if k and self.titles[k] else "left", no_wrap=True)
         for row in self.rows:
             grid.add_row(*(row[k] for k in kept))
-        yield grid
-        if gone:
-            names = ", ".join(title.split("\n")[0] for title in gone)
-            yield Text(f"a wider terminal also shows: {names}", style="dim")
+        return grid
