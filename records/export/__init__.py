@@ -6,7 +6,7 @@ from pathlib import Path
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-FORMATS = ("foxglove", "rerun", "parquet", "csv", "vtk")
+FORMATS = ("foxglove", "rerun", "parquet", "csv")
 ENDINGS = {"foxglove": ".foxglove.mcap", "rerun": ".rrd"}
 
 
@@ -22,10 +22,10 @@ def export(
     """Write a recording in another format; the files written.
 
     to       one of FORMATS: foxglove (MCAP with JSON channels and a scene), rerun (.rrd), parquet, csv (a file per
-             stream), vtk (a series of surfaces for ParaView)
+             stream)
     out      file or folder; None: beside the recording
     streams  to write; none: all that fit
-    every    each n-th message only; None: all of a table, 30 surfaces in a second
+    every    each n-th message only; None: all numbers, 30 surfaces in a second
     tell     gets a line for each thing that is left out of a scene
 
     RecordingError: what does not fit, or which package is missing.
@@ -45,10 +45,6 @@ def export(
         from palpate.records.export.rerun import write_rerun
 
         return write_rerun(*what, tell=tell)
-    if to == "vtk":
-        from palpate.records.export.vtk import write_vtk
-
-        return write_vtk(*what)
     from palpate.records.export.tables import write_csv, write_parquet
 
     return (write_csv if to == "csv" else write_parquet)(*what)

@@ -5,9 +5,7 @@ import json
 import re
 import subprocess
 import sys
-from itertools import pairwise
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -118,43 +116,6 @@ def test_csv_has_a_column_per_number_with_its_unit_and_loses_no_digit(recording,
     assert rows == expected and len(rows) > 100
 
 
-def test_pyvista_reads_the_series_of_surfaces(recording, tmp_path):
-    pv = pytest.importorskip("pyvista")
-    export(recording, "vtk", tmp_path, every=10)
-    reader = pv.get_reader(tmp_path / "tissue.pvd")
-    assert reader.time_values == pytest.approx(np.arange(12) * 0.01)
-    messages = list(recording.messages("tissue"))[::10]
-    rest = None
-    for index, message in enumerate(messages):
-        reader.set_active_time_point(index)
-        surface = reader.read()[0]
-        moved = np.array(surface.point_data["displacement"])
-        assert np.array_equal(moved[message.nodes], message.displacement)
-        assert np.count_nonzero(moved.any(axis=1)) <= len(message.nodes)
-        rest = np.array(surface.points) - moved if rest is None else rest
-        assert np.allclose(np.array(surface.points), rest + moved, atol=2e-8)
-        assert surface.is_all_triangles
-    assert max(np.abs(m.displacement).max(initial=0.0) for m in messages) > 1e-4
-    names = [part.get("file") for part in ElementTree.parse(tmp_path / "tissue.pvd").iter("DataSet")]
-    assert len(names) == 12 and set(names) == {path.name for path in tmp_path.glob("*.vtp")}
-    moves = [not np.array_equal(a.displacement, b.displacement) for a, b in pairwise(messages)]
-    assert [a != b for a, b in pairwise(names)] == moves and not all(moves)  # at rest, one file serves
-
-
-def test_a_series_of_surfaces_has_thirty_a_second_and_is_compressed(recording, tmp_path):
-    pv = pytest.importorskip("pyvista")
-    export(recording, "vtk", tmp_path / "usual")
-    times = pv.get_reader(tmp_path / "usual" / "tissue.pvd").time_values
-    assert times == pytest.approx(np.arange(len(times)) / 30, abs=2e-3) and len(times) == 4
-    surface = pv.read(max((tmp_path / "usual").glob("*.vtp")))
-    surface.save(tmp_path / "plain.vtp", binary=False)
-    count = len(list(recording.messages("tissue")))
-    size = sum(path.stat().st_size for path in (tmp_path / "usual").iterdir())
-    assert 50 * size < count * (tmp_path / "plain.vtp").stat().st_size
-    export(recording, "vtk", tmp_path / "all", every=1)
-    assert len(pv.get_reader(tmp_path / "all" / "tissue.pvd").time_values) == count
-
-
 def test_every_nth_message_only(recording, tmp_path):
     export(recording, "csv", tmp_path, ["contact"], every=50)
     with open(tmp_path / "contact.csv", newline="") as file:
@@ -163,9 +124,8 @@ def test_every_nth_message_only(recording, tmp_path):
 
 def test_what_cannot_be_exported_is_told(recording, tmp_path):
     for args, words in (
-        (("xls",), "expected one of foxglove, rerun, parquet, csv, vtk"),
+        (("xls",), "expected one of foxglove, rerun, parquet, csv"),
         (("csv", tmp_path, ["contct"]), "Did you mean 'contact'"),
-        (("vtk", tmp_path, ["contact"]), "none of its streams (contact) holds a deformed surface"),
         (("foxglove", TOUCH), "is the recording itself"),
     ):
         with pytest.raises(RecordingError, match=re.escape(words)):
@@ -176,9 +136,6 @@ def test_a_missing_package_is_told_with_what_to_install(recording, tmp_path, mon
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(RecordingError, match=r'pip install "palpate\[export\]"'):
         export(recording, "parquet", tmp_path)
-    monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(RecordingError, match=r'pip install "palpate\[view\]"'):
-        export(recording, "vtk", tmp_path)
 
 
 def test_the_command_exports_a_file_that_was_cut_off(tmp_path):

@@ -39,7 +39,6 @@ PURPOSE = {
     "gym": [f"python -c {shlex.quote(GYM)}"],
     "view": [
         "palpate plot touch.mcap contact.force",
-        "palpate export touch.mcap --to vtk",
         "palpate picture touch.mcap --at 0.35",
     ],
     "scan": ["palpate fingertip --phantom images", "palpate fingertip images -o finger.npz"],

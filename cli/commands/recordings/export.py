@@ -11,7 +11,7 @@ from palpate.cli.terminal.output import say, tell
 
 def export(
     file: Annotated[Path, typer.Argument(help="Recording (.mcap); for fmu a graph.", metavar="FILE")],
-    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet, csv or vtk; fmu.")],
+    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet or csv; fmu.")],
     out: Annotated[
         Path | None,
         typer.Option("-o", "--out", help="File (foxglove, rerun, fmu) or folder; by default next to the recording."),
@@ -25,7 +25,7 @@ def export(
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
-    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet, CSV, or VTK (ParaView).
+    """Write a recording as MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet or CSV.
 
     With --to fmu, write a graph as a unit for co-simulation (FMI 3.0); --set is for it alone.
     """
