@@ -25,30 +25,23 @@ def about(plan: Plan, *, here: bool = True, **more: object) -> dict[str, object]
         "plan": spec,
         "versions": _versions(PACKAGES),
         "arithmetic": in_force(here=here),
-        "machine": {
-            "system": platform.platform(),
-            "architecture": platform.machine(),
-            "processor": _processor(),
-            "cores": os.cpu_count(),
-            "byte order": sys.byteorder,
-        },
-        "commit": commit(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "machine": {**_machine(), "architecture": platform.machine(), "byte order": sys.byteorder},
+        **_moment(),
         **more,
     }
 
 
+def _machine() -> dict[str, Any]:
+    return {"system": platform.platform(), "processor": _processor(), "cores": os.cpu_count()}
+
+
+def _moment() -> dict[str, Any]:
+    return {"commit": commit(), "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")}
+
+
 def machine(*packages: str) -> dict[str, Any]:
     """What a measurement says of where it was made: versions, processor, cores, commit, date."""
-    return {
-        **_versions(("palpate", *packages)),
-        "arithmetic": in_force(),
-        "system": platform.platform(),
-        "processor": _processor(),
-        "cores": os.cpu_count(),
-        "commit": commit(),
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-    }
+    return {**_versions(("palpate", *packages)), "arithmetic": in_force(), **_machine(), **_moment()}
 
 
 def rounding(recorded: dict[str, Any]) -> list[str]:

@@ -24,6 +24,9 @@ from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, 
 _MOST_TICKS = 1 << 31
 BLOCK = 10_000  # messages that are decoded at a time
 M = TypeVar("M", bound=Message)
+_BAD_DATA = (
+    msgspec.MsgspecError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError,
+)  # fmt: skip
 
 
 class RecordingError(PalpateError, ValueError):
@@ -59,14 +62,15 @@ class Channelled:
 
 
 @contextlib.contextmanager
-def damaged(path: Path) -> Iterator[None]:
-    """RecordingError for whatever unexpected data of this file raise: a file may say anything."""
+def damaged(path: Path, what: str = "") -> Iterator[None]:
+    """RecordingError for whatever unexpected data of this file, or of this part of it, raise: it may say anything."""
     try:
         yield
     except PalpateError:
         raise
-    except (msgspec.MsgspecError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError) as error:
-        raise RecordingError(f"{path}: damaged, or not written by palpate: {type(error).__name__}: {error}") from error
+    except _BAD_DATA as error:
+        where = f" in {what}" if what else ""
+        raise RecordingError(f"{path}: damaged{where}, or not written by palpate: {error!r}") from error
 
 
 class Stored:
@@ -133,7 +137,8 @@ class Stored:
         schemas: dict[int, Any] = {}
         for record in self._head():
             if isinstance(record, Schema):
-                schemas[record.id] = self._parsed(record)
+                with damaged(self.path, f"the schema {record.name!r}"):
+                    schemas[record.id] = json.loads(record.data)
             elif isinstance(record, Channel):
                 self._channel(record, schemas)
             else:
@@ -170,34 +175,21 @@ class Stored:
                 self.damage = damage
             return list(entries.values())
 
-    def _parsed(self, schema: Schema) -> Any:
-        try:
-            return json.loads(schema.data)
-        except (ValueError, RecursionError) as error:
-            raise RecordingError(
-                f"{self.path}: the schema {schema.name!r} cannot be read ({error!r}): the file is damaged, or not "
-                "written by palpate"
-            ) from None
-
     def _told(self, metadata: Metadata) -> None:
         """Take what the file says beside its messages."""
         entries = metadata.metadata
-        try:
+        with damaged(self.path, f"its metadata {metadata.name!r}"):
             match metadata.name:
                 case "palpate.about" | "palpate.counts" | "palpate.times" as name:
                     setattr(self, name.partition(".")[2], {key: json.loads(value) for key, value in entries.items()})
                 case "palpate.restarted":
                     self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
-        except (ValueError, KeyError, RecursionError) as error:
-            raise RecordingError(f"{self.path}: damaged in its metadata {metadata.name!r}: {error!r}") from None
 
     def _check_names(self) -> None:
         """RecordingError: a stream that is none of the recorded graph's."""
         plan = self.about.get("plan")
-        try:
+        with damaged(self.path, "what it says of its nodes"):
             nodes = {item["name"] for item in plan.get("nodes", ())} if isinstance(plan, dict) else set()
-        except (KeyError, TypeError) as error:
-            raise RecordingError(f"{self.path}: damaged in what it says of its nodes: {error!r}") from None
         for name, stream in self.streams.items():
             if nodes and (stream.producer not in nodes or name.partition(".")[0] != stream.producer):
                 raise RecordingError(
@@ -207,18 +199,13 @@ class Stored:
 
     def _channel(self, channel: Channel, schemas: dict[int, Any]) -> None:
         about = channel.metadata
-        try:
+        with damaged(self.path, f"what it says of stream {channel.topic!r}"):
             schema = schemas[channel.schema_id]
             stream = Channelled(
                 channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path,
                 about.get("kept", ""),
             )  # fmt: skip
             version, _, _ = schema.get("version"), schema["class"], schema["title"]
-        except (KeyError, ValueError, TypeError, AttributeError) as error:
-            raise RecordingError(
-                f"{self.path}: what it says of stream {channel.topic!r} cannot be read ({error!r}): "
-                "the file is damaged, or not written by palpate"
-            ) from None
         if version != SCHEMA_VERSION:
             raise RecordingError(
                 f"{self.path}: stream {channel.topic!r} has schema version {version!r}, this palpate reads "
