@@ -174,9 +174,10 @@ class _Chain:
                 run_tick(self.slots, tick, self)
                 spent[tick] = self._spent() - begun
                 if keep:
-                    touched, rubbed, load, surface = (output and output.last for output in self.outputs)
-                    heard.append((touched, rubbed, _copied(load, "nodes", "forces"),
-                                  _copied(surface, "nodes", "displacement")))  # fmt: skip
+                    sent: list[Any] = [output.last if output else None for output in self.outputs]
+                    touched, rubbed, load, surface = sent
+                    kept = _copied(load, "nodes", "forces"), _copied(surface, "nodes", "displacement")
+                    heard.append((touched, rubbed, *kept))
         finally:
             gc.enable()
         return heard, 1e-9 * spent
