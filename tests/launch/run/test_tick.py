@@ -1,0 +1,93 @@
+"""Nodes are stepped in one place: what lies ready in a process is what the rules of each clock would pick."""
+
+from dataclasses import replace
+from itertools import count
+
+import pytest
+
+from palpate.engine.slot import Slot
+from palpate.engine.tick import run_tick
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.plan import plan
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.work import real
+from palpate.launch.run.work.simulated import SimulatedClock
+from palpate.launch.run.work.worker import Worker
+from palpate.messages import pack
+
+TICKS = 400
+
+
+def touch(monkeypatch, clock: str, ready: bool) -> tuple[list[dict[str, bytes]], list[tuple[int, int, int]]]:
+    """What the nodes of the kidney graph send at each tick in one process, and how many steps, losses and holds they
+    count; `ready`: they may take what lies ready."""
+    launch = replace(find("kidney").but(place="fused", overrides=["friction.every=3", "tissue.every=2"]), record=None)
+    graph = launch.load()
+    graph.nodes["log"].off = "nothing is recorded"
+    planned = plan(graph)
+    [job] = jobs(planned, launch.placement(planned), clock=clock, ticks=TICKS)
+    worker = Worker(job, None, lambda report: None)
+    worker.start()
+    if not ready:
+        for slot in worker.slots:
+            slot.near = False
+    times = count(step=100_000)
+    monkeypatch.setattr(real, "now", lambda: next(times))
+    monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
+    sent = []
+
+    def housekeep() -> None:
+        sent.append({stream: pack(output.last) for stream, output in worker.outputs.items() if output.last})
+
+    monkeypatch.setattr(worker, "housekeep", housekeep)
+    try:
+        if clock == "real":
+            real.run_real(worker, 0)
+        else:
+            simulated = SimulatedClock(worker)
+            for tick in range(TICKS):
+                simulated.run(tick)
+    finally:
+        worker.stop()
+    return sent, [(slot.health.step.count, slot.health.lost, slot.health.held) for slot in worker.slots]
+
+
+@pytest.mark.parametrize("clock", ["simulated", "real"])
+def test_what_lies_ready_is_what_would_be_gathered(monkeypatch, clock):
+    ready, gathered = touch(monkeypatch, clock, True), touch(monkeypatch, clock, False)
+    assert len(ready[0]) == TICKS and ready == gathered
+
+
+class Host:
+    """Gives each node no inputs, and notes who has stepped."""
+
+    rate, at = 1000.0, 7
+
+    def __init__(self) -> None:
+        self.stepped: list[tuple[str, int]] = []
+
+    def gather(self, slot: Slot, tick: int) -> list | None:
+        return None if slot.name == "lacks" else []
+
+    def sent(self, slot: Slot, tick: int) -> None:
+        self.stepped.append((slot.name, tick))
+
+
+class Node:
+    """What `run_tick` sees of a slot."""
+
+    near = follows = blocked = False
+    every = 2
+
+    def __init__(self, name: str, due: int = 0, **given: object) -> None:
+        self.name, self.due, self.steps = name, due, []
+        vars(self).update(given)
+
+    def step(self, *given: object) -> None:
+        self.steps.append(given)
+
+
+def test_a_node_steps_if_it_is_due_and_not_blocked_and_has_its_inputs():
+    host, node = Host(), Node("steps")
+    run_tick([node, Node("later", due=6), Node("dead", blocked=True), Node("lacks")], 5, host)
+    assert host.stepped == [("steps", 5)] and node.steps == [(5, 7, [], 2e-3)]
