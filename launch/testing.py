@@ -37,7 +37,7 @@ class FakeBus:
         self.ports = {} if node.paced and not inputs(type(node)) else {p.name: p for p in inputs(type(node))}
         self.held: dict[str, Given] = {name: [] if port.many else None for name, port in self.ports.items()}
         self.tick = self.at = 0
-        self._drop = self._late = 0
+        self._drop = 0
         self._delay = 0.0
         self._twice = self._swap = False
         self._waiting: list[Message] | None = None
@@ -67,9 +67,9 @@ class FakeBus:
         """Lose the next `count` driving messages."""
         self._drop += count
 
-    def late(self, delay: float, count: int = 1) -> None:
-        """Stamp the next `count` driving messages `delay` seconds later, as if the sender had been held up."""
-        self._delay, self._late = delay, count
+    def late(self, delay: float) -> None:
+        """Stamp the next driving message `delay` seconds later, as if the sender had been held up."""
+        self._delay = delay
 
     def twice(self) -> None:
         """Deliver the next driving message twice."""
@@ -117,9 +117,8 @@ class FakeBus:
         tick = first.tick if first.tick >= 0 else self.tick
         time = first.time if first.time >= 0 else nanoseconds(tick, self.rate)
         self.tick = tick + 1
-        if self._late:
-            self._late -= 1
-            time += round(self._delay * 1e9)
+        time += round(self._delay * 1e9)
+        self._delay = 0.0
         several = given if isinstance(given, list) else [given]
         message = [msgspec.structs.replace(each, tick=tick, time=time) for each in several]
         if self._drop:

@@ -3,7 +3,6 @@
 import copy
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from palpate.engine.faults import Location
 from palpate.engine.graph import Graph
@@ -11,7 +10,7 @@ from palpate.engine.imports import UntrustedError, check_trusted, full_name
 from palpate.engine.plan import Plan
 from palpate.launch.load.classes import body, is_shipped
 from palpate.launch.load.effects import trimmed
-from palpate.launch.load.graph import load_source
+from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
@@ -82,17 +81,17 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
     except UntrustedError as error:
         raise RecordingError(f"{recording.path}: {error}") from None
 
-    def load(given: Sequence[str]) -> Graph:
-        return load_source(
-            YamlSource(copy.deepcopy(recorded["source"]), {(): Location(name)}),
-            Path(recorded["path"]),
+    def with_overrides(given: Sequence[str]) -> Graph:
+        return load(
+            recorded["path"],
             overrides=given,
             scene=copy.deepcopy(recorded["scene"]),
             wanted=recorded["streams"],
+            source=YamlSource(copy.deepcopy(recorded["source"]), {(): Location(name)}),
         )
 
-    graph = load(overrides)
-    _keep_settings(graph, load(()), plan_of(recording).graph, {path.partition("=")[0] for path in overrides})
+    graph = with_overrides(overrides)
+    _keep_settings(graph, with_overrides(()), plan_of(recording).graph, {path.partition("=")[0] for path in overrides})
     return graph
 
 

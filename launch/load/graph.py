@@ -79,29 +79,21 @@ def load(
     overrides: Sequence[str | Override] = (),
     scene: str | Path | Mapping[str, Any] | None = None,
     wanted: Sequence[str] | None = None,
+    source: YamlSource | None = None,
 ) -> Graph:
     """Read and check a graph.
 
-    path       of the YAML file, or the name of a graph that ships
+    path       of the YAML file, or the name of a graph that ships; of a `source` what it is called
     overrides  `target=value` each, the later ones win
     scene      file, name or mapping that takes the place of the graph's own scene
     wanted     streams to compute, in place of what scene or graph say; an override of `wanted` goes before it
+    source     what the file says, where it has been read already
 
     GraphError: whatever is wrong, all at once.
     """
-    file = find_file(str(path), GRAPHS, what="graph")
-    return load_source(read_extended(file, GRAPHS), file, overrides=overrides, scene=scene, wanted=wanted)
-
-
-def load_source(
-    source: YamlSource,
-    file: Path,
-    *,
-    overrides: Sequence[str | Override] = (),
-    scene: str | Path | Mapping[str, Any] | None = None,
-    wanted: Sequence[str] | None = None,
-) -> Graph:
-    """The same from a graph that has been read already; `file` is what it is called."""
+    if source is None:
+        path = find_file(str(path), GRAPHS, what="graph")
+        source = read_extended(path, GRAPHS)
     faults = Faults()
     scene_source = read_scene(scene, source, faults)
     parsed = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in overrides]
@@ -148,7 +140,7 @@ def load_source(
     found_wanted = _wanted(holder, kinds, unclear, faults)
     notes += tuple(_half_emulated(nodes))
     written_down = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(file, says.rate, world.data, nodes, found_wanted, written_down, said, notes)
+    graph = Graph(Path(path), says.rate, world.data, nodes, found_wanted, written_down, said, notes)
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph

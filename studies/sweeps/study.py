@@ -19,7 +19,7 @@ from palpate.engine.faults import GraphError
 from palpate.engine.graph import Graph
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
-from palpate.launch.load.values.followers import followers, unit_of
+from palpate.nodes.base import settings
 from palpate.physics.errors import ArgumentError
 from palpate.studies.sweeps.axes import axis
 from palpate.studies.sweeps.checks import accepted, check, path, seconds, space
@@ -230,8 +230,11 @@ class Study(Results):
                 after = self.launch.but(overrides=overrides(fixed | change)).load()
             except GraphError:  # a point that fails, which its row tells; or a value that only goes with others
                 continue
-            if follower := next(iter(followers(base, after)), None):
-                return unit_of(base, *follower)
+            for node, spec in base.nodes.items():
+                there = after.nodes[node].settings if node in after.nodes else {}
+                for key, value in spec.settings.items():
+                    if value != there.get(key):
+                        return settings(spec.cls)[key].unit
         return None
 
     # -- results -------------------------------------------------------------------------------------------------
