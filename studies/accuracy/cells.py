@@ -33,7 +33,7 @@ class Cell:
     status          "ok", "refused" or "failed"; why says more
     errors          by quantity, see `score.Score`
     p50, p99        [s] of a step;  steps how many were timed
-    memory          [byte];  offline [s];  estimated_error [1]
+    memory          [byte];  offline [s]
     trace           [N] (POINTS,) force over the touch, over its peak in truth
     discretisation  [1] rms of the force from that of the finest setting on the same axis, over the peak of the truth
     finest          [1] rms of the force of that finest setting from the truth
@@ -55,7 +55,6 @@ class Cell:
     steps: int = 0
     memory: int | None = None
     offline: float = 0.0
-    estimated_error: float | None = None
     trace: list[float] = field(default_factory=list)
     discretisation: float | None = None
     finest: float | None = None
@@ -119,7 +118,6 @@ def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) 
             cell.trace = (np.interp(at, outcome.times, outcome.values["force"]) / peak).tolist()
             cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
             cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
-            cell.estimated_error = None if np.isnan(outcome.estimated_error) else outcome.estimated_error
             return cell
         except UnsupportedError as error:
             why = str(error)

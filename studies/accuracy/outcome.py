@@ -39,7 +39,6 @@ class MethodOutcome:
     shapes   (time [s], points [m] (k,2), depth [m] (k,)) at some instants
     steps    [s] (n,) time that each step took
     memory   [byte] arrays that the method holds, None where nobody counted; offline [s] once, before
-    estimated_error  [1] what the model says that its indentation is off by, NaN where it says nothing
     """
 
     times: np.ndarray
@@ -48,7 +47,6 @@ class MethodOutcome:
     steps: np.ndarray
     memory: int | None
     offline: float
-    estimated_error: float = float("nan")
 
 
 @dataclass(frozen=True)

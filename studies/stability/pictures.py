@@ -5,11 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap
 
-from palpate.physics.device.regions import KINDS
-from palpate.physics.device.wall_loop import WallDevice
-from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, SPEED, figure
+from palpate.views.pictures.style import ENERGY, FINGER, NORMAL, SPEED, figure
 
 WALL_LINES = (
     ("passive", NORMAL, "-", "passive, theory"),
@@ -73,28 +70,3 @@ def _curve(
     """One column over another, up to `top`; what is 0 is not drawn."""
     points = [(row[over], min(row[name], top)) for row in rows if row[name] > 0.0]
     axes.plot(*zip(*points, strict=True) if points else ([], []), mark, **look)
-
-
-def draw_regions(told: dict[str, Any], device: WallDevice, period: float, path: Path) -> None:
-    """The plane, the lines at 1/2, and where the user's own device lies at some stiffnesses."""
-    drawn = figure(7.4, 6.0, "Stability of a sampled spring: viscous damping, dry friction, encoder")
-    ax = drawn.subplots()
-    number = [[KINDS.index(kind) for kind in row] for row in told["kinds"]]
-    colours = ["#d9ead9", "#dbe6f4", "#f6e3bd", "#eec4bf"]
-    ax.pcolormesh(
-        told["beta"], told["sigma"], number, cmap=ListedColormap(colours), vmin=-0.5, vmax=3.5, shading="nearest"
-    )
-    for kind, colour in zip(KINDS, colours, strict=True):
-        ax.plot([], [], "s", color=colour, markersize=10, label=kind)
-    ax.axvline(0.5, color=INK, linewidth=0.9)
-    ax.axhline(0.5, color=INK, linewidth=0.9)
-    for k in (100.0, 300.0, 1000.0, 3000.0):
-        beta, sigma = device.drag / (k * period), device.coulomb / (k * device.resolution)
-        if sigma > 0.0:
-            ax.plot(beta, sigma, "x", color=INK)
-            ax.annotate(f"{k:g} N/m", (beta, sigma), textcoords="offset points", xytext=(5, 5), fontsize=8)
-    ax.set(xscale="log", yscale="log", xlabel="b / (K T)", ylabel="f_c / (K step)",
-           title=f"mass {device.mass:g} kg, K = {told['stiffness']:.0f} N/m; above and right of 1/2: passive",
-           xlim=(told["beta"][0], told["beta"][-1]), ylim=(told["sigma"][0], told["sigma"][-1]))  # fmt: skip
-    ax.legend(loc="lower left")
-    drawn.savefig(path)

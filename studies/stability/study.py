@@ -1,4 +1,4 @@
-"""The study of a device: walls, and if asked for bodies and the plane of drag and dry friction; tables and pictures."""
+"""The study of a device: walls, and if asked for bodies; tables and pictures."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -9,14 +9,13 @@ from typing import Any
 
 from palpate.nodes.base import Node
 from palpate.physics.device.wall_loop import WallDevice
-from palpate.physics.errors import ArgumentError
 from palpate.studies.stability import body_wall, walls
 
 
 @dataclass(frozen=True)
 class StabilityStudy:
     """What is asked for: rates [Hz], delays [1] and dampings [N s/m] of the wall, how the velocity is taken and what
-    goes wrong (see `walls.row`), bodies by name, and whether the plane is."""
+    goes wrong (see `walls.row`), and bodies by name."""
 
     device: WallDevice
     rates: Sequence[float]
@@ -27,27 +26,22 @@ class StabilityStudy:
     jitter: float = 0.0
     seed: int = 0
     bodies: Sequence[str] = ()
-    plane: bool = False
 
     @property
     def cases(self) -> list[tuple[float, int, float]]:
-        """Loops with a wall."""
         return list(product(sorted(self.rates), sorted(self.delays), sorted(self.dampings)))
 
     @property
     def loops(self) -> list[tuple[str, float, int]]:
-        """Loops with a body."""
         return list(product(self.bodies, sorted(self.rates), sorted(self.delays)))
 
     def check(self) -> dict[str, type[Node]]:
         """The bodies by name. ClassError, ArgumentError: options that describe no device, loop or body."""
         walls.check(self.device, self.rates, self.delays, self.dampings, self.order, self.lost, self.jitter)
-        if self.plane and not self.device.resolution:
-            raise ArgumentError("--regions: found --resolution 0, expected an encoder: the plane has its step in it")
         return body_wall.classes(self.bodies)
 
     def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
-        """Rows of walls and bodies, the plane, and the files written; `show` has each loop and its rate [Hz].
+        """Rows of walls and bodies, and the files written; `show` has each loop and its rate [Hz].
 
         ClassError, ArgumentError: as of `check`. OSError: the folder cannot be written.
         """
@@ -64,15 +58,10 @@ class StabilityStudy:
                 show(f"{name}, {f:g} Hz, {d} samples late", f)
             files.append(written(bodies, body_wall.COLUMNS, folder / "bodies.csv"))
             files.append(drawn("bodies", folder / "bodies.png", bodies))
-        if self.plane:
-            period = 1.0 / sorted(self.rates)[len(self.rates) // 2]
-            told["regions"] = walls.regions(self.device, 2.0 * self.device.drag / period, period)
-            files.append(drawn("regions", folder / "regions.png", told["regions"], self.device, period))
         return told
 
 
 def written(rows: list[dict[str, Any]], columns: dict[str, str], path: Path) -> str:
-    """The rows as a table in a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         write = csv.writer(file)

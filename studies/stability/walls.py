@@ -1,12 +1,10 @@
 """How stiff a wall may be on a device: by theory, and in the simulated loop with and without the controller."""
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
 from palpate.physics.device import stability as theory
-from palpate.physics.device.regions import plane
 from palpate.physics.device.wall_loop import WallDevice, felt_stiffness, run, settles
 from palpate.physics.errors import ArgumentError
 
@@ -14,12 +12,9 @@ COLUMNS = {
     "rate": "Hz", "delay": "1", "damping": "N s/m", "passive": "N/m", "stable": "N/m", "quantised": "N/m",
     "bare": "N/m", "controlled": "N/m", "commanded": "N/m", "given_out": "J",
 }  # fmt: skip
-HIGH = 1e7
-"""[N/m] The stiffest wall that is tried."""
+HIGH = 1e7  # [N/m] The stiffest wall that is tried
 SECONDS = 3.0
 """[s] of the loop with the controller; without it a swing near the border grows or decays slowly, see `_long`."""
-POINTS = 13
-"""Of the plane of regions, each way."""
 SHOWN = ("passive", "stable", "quantised", "bare", "controlled")
 
 
@@ -117,12 +112,3 @@ def answer(rows: list[dict[str, float]]) -> str:
         f"the controller (theory: {best['stable']:.3g}). With it, it renders {tried}; the hand feels at most "
         f"{best['controlled']:.3g} N/m."
     )
-
-
-def regions(device: WallDevice, stiffness: float, period: float) -> dict[str, Any]:
-    """The plane of the device's mass and encoder at a stiffness [N/m]: the kind at each sigma and beta."""
-    at = np.geomspace(0.02, 4.0, POINTS)
-    return {
-        "stiffness": stiffness, "beta": at.tolist(), "sigma": at.tolist(),
-        "kinds": plane(device, stiffness, period, at, at),
-    }  # fmt: skip

@@ -74,13 +74,12 @@ def test_a_device_that_is_none_is_refused_by_name(tmp_path, wrong):
     assert not (tmp_path / "stability.csv").exists()
 
 
-def test_bodies_and_regions_come_with_tables_and_pictures(tmp_path):
-    options = ("--body", "deformation.MassSpring", "--regions", "--coulomb", "0.05")
+def test_bodies_come_with_tables_and_pictures(tmp_path):
+    options = ("--body", "deformation.MassSpring", "--coulomb", "0.05")
     told = json.loads(call("-o", str(tmp_path), *options).stdout)
     (row,) = told["bodies"]
     assert row["body"] == "deformation.MassSpring" and row["stable"] == approx(460, rel=0.05)
-    assert {kind for line in told["regions"]["kinds"] for kind in line} >= {"rests", "rests from near by", "grows"}
-    for name in ("bodies.csv", "bodies.png", "regions.png"):
+    for name in ("bodies.csv", "bodies.png"):
         assert (tmp_path / name).stat().st_size > 100
     with (tmp_path / "bodies.csv").open(encoding="utf-8") as file:
         (line,) = csv.DictReader(file)
@@ -92,10 +91,9 @@ def test_bodies_and_regions_come_with_tables_and_pictures(tmp_path):
     [
         (("--body", "collision.Mesh"), "expected a node that takes Load"),
         (("--body", "deformation.Nope"), "no class 'Nope'"),
-        (("--regions", "--resolution", "0"), "expected an encoder"),
     ],
 )
-def test_what_is_no_body_or_has_no_encoder_is_refused(tmp_path, wrong, told):
+def test_what_is_no_body_is_refused(tmp_path, wrong, told):
     result = call("-o", str(tmp_path), *wrong)
     assert result.exit_code == 2 and told in " ".join(result.stdout.split())
 
@@ -106,7 +104,6 @@ def test_what_is_no_body_or_has_no_encoder_is_refused(tmp_path, wrong, told):
         (["--mass", "-1"], "--mass: found -1"),
         (["--rate", "nan"], "--rate: found nan"),
         (["--body", "deformation.Nope"], "'deformation' has no class 'Nope'"),
-        (["--regions", "--resolution", "0"], "--regions: found --resolution 0"),
         (["-o", "{file}/x"], "file/x: Not a directory"),
     ],
 )

@@ -4,10 +4,10 @@ import math
 
 import pytest
 from pytest import approx
+from regions import CYCLE, GROWS, NEAR, REST, fate, region
 
 from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
-from palpate.physics.device.regions import CYCLE, GROWS, NEAR, REST, fate, region
 from palpate.physics.device.wall_loop import WallDevice
 from palpate.physics.errors import ArgumentError
 from palpate.studies.stability.body_wall import PUSH, Wall, held, row, stiffened, stiffest

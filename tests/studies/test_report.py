@@ -5,7 +5,6 @@ import json
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -51,26 +50,6 @@ def test_the_front_holds_what_nothing_beats():
     assert front(points) == [5, 0, 3]
 
 
-def test_labels_lie_on_neither_points_nor_one_another():
-    pytest.importorskip("matplotlib")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from palpate.studies.accuracy.output.labels import place
-
-    figure = Figure(figsize=(8, 5))
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    axes.set(xlim=(0, 1), ylim=(0, 1))
-    generator = np.random.default_rng(3)
-    points = [tuple(p) for p in 0.3 + 0.4 * generator.random((14, 2))]
-    boxes = place(axes, [(*p, f"a method, {k} Hz", "black") for k, p in enumerate(points)], points)
-    assert len(boxes) > 8
-    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
-    for x, y in axes.transData.transform(points):
-        assert not any(b.x0 < x < b.x1 and b.y0 < y < b.y1 for b in boxes)
-
-
 def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
     page.write(cells, {"processor": "some"}, {}, tmp_path / "a.md")
     text = (tmp_path / "a.md").read_text(encoding="utf-8")
@@ -81,8 +60,7 @@ def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
 
 
 def test_without_matplotlib_there_are_table_and_page(cells, tmp_path, monkeypatch):
-    for name in ("labels", "pictures"):
-        monkeypatch.delitem(sys.modules, f"palpate.studies.accuracy.output.{name}", raising=False)
+    monkeypatch.delitem(sys.modules, "palpate.studies.accuracy.output.pictures", raising=False)
     for name in [name for name in sys.modules if name.partition(".")[0] == "matplotlib"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)

@@ -1,6 +1,7 @@
 """`palpate picture` and `palpate film`: the surface at one instant and through a recording."""
 
 import importlib.util
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -53,8 +54,14 @@ def test_a_film_has_its_frames_and_the_surface_moves_in_it(file, tmp_path):
 
 def test_a_gif_is_written_frame_by_frame(tmp_path):
     image = pytest.importorskip("PIL.Image", reason="pillow is not installed (extra film)")
-    frames = (np.full((20, 30, 3), shade, np.uint8) for shade in (0, 120, 240))
-    films._write_gif(tmp_path / "grey.gif", frames, rate=10.0)
+    figure = pytest.importorskip("matplotlib.figure").Figure(figsize=(0.3, 0.2))
+
+    def frames():
+        for shade in ("black", "grey", "white"):
+            figure.set_facecolor(shade)
+            yield SimpleNamespace(figure=figure)
+
+    films._write(tmp_path / "grey.gif", frames(), rate=10.0)
     with image.open(tmp_path / "grey.gif") as made:
         assert made.n_frames == 3
         assert made.size == (30, 20)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,6 +28,8 @@ if TYPE_CHECKING:
 
 BATCH = 100  # instants that are drawn at a time: 140 MB of pixels
 ENDINGS = (".mp4", ".gif")
+DPI = 100
+QUICKEST = 50.0  # [1/s] of a GIF: browsers slow down one that is quicker
 
 
 class FilmFrame:
@@ -111,10 +112,9 @@ def film(
     by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
-    write = _write_gif if target.suffix.lower() == ".gif" else _write_mp4
     with replacing(target) as part:
         frames = _frames(shown.mesh, [by_time[row] for row in rows], of)
-        write(part, _pixels(_counted(frames, count, done)), rate)
+        _write(part, _counted(frames, count, done), rate)
     return count
 
 
@@ -148,32 +148,24 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Film
             yield frame
 
 
-def _pixels(frames: Iterator[FilmFrame]) -> Iterator[np.ndarray]:
-    """Red, green, blue bytes (h, w, 3) of each frame."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def _write(target: Path, frames: Iterator[FilmFrame], rate: float) -> None:
+    """A film of frames that share one figure, by the writer of matplotlib for this ending."""
+    from matplotlib import rc_context
+    from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
-    for frame in frames:
-        canvas = FigureCanvasAgg(frame.figure)
-        canvas.draw()
-        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+    look: dict[str, Any] = {}
+    writer: AbstractMovieWriter
+    if target.suffix.lower() == ".gif":
+        writer = PillowWriter(fps=min(rate, QUICKEST))
+    else:
+        import imageio_ffmpeg
 
-
-def _write_mp4(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
-    import imageio_ffmpeg
-
+        look = {"animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe()}
+        writer = FFMpegWriter(fps=rate)
     first = next(frames)
-    height, width = first.shape[:2]
-    with closing(imageio_ffmpeg.write_frames(str(target), (width, height), fps=rate)) as writer:
-        writer.send(None)
-        for frame in chain([first], frames):
-            writer.send(np.ascontiguousarray(frame))
-
-
-def _write_gif(target: Path, frames: Iterator[np.ndarray], rate: float) -> None:
-    from PIL import Image
-
-    images = [Image.fromarray(frame).quantize(64) for frame in frames]
-    images[0].save(target, save_all=True, append_images=images[1:], duration=max(20, round(1000 / rate)), loop=0)
+    with rc_context(look), writer.saving(first.figure, str(target), DPI):
+        for _ in chain([first], frames):
+            writer.grab_frame()
 
 
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:

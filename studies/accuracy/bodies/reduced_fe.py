@@ -7,7 +7,7 @@ from typing import Any
 
 from palpate.models.build.basis import Silent, built
 from palpate.nodes.deformation import ReducedFE
-from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key, shipped
+from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import UnsupportedError, chain
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, reaches, steps
@@ -38,7 +38,7 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
 def _reducing(
     model: str, patient: bool = False, **fixed: object
 ) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
-    """With its basis built where none is stored, and with what a stored one says of its error."""
+    """With its basis built where none is stored."""
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         own = _slab(touch) | {"model": model} | fixed | fidelity.settings.get("body", {})
@@ -46,9 +46,6 @@ def _reducing(
         offline = ready(node, patient)
         outcome = of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
         outcome.offline += offline
-        errors = [told["error"] for told in shipped().values() if told["key"] == node.key()]
-        if errors and errors[0]:
-            outcome.estimated_error = float(errors[0]["mean"])
         return outcome
 
     return compute

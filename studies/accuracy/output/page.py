@@ -17,7 +17,7 @@ from palpate.studies.accuracy.output.pareto import (
     unable,
 )
 from palpate.studies.accuracy.places import on_path, stored
-from palpate.studies.accuracy.refinement import AXES, mostly, still_falling, studies
+from palpate.studies.accuracy.refinement import mostly
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 
@@ -75,12 +75,6 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
     lines += [COLUMNS, ""]
     for touch in dict.fromkeys(c.touch for c in cells):
         lines += _of_touch([c for c in cells if c.touch == touch], pictures.get(touch))
-    orders = studies(cells)
-    if orders:
-        lines += ["## Orders of convergence", ""]
-        lines += [f"![Orders]({pictures['convergence'].name})", ""] if "convergence" in pictures else []
-        lines += ["| method | touch | refined | observed | theory |", "|---|---|---|---|---|"]
-        lines += [f"| {s.title} | {s.touch} | {s.axis} | {s.observed:.2f} | {s.theory} |" for s in orders] + [""]
     lines += ["## Run", "", *(f"* {k}: {_told(v)}" for k, v in about.items()), "", "## Not covered", ""]
     lines += [f"* {text}" for text in NOT_COVERED]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -109,9 +103,8 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
             f"| {mark}{cell.title}, {cell.fidelity}{mark} | {errors} | {duration(cell.p50)} | {duration(cell.p99)} "
             f"| {memory} | {cell.offline:.1f} s | {mostly(cell) or cell.why} |"
         )
-    lines += ["", *_limits(own), *_claims(own)]
     refused = {c.title: c.why for c in own if c.status == "refused"}
-    return [*lines, *(f"* {title} cannot: {why}" for title, why in refused.items()), ""]
+    return [*lines, "", *(f"* {title} cannot: {why}" for title, why in refused.items()), ""]
 
 
 def _reference(own: list[Cell]) -> str:
@@ -127,35 +120,6 @@ def _reference(own: list[Cell]) -> str:
     band = next((c.errors["force"]["band"] for c in own if c.status == "ok"), float("nan"))
     at = f", at {len(names)} places" if len(names) > 1 else ""
     return f"Reference: {meshes}{at}. It may be off by {percent(band)} of the peak force."
-
-
-def _limits(own: list[Cell]) -> list[str]:
-    """What is left when a method is refined, axis by axis."""
-    lines = []
-    for method in dict.fromkeys(c.method for c in own if c.status == "ok"):
-        for axis, text in AXES.items():
-            line = [c for c in own if (c.method, c.axis) == (method, axis) and c.discretisation is not None]
-            if not line:
-                continue
-            last, change = (
-                line[-1],
-                f"the last refinement changed the force by {percent(line[-2].discretisation or 0.0)}",
-            )
-            if last.at_reference():
-                lines.append(f"* {last.title}, {text}: comes to the reference")
-                continue
-            flat = "still falling" if still_falling(line) else "flat"
-            lines.append(f"* {last.title}, {text}: {percent(last.errors['force']['rms'])} is left, {flat}; {change}")
-    return lines
-
-
-def _claims(own: list[Cell]) -> list[str]:
-    return [
-        f"* {c.title}, {c.fidelity}: its basis claims {percent(c.estimated_error)} of the indentation in the mean; "
-        f"here it is off by {percent(c.errors['indentation']['rms'])} of its peak (rms)"
-        for c in own
-        if c.estimated_error is not None and c.fidelity == "1000 Hz"
-    ]
 
 
 def _error(cell: Cell, quantity: str) -> str:

@@ -1,4 +1,4 @@
-"""The pictures: error over time of a step, for each touch and for all, and orders of convergence."""
+"""The pictures: error over time of a step, for each touch and for all."""
 
 import textwrap
 from collections.abc import Sequence
@@ -11,9 +11,7 @@ from matplotlib.figure import Figure
 
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.methods import standard
-from palpate.studies.accuracy.output.labels import place
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best, front, point
-from palpate.studies.accuracy.refinement import OrderStudy
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 
@@ -25,12 +23,6 @@ HARD = "\u00a0"
 """A space at which no line is broken."""
 LEAST = 1e-4
 """[1] Errors below which a mark stands at it."""
-SIZES = "size of a cell over the radius, or of a triangle over the slab [1]"
-ORDERS = (
-    (True, "time, by theory 1", "length of the step [s]", "change of the force by halving the step, over its peak"),
-    (False, "space, by theory 2 to 4", SIZES, "rms error of the force over its peak"),
-)
-"""Whether a panel of orders is in time, its title and its axes."""
 INK, FAINT = "#2b2b33", "#b9b9c4"
 
 
@@ -63,13 +55,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
         told = textwrap.fill("; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused)), 34)
         axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, drawn at 100 %:\n{told}")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
-    lowest = [
-        min((k for k, c in enumerate(own) if c.method == m), key=lambda k: points[k][1])
-        for m in dict.fromkeys(c.method for c in own)
-    ]
-    beside = [k for k in lowest if own[k].method not in {own[b].method for b in on_front}]
-    texts = [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in [*on_front, *beside]]
-    place(axes, texts, points + charged)
+    _label(axes, [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in on_front])
     _save(figure, path)
 
 
@@ -95,35 +81,7 @@ def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> 
     _finish(axes, f"rms error of the force over its peak, median of the touches computed{below}", points)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
                 title="touches computed, unsupported")  # fmt: skip
-    lowest = {s.method: k for k, s in sorted(enumerate(told), key=lambda one: -one[1].error) if s.computed == most}
-    named = [*on_front, *(k for m, k in lowest.items() if m not in {told[b].method for b in on_front})]
-    texts = [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in named]
-    place(axes, texts, points)
-    _save(figure, path)
-
-
-def convergence(studies: Sequence[OrderStudy], path: Path) -> None:
-    """How fast each method comes to its own limit: a line a touch, and the orders that were observed."""
-    figure = Figure(figsize=(11, 6.4), layout="constrained", facecolor="white")
-    methods = list(dict.fromkeys(s.method for s in studies))
-    for axes, (in_time, title, across, up) in zip(figure.subplots(1, 2), ORDERS, strict=True):
-        for k, method in enumerate(methods):
-            own = [s for s in studies if (s.axis == "step") == in_time and s.method == method]
-            colour, mark = COLOURS[k % len(COLOURS)], MARKS[k % len(MARKS)]
-            for study in own:
-                axes.loglog(
-                    study.sizes, study.differences, mark + "-", color=colour, markersize=4, linewidth=1, alpha=0.7
-                )
-            if own:
-                orders = sorted(s.observed for s in own)
-                span = f"{orders[0]:.2f} to {orders[-1]:.2f}" if len(orders) > 1 else f"{orders[0]:.2f}"
-                axes.plot([], [], mark + "-", color=colour, markersize=4,
-                          label=f"{own[0].title}: {span}, median {np.median(orders):.2f}")  # fmt: skip
-        axes.set_title(f"order of convergence in {title}", loc="left", fontsize=11)
-        axes.set(xlabel=across, ylabel=up)
-        axes.grid(alpha=0.25)
-        if axes.lines:
-            axes.legend(fontsize=7.5, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
+    _label(axes, [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in on_front])
     _save(figure, path)
 
 
@@ -159,6 +117,13 @@ def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> No
 
 def _front(axes: Axes, points: Sequence[tuple[float, float]], label: str) -> None:
     axes.step(*np.array(points).T, where="post", color=INK, linewidth=1.2, linestyle=":", label=label, zorder=1)
+
+
+def _label(axes: Axes, texts: Sequence[tuple[float, float, str, str]]) -> None:
+    """Name the points (x, y, text, colour) of the front, in turn above and below the point."""
+    for k, (x, y, text, colour) in enumerate(texts):
+        axes.annotate(text, (x, y), xytext=(6, -12 if k % 2 else 6), textcoords="offset points", fontsize=7.5,
+                      color=colour)  # fmt: skip
 
 
 def _save(figure: Figure, path: Path) -> None:

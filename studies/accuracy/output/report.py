@@ -11,7 +11,7 @@ from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
-from palpate.studies.accuracy.refinement import mostly, studies
+from palpate.studies.accuracy.refinement import mostly
 from palpate.studies.accuracy.truth import QUANTITIES
 
 PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "trace", "kept")]
@@ -48,7 +48,7 @@ def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
     """The pictures; none where matplotlib is missing."""
     try:
-        from palpate.studies.accuracy.output.pictures import convergence, overview, touch_picture
+        from palpate.studies.accuracy.output.pictures import overview, touch_picture
     except ImportError:
         return {}
     drawn = {touch: folder / f"{touch}.png" for touch in dict.fromkeys(c.touch for c in cells)}
@@ -56,7 +56,4 @@ def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
         touch_picture([c for c in cells if c.touch == touch], file)
     drawn["overview"] = folder / "overview.png"
     overview(summaries(cells), cells, drawn["overview"])
-    if orders := studies(cells):
-        drawn["convergence"] = folder / "convergence.png"
-        convergence(orders, drawn["convergence"])
     return drawn

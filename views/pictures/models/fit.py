@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,8 +17,8 @@ STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
 
 
 def draw_choice(result: Chosen, stem: Path) -> list[Path]:
-    """Draw force and deviation with their fits and with those of all models, and the density over depth and force, in
-    lines and as a surface; the files written."""
+    """Draw force and deviation with their fits and with those of all models, and the density over depth and force; the
+    files written."""
     name, depths, choice = _plain(result.subject.name), result.depths, result.choice
     paths = [
         _fit(result, name, stem.with_name(stem.name + "-fit.png")),
@@ -27,7 +26,6 @@ def draw_choice(result: Chosen, stem: Path) -> list[Path]:
     ]
     if choice.deviation is not None:
         law = FittedLaw(choice.mean, choice.deviation, choice.band.widening, choice.band.freedom)
-        paths.append(_density(name, depths, law, stem.with_name(stem.name + "-density.png")))
         paths.append(_surface(name, depths, law, stem.with_name(stem.name + "-surface.png")))
     return paths
 
@@ -128,31 +126,6 @@ def _surface(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
     axes.set(xlabel="depth [mm]", ylabel="force [N]", zlabel="probability density [1/N]",
              title=f"Subject {name}: density of the force over depth")  # fmt: skip
     axes.view_init(elev=30, azim=-60)
-    return _save(figure, path)
-
-
-def _density(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
-    """The density at each depth."""
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    axes = figure.subplots()
-    shown = depths[depths > 0]
-    shown = shown if len(shown) <= 12 else np.linspace(shown[0], shown[-1], 11)
-    top = 0.0
-    for d in shown:
-        centre, sigma = law.at(d)
-        if sigma <= 0:
-            continue
-        force = np.linspace(max(centre - 4 * sigma, 0.0), max(centre, 0.0) + 4 * sigma, 300)
-        density = truncated_density(force, centre, sigma, law.freedom)
-        colour = ((d - shown[0]) / (shown[-1] - shown[0])) * 0.85
-        axes.plot(force, density, color=colormaps["viridis"](colour), label=f"{d * 1e3:.2g} mm")
-        axes.fill_between(force, density, color=colormaps["viridis"](colour), alpha=0.15, lw=0)
-        top = max(top, float(density.max()))
-    axes.set(
-        xlabel="force [N]", ylabel="probability density [1/N]", title=f"Subject {name}: force at each depth",
-        xlim=(0, None), ylim=(0, 1.05 * top),
-    )  # fmt: skip
-    axes.legend(frameon=False, title="depth")
     return _save(figure, path)
 
 

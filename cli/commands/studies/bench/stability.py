@@ -31,9 +31,6 @@ def stability(
     body: Annotated[
         list[str] | None, typer.Option(help="Tissue model instead of the wall: deformation.ReducedFE; may be repeated.")
     ] = None,
-    plane: Annotated[
-        bool, typer.Option("--regions", help="Also map stability over viscous damping and dry friction.")
-    ] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of pictures and tables.")] = Path("stability"),
     as_json: Json = False,
 ) -> None:
@@ -52,7 +49,7 @@ def stability(
     device = WallDevice(mass, drag, coulomb, resolution, limit)
     study = StabilityStudy(
         device, rate or [500.0, 1000.0, 4000.0], delay or [0, 1, 2, 5], damping or [0.0, 0.05, 0.1, 0.2], order, lost,
-        jitter, seed, body or [], plane,
+        jitter, seed, body or [],
     )  # fmt: skip
     study.check()
     check_folder(out)

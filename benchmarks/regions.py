@@ -1,5 +1,7 @@
 """What dry friction and an encoder make of a sampled spring: four regions of a plane without units.
 
+    python benchmarks/regions.py --mass 0.1 --resolution 60e-6 --drag 0.2 --coulomb 0.05 --rate 1000 -o regions.png
+
     beta = b/(K T)       viscous drag against what sampling puts in       b [N s/m], K [N/m], T [s]
     sigma = f_c/(K d)    dry friction against what the encoder puts in    f_c [N], d [m] step of the position
 
@@ -9,15 +11,23 @@ Salisbury, IEEE Trans. Robotics 22 (2006) 256-268 part the plane into rest from 
 swing that is kept, and one that grows. Here the regions come from simulation, and the lines at 1/2 are drawn over them.
 """
 
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
 import numpy as np
 
 from palpate.physics.device.wall_loop import WallDevice, run
+from palpate.views.pictures.style import INK, figure
 
 REST, NEAR, CYCLE, GROWS = "rests", "rests from near by", "swings on", "grows"
 KINDS = (REST, NEAR, CYCLE, GROWS)
 SECONDS = 10.0
 NEARBY, FARAWAY = 2.5, 200.0
 """[1] Steps of the position from which the device is let go."""
+AT = np.geomspace(0.02, 4.0, 13)
+"""Of both axes."""
 
 
 def fate(device: WallDevice, stiffness: float, period: float, begin: float) -> str:
@@ -53,3 +63,47 @@ def plane(device: WallDevice, stiffness: float, period: float, beta: np.ndarray,
         return region(device._replace(drag=drag, coulomb=coulomb), stiffness, period)
 
     return [[at(b, s) for b in beta.tolist()] for s in sigma.tolist()]
+
+
+def draw(device: WallDevice, period: float, path: Path) -> None:
+    """The plane, the lines at 1/2, and where the device lies at some stiffnesses."""
+    from matplotlib.colors import ListedColormap
+
+    stiffness = 2.0 * device.drag / period
+    drawn = figure(7.4, 6.0, "Stability of a sampled spring: viscous damping, dry friction, encoder")
+    ax = drawn.subplots()
+    number = [[KINDS.index(kind) for kind in row] for row in plane(device, stiffness, period, AT, AT)]
+    colours = ["#d9ead9", "#dbe6f4", "#f6e3bd", "#eec4bf"]
+    ax.pcolormesh(AT, AT, number, cmap=ListedColormap(colours), vmin=-0.5, vmax=3.5, shading="nearest")
+    for kind, colour in zip(KINDS, colours, strict=True):
+        ax.plot([], [], "s", color=colour, markersize=10, label=kind)
+    ax.axvline(0.5, color=INK, linewidth=0.9)
+    ax.axhline(0.5, color=INK, linewidth=0.9)
+    for k in (100.0, 300.0, 1000.0, 3000.0):
+        beta, sigma = device.drag / (k * period), device.coulomb / (k * device.resolution)
+        if sigma > 0.0:
+            ax.plot(beta, sigma, "x", color=INK)
+            ax.annotate(f"{k:g} N/m", (beta, sigma), textcoords="offset points", xytext=(5, 5), fontsize=8)
+    ax.set(xscale="log", yscale="log", xlabel="b / (K T)", ylabel="f_c / (K step)",
+           title=f"mass {device.mass:g} kg, K = {stiffness:.0f} N/m; above and right of 1/2: passive",
+           xlim=(AT[0], AT[-1]), ylim=(AT[0], AT[-1]))  # fmt: skip
+    ax.legend(loc="lower left")
+    drawn.savefig(path)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for name, usual, unit in (
+        ("mass", 0.1, "kg"), ("resolution", 60e-6, "m"), ("drag", 0.2, "N s/m"), ("coulomb", 0.0, "N"),
+        ("rate", 1000.0, "Hz"),
+    ):  # fmt: skip
+        parser.add_argument(f"--{name}", type=float, default=usual, help=f"[{unit}]")
+    parser.add_argument("-o", "--out", type=Path, default=Path("regions.png"))
+    given = parser.parse_args()
+    if not given.resolution > 0.0:
+        parser.error(f"--resolution: found {given.resolution:g}, expected an encoder: the plane has its step in it")
+    draw(WallDevice(given.mass, given.drag, given.coulomb, given.resolution), 1.0 / given.rate, given.out)
+
+
+if __name__ == "__main__":
+    main()
