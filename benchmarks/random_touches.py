@@ -46,7 +46,7 @@ def main() -> None:
         poisson, radius = float(rng.choice(given.poisson)), float(rng.uniform(3e-3, 15e-3))
         place = float(rng.uniform(0.0, SIDE / 2 - radius - 2e-3))
         node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=VERTICES, poisson=poisson)
-        ready(node, patient=True)
+        ready(node)
         law = (node.basis(), node.mesh(), YOUNG, 0.0, radius, 0.02)
         corrected, widened = CondensedBody(*law, poisson), CondensedBody(*law)
         soft = indentation(corrected, place, radius, 1e-3) / 1e-3

@@ -18,13 +18,14 @@ from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
+import kidney_place
 import numpy as np
 import peer_felupe
 from scipy.interpolate import RegularGridInterpolator
 
 from palpate.engine.provenance import machine
-from palpate.studies.accuracy import continuum, kidney, places
-from palpate.studies.accuracy.continuum import BED, CUTS, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
+from palpate.studies.accuracy import places
+from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.accuracy.places import PLACES, SHIPPED, ReferenceSite, cells_text
 
@@ -35,38 +36,27 @@ NEAR = 2.0 * RADIUS
 Place = Block | Kidney
 
 
+def by_fe(block: Place) -> ContinuumCurve:
+    """The curve of a place by `fe.Solver`."""
+    if isinstance(block, Block):
+        return places.computed(block)
+    return places.kept(f"fe {block} {_sources()}", lambda: kidney_place.press(block))
+
+
 def by_felupe(block: Place) -> ContinuumCurve:
     """The curve of a place by FElupe."""
-    levels = places.levels_of(block)
-    return places.kept(
-        f"felupe {peer_felupe.version()} {block}",
-        lambda: press_kidney(block, levels) if isinstance(block, Kidney) else peer_felupe.press(block, levels),
-    )
+    name = f"felupe {peer_felupe.version()} {block} {_sources()}"
+    if isinstance(block, Block):
+        return places.kept(name, lambda: peer_felupe.press(block, places.levels_of(block)))
+    return places.kept(name, lambda: kidney_place.press_felupe(block))
 
 
-SOLVERS: dict[str, Callable[[Place], ContinuumCurve]] = {"fe": places.computed, "felupe": by_felupe}
+def _sources() -> str:
+    """What curves depend on that is not shipped."""
+    return "".join(Path(str(module.__file__)).read_text(encoding="utf-8") for module in (kidney_place, peer_felupe))
 
 
-def press_kidney(block: Kidney, levels: np.ndarray = kidney.LEVELS) -> ContinuumCurve:
-    """Press the kidney with FElupe. The curve has no shape.
-
-    MissingError: it is not installed.
-    """
-    fem = peer_felupe.library()
-    frame, axes = kidney.cut(block)
-    mesh = peer_felupe.bricks(fem, tuple(axes))
-    cube = np.array(mesh.points)
-    mesh.points[:] = p = frame.points(cube)
-    sides = peer_felupe.sides(cube, axes)
-    unit = peer_felupe.on_bricks(p, sides[-1], kidney.pressure, 2 * CUTS)
-    springs = BED * YOUNG * peer_felupe.springs(p, np.concatenate(sides), frame.down)
-    field = peer_felupe.displaced(fem, mesh)
-    items = [peer_felupe.neo_hooke(fem, field, YOUNG, POISSON), peer_felupe.Outer(field, unit, springs)]
-    under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
-    held = {"stuck": fem.Boundary(field[0], mask=under, skip=(0, 0, 1))}
-    return continuum.pressed(
-        lambda force: peer_felupe.balanced(fem, field, items, held, force), levels, unit, kidney.NO_TOP
-    )
+SOLVERS: dict[str, Callable[[Place], ContinuumCurve]] = {"fe": by_fe, "felupe": by_felupe}
 
 
 def rebuild(

@@ -48,7 +48,6 @@ KNOWN = (
 
 
 def fitting(vendor: str, product: str) -> Known | None:
-    """The kind that has these numbers."""
     for kind in KNOWN:
         for known_vendor, known_product in kind.ids:
             if vendor == known_vendor and known_product in (product, "*"):

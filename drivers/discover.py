@@ -48,7 +48,6 @@ class Found:
 
 
 def devices() -> Iterator[Found]:
-    """All known devices on USB."""
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
         kind = fitting(_word(folder / "idVendor"), _word(folder / "idProduct"))
         if kind is not None:

@@ -25,7 +25,6 @@ class FrameReader(ABC, Generic[Frame]):
         beyond the bytes where more of it has to come."""
 
     def clear(self) -> None:
-        """Forget what has come."""
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Frame]:

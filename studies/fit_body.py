@@ -34,10 +34,8 @@ from palpate.studies.known import body_of, own_error
 from palpate.studies.search import Show, off_by, touched, write
 
 QUANTITIES = ("force", "indentation", "shape")
-LEAST = 20
-"""Instants of contact below which nothing is fitted."""
-SLOWER = (1e-4, 1e2)
-"""Factors of the relaxation times that are tried."""
+LEAST = 20  # Instants of contact below which nothing is fitted
+SLOWER = (1e-4, 1e2)  # Factors of the relaxation times that are tried
 THICK = 1e6
 """Factor of the thickness of beams that are to stay below their strain limit; moduli times it keep their compliance."""
 

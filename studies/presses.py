@@ -11,8 +11,7 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import Press, prepared, read_presses
 from palpate.records.reader import Recording
 
-APART = 0.02
-"""[1] Of the greatest force, below which it does not press."""
+APART = 0.02  # [1] Of the greatest force, below which it does not press
 
 
 class Presses:

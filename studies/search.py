@@ -23,8 +23,7 @@ from palpate.records.compare import Variant, compare
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-Show = Callable[[str], None]
-"""Called with the name of what was done."""
+Show = Callable[[str], None]  # Called with the name of what was done
 
 
 @dataclass(frozen=True)

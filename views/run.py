@@ -82,7 +82,6 @@ class Run:
         return list(self._recording.streams)
 
     def __iter__(self) -> Iterator[str]:
-        """The names of its streams."""
         return iter(self.streams)
 
     def __len__(self) -> int:

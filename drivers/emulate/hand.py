@@ -58,7 +58,6 @@ class EmulatedOperator:
         return self.script.buttons[self.segment] if 0 <= self.segment < len(self.script.buttons) else 0
 
     def go(self) -> None:
-        """It need not wait any more."""
         self.waits = False
 
     def begin(self, now: int) -> None:

@@ -89,7 +89,6 @@ class EmulatedLine:
                 os.write(master, spoilt)
 
     def close(self) -> None:
-        """Take the device away."""
         self._stop.set()
         if self._thread is not None and self._thread is not threading.current_thread():
             self._thread.join(1.0)

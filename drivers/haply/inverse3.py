@@ -169,5 +169,4 @@ class EmulatedService:
             return
 
     def close(self) -> None:
-        """End the service."""
         self.server.shutdown()

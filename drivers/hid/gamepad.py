@@ -38,7 +38,6 @@ class Gamepad(HidSender):
         self.buttons = 0
 
     def take(self, report: bytes) -> None:
-        """One report."""
         number, body = (report[0], report[1:]) if self.numbered and report else (0, report)
         for usage, field in self.axes.items():
             if field.report == number and (value := field.scaled(body)) is not None:

@@ -65,7 +65,6 @@ def _close(body: bytes) -> bytes:
 
 
 def pack(message: RawCommand | RawState | Info) -> bytes:
-    """The 64 bytes of a message."""
     if isinstance(message, RawCommand):
         head = (MAGIC, COMMAND, message.sequence, message.flags, VERSION, message.watchdog)
         return _close(_COMMAND.pack(*head, *message.values))

@@ -10,8 +10,6 @@ PATIENCE = 0.02  # [s] it may be silent while nobody touches it
 
 
 class HidSender(PortDriver[HidPort], ABC):
-    """One of them."""
-
     size = 0
 
     @abstractmethod

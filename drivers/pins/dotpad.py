@@ -48,14 +48,11 @@ class Packet(NamedTuple):
 
 
 def pack(packet: Packet) -> bytes:
-    """The bytes of a packet."""
     body = bytes((packet.to,)) + struct.pack(">H", packet.command) + bytes((packet.sequence,)) + packet.data
     return SYNC + struct.pack(">H", len(body) + 1) + body + bytes((reduce(xor, body, SEED),))
 
 
 class PacketReader(FrameReader[Packet]):
-    """Finds packets in what comes off the line."""
-
     head = SYNC
 
     def parse(self, data: bytes) -> tuple[Packet | None, int]:

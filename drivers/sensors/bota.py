@@ -39,14 +39,11 @@ class Reading(NamedTuple):
 
 
 def frame(reading: Reading) -> bytes:
-    """A frame as the sensor sends it."""
     body = BODY.pack(reading.status, *reading.wrench, reading.time, reading.temperature)
     return HEADER + body + struct.pack("<H", crc16_x25(body))
 
 
 class BotaFrameReader(FrameReader[Reading]):
-    """Finds the frames of the sensor."""
-
     head = HEADER
 
     def parse(self, data: bytes) -> tuple[Reading | None, int]:

@@ -149,7 +149,6 @@ class EmulatedNetFT:
             threading.Thread(target=target, name="emulated Net F/T", daemon=True).start()
 
     def driver(self) -> NetFT:
-        """A driver for this sensor."""
         return NetFT("127.0.0.1", self.rdt, self.web)
 
     def _handler(self) -> type[http.server.BaseHTTPRequestHandler]:
@@ -192,7 +191,6 @@ class EmulatedNetFT:
                 self.socket.sendto(SAMPLE.pack(number & 0xFFFFFFFF, number & 0xFFFFFFFF, 0, *counts), peer)
 
     def close(self) -> None:
-        """Take the sensor away."""
         self._stop.set()
         self.page.shutdown()
         self.page.server_close()

@@ -69,7 +69,6 @@ class SerialLine:
             raise self._gone() from None
 
     def close(self) -> None:
-        """Give the line back."""
         self.line.close()
 
 

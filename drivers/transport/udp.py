@@ -44,5 +44,4 @@ class Udp:
         )
 
     def close(self) -> None:
-        """Give the socket back."""
         self.socket.close()

@@ -41,5 +41,4 @@ class WebSocket:
         return message if isinstance(message, str) else message.decode(errors="replace")
 
     def close(self) -> None:
-        """End the connection."""
         self.context.__exit__(None, None, None)

@@ -22,8 +22,7 @@ from palpate.studies.accuracy.truth import truth
 POINTS = 200
 """Instants of a touch at which the force of a cell is kept, so that fidelities can be held against each other."""
 
-SHOWING = "refinement.py"
-"""The module that only shows results, beside those in `output`."""
+SHOWING = "refinement.py"  # The module that only shows results, beside those in `output`
 
 
 @dataclass

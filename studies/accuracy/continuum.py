@@ -25,24 +25,19 @@ from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.physics.materials.neo_hooke import neo_hooke
 
-SIDE = 0.1
-"""[m] Of the block, as of `surface: plane`."""
+SIDE = 0.1  # [m] Of the block, as of `surface: plane`
 YOUNG, POISSON, BED = 19e3, 0.45, 50.0
 """[Pa], [1], [1/m] stiffness of the bed per area over the modulus: those of deformation.ReducedFE."""
-RADIUS = 8e-3
-"""[m] Of the patch: that of spread.Kernel."""
+RADIUS = 8e-3  # [m] Of the patch: that of spread.Kernel
 LEVELS = np.array([0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3])
 """[N] Forces at which a curve is known."""
 LIGHT = np.array([0.02, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25])
 """[N] The same where the patch is free to slide: under heavier loads such a surface yields sideways."""
-GROWTH = 1.45
-"""Of the cells from the patch to the borders."""
-CUTS = 6
-"""Parts into which a triangle's sides are cut to integrate the pressure."""
+GROWTH = 1.45  # Of the cells from the patch to the borders
+CUTS = 6  # Parts into which a triangle's sides are cut to integrate the pressure
 SHARES = 8
 """Moduli between that of the tissue and that of a nodule that cells cut by its surface may have."""
-Pressure = Callable[[np.ndarray], np.ndarray]
-"""At points [m] (...,3)."""
+Pressure = Callable[[np.ndarray], np.ndarray]  # At points [m] (...,3)
 Top = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Lines x and y [m] of the grid of the top, and the nodes (len(x),len(y)) on them."""
 STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)

@@ -15,17 +15,14 @@ NODULE = {"nodule_radius": 4e-3, "nodule_depth": 6e-3, "nodule_ratio": 10.0}
 
 
 def steps() -> list[Fidelity]:
-    """The usual steps."""
     return [Fidelity(f"{rate:g} Hz", "step", rate, quick=rate in (500.0, 1000.0)) for rate in RATES]
 
 
 def meshes(counts: tuple[int, ...] = MESHES) -> list[Fidelity]:
-    """Surfaces of growing numbers of vertices."""
     return [Fidelity(f"{n} vertices", "mesh", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in counts]
 
 
 def spread(name: str, value: object, text: str) -> Fidelity:
-    """A load that spreads otherwise."""
     return Fidelity(text, "reach" if name == "radius" else "form", settings={"spread": {name: value}})
 
 
@@ -44,7 +41,6 @@ def of_body(
 
 
 def reaches() -> list[Fidelity]:
-    """Kernels of growing radius."""
     return [spread("radius", r, f"kernel of {1e3 * r:g} mm") for r in (4e-3, 6e-3, 10e-3)]
 
 

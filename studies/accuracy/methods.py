@@ -49,11 +49,8 @@ def _only_fingertip(touch: BenchCase) -> str:
     return "" if touch.body == "plate" else "it is a fingertip's law, and knows no tissue under it"
 
 
-def standard(patient: bool = False) -> list[Method]:
-    """The methods that come with palpate.
-
-    patient  whether a basis that is not stored is built even where that takes minutes
-    """
+def standard() -> list[Method]:
+    """The methods that come with palpate."""
     laws = (
         ("exponential", "exponential", "exponential law"),
         ("hertz-exponential", "hertz", "Hertz law, stiffening modulus"),
@@ -63,7 +60,7 @@ def standard(patient: bool = False) -> list[Method]:
     own, others = [], []
     for name, body in reversed(deformation.bodies().items()):
         if adapter := known.get(snake(body.__name__)) if body.__module__.startswith(deformation.__name__) else None:
-            own += adapter.methods(patient)
+            own += adapter.methods()
         else:
             others.append(of_user(name, body))
     return [
@@ -74,12 +71,12 @@ def standard(patient: bool = False) -> list[Method]:
     ]  # fmt: skip
 
 
-def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]], patient: bool) -> list[Method]:
+def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]]) -> list[Method]:
     """The standard methods and these bodies of a user's own; or those of them with a name in `only`, and the bodies.
 
     ArgumentError: there is no such method, or a class is no body.
     """
-    methods = [*standard(patient), *(of_user(name, cls) for name, cls in bodies.items())]
+    methods = [*standard(), *(of_user(name, cls) for name, cls in bodies.items())]
     if wrong := [name for name in only or () if name not in {m.name for m in methods}]:
         raise ArgumentError(f"method: found {wrong[0]!r}, expected one of {', '.join(m.name for m in methods)}")
     return [m for m in methods if not only or m.name in only or m.name in bodies]

@@ -7,10 +7,8 @@ import numpy as np
 
 from palpate.studies.accuracy.touches import BenchCase
 
-NEAR = 16e-3
-"""[m] From the foot point within which the shape of the surface is compared."""
-LOOKS = 12
-"""Instants of a touch at which it is."""
+NEAR = 16e-3  # [m] From the foot point within which the shape of the surface is compared
+LOOKS = 12  # Instants of a touch at which it is
 
 
 @dataclass(frozen=True)

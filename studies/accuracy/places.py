@@ -17,7 +17,7 @@ from palpate.nodes.deformation import basis_store
 from palpate.physics import kernel_cache
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import MissingError, continuum, kidney
+from palpate.studies.accuracy import MissingError, continuum
 from palpate.studies.accuracy.continuum import LEVELS, LIGHT, Block, ContinuumCurve, Inclusion
 from palpate.studies.accuracy.kidney import Kidney
 
@@ -87,19 +87,13 @@ def stored(name: str) -> ReferenceSite:
         raise ArgumentError(f"{path}: damaged ({error}). Build it anew: python benchmarks/references.py") from None
 
 
-def computed(block: Block | Kidney) -> ContinuumCurve:
-    """The curve of `fe.Solver` at a place."""
-    levels = levels_of(block)
-    return kept(
-        f"fe {block}",
-        lambda: kidney.press(block, levels) if isinstance(block, Kidney) else continuum.press(block, levels),
-    )
+def computed(block: Block) -> ContinuumCurve:
+    """The curve of `fe.Solver` at a place of the block."""
+    return kept(f"fe {block}", lambda: continuum.press(block, levels_of(block)))
 
 
-def levels_of(block: Block | Kidney) -> np.ndarray:
+def levels_of(block: Block) -> np.ndarray:
     """[N] Forces at which the curve of a place is known."""
-    if isinstance(block, Kidney):
-        return kidney.LEVELS
     return LEVELS if block.sticks else LIGHT
 
 
@@ -120,5 +114,5 @@ def kept(name: str, press: Callable[[], ContinuumCurve]) -> ContinuumCurve:
 @lru_cache(maxsize=1)
 def _sources() -> str:
     """A hash of what a curve depends on."""
-    text = b"".join(Path(str(module.__file__)).read_bytes() for module in (continuum, kidney))
+    text = Path(str(continuum.__file__)).read_bytes()
     return hashlib.sha256(text + kernel_cache.key().encode()).hexdigest()

@@ -41,7 +41,6 @@ def told_apart(cells: Sequence[Cell]) -> None:
 
 
 def family(method: str) -> str:
-    """What its bodies have in common."""
     return method.partition("-")[0]
 
 

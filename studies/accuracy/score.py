@@ -7,8 +7,7 @@ from palpate.studies.accuracy.truth import QUANTITIES, Truth
 
 CHARGED = 1.0
 """[1] Error of a method that fails or refuses: that of saying nothing, which is off by all of the truth."""
-CHARGED_STEP = 10.0
-"""[s] Its step."""
+CHARGED_STEP = 10.0  # [s] Its step
 
 
 Score = dict[str, dict[str, float]]
@@ -16,7 +15,6 @@ Score = dict[str, dict[str, float]]
 
 
 def score(outcome: MethodOutcome, truth: Truth) -> Score:
-    """Of everything that both tell."""
     errors: Score = {}
     for name in QUANTITIES:
         if name in outcome.values and name in truth.values:
@@ -44,5 +42,4 @@ def _rms(values: np.ndarray) -> float:
 
 
 def charged() -> Score:
-    """Of a method that gave no answer."""
     return {name: {"rms": CHARGED, "worst": CHARGED, "band": 0.0} for name in QUANTITIES}

@@ -7,8 +7,7 @@ import numpy as np
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.continuum import RADIUS
 
-RETARDATION = 0.02
-"""[s] Of the viscous touches: that of deformation.ReducedFE."""
+RETARDATION = 0.02  # [s] Of the viscous touches: that of deformation.ReducedFE
 
 
 @dataclass(frozen=True)

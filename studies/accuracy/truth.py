@@ -30,8 +30,7 @@ from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.places import PLACES, ReferenceSite, on_path, stored
 from palpate.studies.accuracy.touches import BenchCase
 
-RATE = 32000
-"""[Hz]"""
+RATE = 32000  # [Hz]
 QUANTITIES = {
     "force": "N", "friction": "N", "indentation": "m", "shape": "m", "area": "m²", "traction": "Pa", "energy": "J",
 }  # fmt: skip
@@ -59,11 +58,9 @@ class Truth:
     place: ReferenceSite | None
 
     def value(self, name: str, times: np.ndarray) -> np.ndarray:
-        """A quantity at these times."""
         return np.interp(times, self.times, self.values[name])
 
     def band(self, name: str, times: np.ndarray) -> np.ndarray:
-        """What it may be off by."""
         return np.interp(times, self.times, self.bands[name])
 
     def depth(self, points: np.ndarray, time: float) -> np.ndarray:

@@ -28,8 +28,7 @@ ANSWERS: dict[str, dict[str, str]] = {
     "magnitude": {},
 }
 """What may be answered, with the key of each."""
-LABEL = re.compile(r"[A-Za-z0-9]+")
-"""A label of BIDS."""
+LABEL = re.compile(r"[A-Za-z0-9]+")  # A label of BIDS
 _Values = Annotated[dict[str, Any], msgspec.Meta(description="a mapping such as {tissue.damping: 4}")]
 _Count = Annotated[int, msgspec.Meta(ge=1, le=100_000, description="a whole number from 1")]
 _Share = Annotated[float, msgspec.Meta(ge=0, le=0.9, description="a number from 0 to 0.9")]
@@ -118,12 +117,10 @@ class Experiment(msgspec.Struct, kw_only=True):
 
     @property
     def keys(self) -> dict[str, str]:
-        """The key of each answer."""
         return ANSWERS[self.response] | {name: str(key) for name, key in self.answers.items()}
 
     @property
     def intervals(self) -> int:
-        """Stimuli of a trial."""
         return 2 if self.response == "2afc" else 1
 
 

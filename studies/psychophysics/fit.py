@@ -20,8 +20,7 @@ from scipy.special import xlog1py, xlogy
 
 from palpate.studies.psychophysics.functions import FUNCTIONS
 
-DROP = 1.920729
-"""Half of the 95 % quantile of χ² with one degree of freedom."""
+DROP = 1.920729  # Half of the 95 % quantile of χ² with one degree of freedom
 POINTS = 41  # of a and of b
 LAPSES = np.linspace(0.0, 0.1, 11)
 GUESSES = np.linspace(0.0, 0.5, 26)

@@ -33,8 +33,7 @@ def weibull(x: np.ndarray, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 FUNCTIONS: dict[str, Callable[..., np.ndarray]] = {"logistic": logistic, "normal": normal, "weibull": weibull}
-AT = {"logistic": 0.5, "normal": 0.5, "weibull": 1.0 - math.exp(-1.0)}
-"""F at x = a."""
+AT = {"logistic": 0.5, "normal": 0.5, "weibull": 1.0 - math.exp(-1.0)}  # F at x = a
 HALF = {"logistic": math.log(3.0), "normal": 0.6744897501960817}
 """Half of the distance from F = 1/4 to F = 3/4, over b."""
 

@@ -20,13 +20,10 @@ from palpate.studies.psychophysics.store import Table, begin, parse, sessions, t
 if TYPE_CHECKING:
     from palpate.studies.psychophysics.page import ExperimentPage
 
-Sure = Callable[[str], bool | None]
-"""Asks whoever sits there; None: nobody does."""
+Sure = Callable[[str], bool | None]  # Asks whoever sits there; None: nobody does
 
 
 class Sitting:
-    """A session that is open."""
-
     def __init__(
         self, stimuli: Stimuli, source: YamlSource, folder: Path, table: Table, participant: str, session: int
     ) -> None:
@@ -46,7 +43,6 @@ class Sitting:
         self.mark = markers(self.stimuli.experiment.task, self.participant)
 
     def run(self, presenter: Any) -> None:
-        """All trials that are left."""
         run(self.stimuli, self.table, self.order, self.trial, presenter, self.mark)
         self.ended = True
 
@@ -63,7 +59,6 @@ class Sitting:
         )
 
     def page(self) -> ExperimentPage:
-        """The page that does it with a participant. PageError."""
         from palpate.studies.psychophysics.page import ExperimentPage
 
         return ExperimentPage(self.stimuli, self.run)

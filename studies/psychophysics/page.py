@@ -101,7 +101,6 @@ class ExperimentPage(Live):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing more comes."""
         return self._ended.is_set()
 
     def check(self) -> None:
@@ -234,7 +233,6 @@ class ExperimentPage(Live):
         self.on_news()
 
     def _tell(self, trial: Trial | None, what: str = "") -> None:
-        """How far it is."""
         if trial is not None:
             total = f" of {trial.total}" if trial.total else ""
             self.say(f"trial {trial.number}{total}{' · ' * bool(what)}{what}")

@@ -50,7 +50,6 @@ class QuestPlus:
         return self._inner @ self.posterior - xlogy(mean, mean).sum(axis=0)
 
     def update(self, level: float, hit: bool) -> None:
-        """Take an answer to one of the levels."""
         at = int(np.argmin(np.abs(self.levels - level)))
         self.posterior = self.posterior * self._chances[0 if hit else 1, at]
         self.posterior /= self.posterior.sum()

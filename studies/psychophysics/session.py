@@ -108,7 +108,6 @@ def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, pr
 
 
 def _next(order: Schedule, row: Row) -> Trial | None:
-    """The trial after an answer."""
     try:
         return order.send(row["hit"] == "1")
     except StopIteration:

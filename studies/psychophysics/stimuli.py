@@ -112,7 +112,6 @@ class Stimuli:
         return "1"
 
     def _levels(self, name: str, block: Any) -> list[float]:
-        """The levels that a block names."""
         at = f"blocks.{name}."
         if isinstance(block, StaircaseBlock):
             starts = block.start if isinstance(block.start, list) else [block.start]

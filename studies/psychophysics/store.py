@@ -126,7 +126,6 @@ def parse(data: bytes) -> tuple[list[Row], int]:
 
 
 def table_path(folder: Path, task: str, participant: str, session: int) -> Path:
-    """The table of a session."""
     sub, ses = f"sub-{participant}", f"ses-{session:02d}"
     return folder / sub / ses / "beh" / f"{sub}_{ses}_task-{task}_beh.tsv"
 
@@ -175,7 +174,6 @@ def _participant(folder: Path, participant: str, about: Mapping[str, Any]) -> No
 
 
 def tables(folder: Path, task: str | None = None) -> Iterable[Path]:
-    """The tables of a folder."""
     return sorted(folder.glob(f"sub-*/ses-*/beh/*_task-{task or '*'}_beh.tsv"))
 
 

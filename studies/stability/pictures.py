@@ -1,6 +1,5 @@
-"""Pictures of how stiff a wall, or a body, a device can hold."""
+"""The picture of how stiff a wall a device can hold."""
 
-import math
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +13,7 @@ WALL_LINES = (
     ("bare", FINGER, "o", "simulated, without passivity control"),
     ("controlled", ENERGY, "^", "felt with passivity control"),
 )
-BODY_LINES = (
-    ("stable", SPEED, "-", "stable, poles"),
-    ("bare", FINGER, "o", "simulated, without passivity control"),
-    ("controlled", ENERGY, "^", "with passivity control"),
-)
-"""Columns of the tables, their colours and marks, and what they are."""
+"""Columns of the table, their colours and marks, and what they are."""
 
 
 def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
@@ -44,29 +38,7 @@ def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
     drawn.savefig(path)
 
 
-def draw_bodies(rows: list[dict[str, Any]], path: Path) -> None:
-    """Stiffness over delay, a column for each body at the least rate."""
-    names, rate = list(dict.fromkeys(row["body"] for row in rows)), min(row["rate"] for row in rows)
-    drawn = figure(
-        max(3.6 * len(names) + 1.5, 7.6), 4.6, f"Stiffest tissue model that the device can render, {rate:g} Hz"
-    )
-    axes = drawn.subplots(1, len(names), sharey=True, squeeze=False)[0]
-    known = [r[key] for r in rows for key, *_ in BODY_LINES if 0.0 < r[key] < math.inf] or [1e3]
-    top, low = 3.0 * max(known), 0.5 * min(known)
-    for ax, name in zip(axes, names, strict=True):
-        own = [row for row in rows if row["body"] == name and row["rate"] == rate]
-        for key, colour, mark, label in BODY_LINES:
-            _curve(ax, own, "delay", key, mark, top, color=colour, label=label)
-        ax.set(xlabel="delay [samples]", yscale="log", title=name.rpartition(".")[2], ylim=(low, 1.5 * top))
-    axes[0].set_ylabel("stiffness  [N/m]")
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(BODY_LINES), fontsize=8,
-                 title=f"marks at {top:.2g}: all stable", title_fontsize=8)  # fmt: skip
-    drawn.savefig(path)
-
-
-def _curve(
-    axes: Axes, rows: list[dict[str, Any]], over: str, name: str, mark: str, top: float = math.inf, **look: Any
-) -> None:
-    """One column over another, up to `top`; what is 0 is not drawn."""
-    points = [(row[over], min(row[name], top)) for row in rows if row[name] > 0.0]
+def _curve(axes: Axes, rows: list[dict[str, float]], over: str, name: str, mark: str, **look: Any) -> None:
+    """One column over another; what is 0 is not drawn."""
+    points = [(row[over], row[name]) for row in rows if row[name] > 0.0]
     axes.plot(*zip(*points, strict=True) if points else ([], []), mark, **look)

@@ -49,7 +49,7 @@ class StabilityStudy:
         for f, d, b in self.cases:
             rows.append(walls.row(self.device, f, d, b, self.order, self.lost, self.jitter, self.seed))
             show(f"{f:g} Hz, {d} samples late, damping {b:g} N s/m", f)
-        files = [written(rows, walls.COLUMNS, folder / "stability.csv"), drawn("walls", folder / "stability.png", rows)]
+        files = [written(rows, walls.COLUMNS, folder / "stability.csv"), drawn(rows, folder / "stability.png")]
         told: dict[str, Any] = {"table": files[0], "picture": files[1], "rows": rows, "files": files}
         if classes:
             told["bodies"] = bodies = []
@@ -57,7 +57,6 @@ class StabilityStudy:
                 bodies.append({"body": name, **body_wall.row(self.device, classes[name], f, d)})
                 show(f"{name}, {f:g} Hz, {d} samples late", f)
             files.append(written(bodies, body_wall.COLUMNS, folder / "bodies.csv"))
-            files.append(drawn("bodies", folder / "bodies.png", bodies))
         return told
 
 
@@ -70,11 +69,11 @@ def written(rows: list[dict[str, Any]], columns: dict[str, str], path: Path) -> 
     return str(path)
 
 
-def drawn(what: str, path: Path, *given: Any) -> str:
-    """The path of a picture, "" where matplotlib is missing."""
+def drawn(rows: list[dict[str, Any]], path: Path) -> str:
+    """The path of the picture, "" where matplotlib is missing."""
     try:
-        from palpate.studies.stability import pictures
+        from palpate.studies.stability.pictures import draw_walls
     except ModuleNotFoundError:
         return ""
-    getattr(pictures, f"draw_{what}")(*given, path)
+    draw_walls(rows, path)
     return str(path)

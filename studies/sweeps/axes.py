@@ -142,7 +142,6 @@ def rounded(values: np.ndarray) -> np.ndarray:
 
 
 def label(value: Any) -> Any:
-    """A value as tables show it."""
     return value if isinstance(value, bool | int | float | str) else json.dumps(value)
 
 

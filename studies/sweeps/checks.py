@@ -17,8 +17,7 @@ from palpate.studies.sweeps.sensitivity import METHODS
 
 TRIED = 64
 """Combinations of bodies, motions and files that are loaded before anything runs, at most."""
-DRAWS = 8
-"""Points whose values are tried until one loads."""
+DRAWS = 8  # Points whose values are tried until one loads
 
 
 def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: str | None) -> Space:

@@ -35,11 +35,9 @@ class Dask:
         self._client, self._executor = client, client.get_executor(pure=False)
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Call a function in a worker."""
         return self._executor.submit(function, *arguments)
 
     def workers(self) -> int:
-        """Number of workers that the scheduler knows."""
         return sum(self._client.nthreads().values())
 
 

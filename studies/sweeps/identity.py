@@ -10,8 +10,7 @@ from typing import Any
 from palpate.engine.graph import Graph
 from palpate.launch.load.classes import ClassError, find_class
 
-SHOWN = 12
-"""Changes that are told one by one."""
+SHOWN = 12  # Changes that are told one by one
 
 
 def files_of(base: Graph) -> Iterator[tuple[str, str]]:

@@ -30,11 +30,9 @@ class Local:
         self._executor, self._count = executor, count
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Call a function in one of the threads."""
         return self._executor.submit(function, *arguments)
 
     def workers(self) -> int:
-        """Number of threads."""
         return self._count
 
 

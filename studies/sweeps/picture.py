@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEGEND = 8
-"""Lines that have names; more of them have a scale of colours where they have a number."""
+LEGEND = 8  # Lines that have names; more of them have a scale of colours where they have a number
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.")
 """Of the lines of one colour, which differ in what else was varied."""
 SHARES = {
@@ -57,7 +56,6 @@ def draw(study: Results, name: str, ax: Axes | None = None) -> Figure:
 
 
 def draw_all(study: Results, folder: Path) -> list[Path]:
-    """A file for each thing that is kept, where it can be drawn."""
     files = []
     for one in study.keep:
         file = folder / f"{one.text.replace(' ', '-')}.png"

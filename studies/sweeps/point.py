@@ -164,8 +164,7 @@ def _kept(task: Task, run: Run) -> Computed:
     return done
 
 
-_warmed: set[str] = set()
-"""Sets of classes whose kernels this process has."""
+_warmed: set[str] = set()  # Sets of classes whose kernels this process has
 
 
 def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:

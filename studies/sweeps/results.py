@@ -40,12 +40,10 @@ class Results:
 
     @property
     def numbers(self) -> list[Kept]:
-        """What is kept as one number of each run."""
         return [one for one in self.keep if one.how != "curve"]
 
     @property
     def curves(self) -> list[Kept]:
-        """What is kept over time."""
         return [one for one in self.keep if one.how == "curve"]
 
     def rows(self) -> list[dict[str, Any]]:

@@ -20,8 +20,7 @@ from palpate.physics.arithmetic import environment
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
-ENOUGH = 1.5
-"""[s] of work after which a worker reports what it has done of a batch."""
+ENOUGH = 1.5  # [s] of work after which a worker reports what it has done of a batch
 NETWORK = ("nfs", "lustre", "gpfs", "beegfs", "cifs", "smb", "afs", "ceph", "panfs", "pvfs", "glusterfs", "fuse.")
 """How Linux calls file systems of other machines, by their beginning."""
 SERVE = "from palpate.studies.sweeps.point import main; main()"
@@ -102,7 +101,6 @@ class Runner:
         return not self.link.closed and self.process.poll() is None
 
     def close(self) -> None:
-        """Kill the process with all that it has started."""
         if self.process.poll() is None:
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(self.process.pid, signal.SIGKILL)

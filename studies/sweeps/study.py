@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
 LONG = 200  # letters of the values of a path in `study.json`
 SEVERAL = 8  # values of a path that are tried for its unit
-MANY = 100_000
-"""Points that a study computes without `yes`."""
+MANY = 100_000  # Points that a study computes without `yes`
 
 
 class Study(Results):
@@ -98,7 +97,6 @@ class Study(Results):
 
     @cached_property
     def points(self) -> list[Point]:  # type: ignore[override]
-        """All points in order."""
         found, known = [], dict[str, str]()
         for number in range(len(self)):
             values, labels = self.space.point(number)

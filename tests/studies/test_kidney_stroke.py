@@ -1,9 +1,10 @@
 """The kidney of the stroke: its grid, its load, and two solvers at its places."""
 
+import kidney_place
 import numpy as np
 import peer_felupe as felupe
 import pytest
-import references
+from kidney_place import press, press_felupe
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
@@ -11,7 +12,7 @@ from palpate.messages import Pose
 from palpate.nodes.collision import Nurbs
 from palpate.studies.accuracy import kidney, places, truth
 from palpate.studies.accuracy.continuum import CUTS, RADIUS
-from palpate.studies.accuracy.kidney import Kidney, along, press
+from palpate.studies.accuracy.kidney import Kidney, along
 from palpate.studies.accuracy.touches import TOUCHES
 
 B, M = 26.2641, 1681.06
@@ -38,11 +39,11 @@ def test_places_are_ways_along_the_path():
 
 def test_both_routes_load_the_curved_patch_alike():
     """Second moment of the biweight over a patch that is nearly flat: R²/4; force one, no moment."""
-    frame, axes = kidney.cut(Kidney(0.0, 3))
+    frame, axes = kidney_place.cut(Kidney(0.0, 3))
     fem = pytest.importorskip("felupe")
     mesh = felupe.bricks(fem, tuple(axes))
     points = frame.points(np.array(mesh.points))
-    unit = felupe.on_bricks(points, felupe.sides(np.array(mesh.points), axes)[-1], kidney.pressure, 2 * CUTS)
+    unit = felupe.on_bricks(points, felupe.sides(np.array(mesh.points), axes)[-1], kidney_place.pressure, 2 * CUTS)
     assert unit.sum(axis=0) == pytest.approx((0.0, 0.0, -1.0))
     assert -unit[:, 2] @ points[:, :2] == pytest.approx(0.0, abs=1e-5)
     assert -unit[:, 2] @ (points**2).sum(axis=1) == pytest.approx(RADIUS**2 / 4, rel=0.01)
@@ -50,7 +51,7 @@ def test_both_routes_load_the_curved_patch_alike():
 
 def test_all_sides_of_the_bricks_look_out_and_enclose_the_volume():
     fem = pytest.importorskip("felupe")
-    _, axes = kidney.cut(Kidney(0.0, 2))
+    _, axes = kidney_place.cut(Kidney(0.0, 2))
     mesh = felupe.bricks(fem, tuple(axes))
     cube = np.array(mesh.points)
     faces = np.concatenate(felupe.sides(cube, axes))
@@ -61,7 +62,7 @@ def test_all_sides_of_the_bricks_look_out_and_enclose_the_volume():
 @pytest.mark.parametrize("place", [-0.012, 0.012])
 def test_two_solvers_that_share_no_elements_agree_on_coarse_meshes(place):
     pytest.importorskip("felupe")
-    tetrahedra, bricks = press(Kidney(place, 1), FIRST), references.press_kidney(Kidney(place, 1), FIRST)
+    tetrahedra, bricks = press(Kidney(place, 1), FIRST), press_felupe(Kidney(place, 1), FIRST)
     assert tetrahedra.indentation == pytest.approx(bricks.indentation, rel=0.08)
 
 

@@ -68,7 +68,6 @@ class StreamReader:
         return socket
 
     def close(self) -> None:
-        """Hear no more."""
         self.context.destroy(linger=0)
 
     def frame(self) -> bytes | None:

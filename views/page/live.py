@@ -14,8 +14,7 @@ from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import Touched, watched
 
 ENDING = 15.0  # [s] for a run to end in order
-BEHIND = 10
-"""By which what makes the frames stands behind the nodes of a run for a processor."""
+BEHIND = 10  # By which what makes the frames stands behind the nodes of a run for a processor
 
 
 class Live(FrameSource):
@@ -49,14 +48,12 @@ class Live(FrameSource):
         """The run has begun."""
 
     def over(self) -> None:
-        """The run has ended."""
         self._over.set()
         if self._thread is not None:
             self._thread.join()
             self._thread = None
 
     def say(self, status: str) -> None:
-        """What goes on now."""
         self.status = status
         self.on_news()
 

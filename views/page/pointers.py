@@ -14,8 +14,7 @@ from palpate.views.errors import PageError
 
 Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
-Sample = tuple[Count, tuple[Metres, Metres, Metres], Count]
-"""Number, place [m, world] and buttons."""
+Sample = tuple[Count, tuple[Metres, Metres, Metres], Count]  # Number, place [m, world] and buttons
 
 
 class Pointers:

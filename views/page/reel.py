@@ -22,12 +22,9 @@ from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of
 from palpate.views.surface.colour import able
 
-POINTS = 4000
-"""Of force and indentation over the whole recording: more than a screen has."""
-MOST = 2
-"""Recordings beside one another."""
-BACK = 8
-"""Chunks that are looked through for a stream of which few messages were kept."""
+POINTS = 4000  # Of force and indentation over the whole recording: more than a screen has
+MOST = 2  # Recordings beside one another
+BACK = 8  # Chunks that are looked through for a stream of which few messages were kept
 
 
 class RecordingSource:
@@ -66,7 +63,6 @@ class RecordingSource:
         self.curves = self._listen([finger[Contact] for finger in shown])
 
     def close(self) -> None:
-        """Read no more of it."""
         self._file.close()
 
     def _listen(self, contacts: list[str]) -> list[Curve]:

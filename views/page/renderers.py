@@ -6,12 +6,10 @@ from typing import Any
 import msgspec
 
 VERSION = 1
-RATE = 60.0
-"""[1/s] of frames while a renderer listens."""
+RATE = 60.0  # [1/s] of frames while a renderer listens
 MESH = struct.Struct("<4sHHIIfI")
 """Magic, version, fingers, vertices, triangles, thickness of the fingertip [m], 0."""
-FRAME = struct.Struct("<4sHHIId")
-"""Magic, version, fingers, moved vertices, late ticks, time [s]."""
+FRAME = struct.Struct("<4sHHIId")  # Magic, version, fingers, moved vertices, late ticks, time [s]
 FINGER = struct.Struct("<12f3fI")
 """Tip, foot [m], normal [1], force on the hand [N] (3 each), normal force [N], indentation, compression [m], state."""
 TOUCHES, TIP, FORCE, FRICTION, STICKS = (1 << bit for bit in range(5))

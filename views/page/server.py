@@ -78,7 +78,6 @@ class PageServer:
         return not self._pages and self._left > 0.0 and time.monotonic() - self._left > RELOAD
 
     def close(self) -> None:
-        """Close all pages, and the source."""
         if self._loop.is_closed():
             return
         self.source.on_news = lambda: None

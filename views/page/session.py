@@ -68,7 +68,6 @@ class Session(Live):
         self._runs = threading.Thread(target=self._live, name="runs", daemon=True)
 
     def open(self) -> None:
-        """Begin the first run."""
         self._runs.start()
 
     def close(self) -> None:
@@ -91,7 +90,6 @@ class Session(Live):
         return []
 
     def leave(self, page: object) -> None:
-        """The hands of who steered go back to where they began."""
         self._pointers.leave(page)
 
     def _begin_again(self, body: str | None, effect: tuple[str, bool] | None) -> None:

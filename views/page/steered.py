@@ -35,8 +35,7 @@ from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
 
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
-THICKNESS = 4e-3
-"""[m] of a fingertip that nothing is known of."""
+THICKNESS = 4e-3  # [m] of a fingertip that nothing is known of
 Shown = dict[type[Message], str]
 
 

@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-OF_A_FINGER = ("force", "compression", "friction", "device")
-"""Of several fingers each has its own."""
+OF_A_FINGER = ("force", "compression", "friction", "device")  # Of several fingers each has its own
 PICTURES = ("grip", *OF_A_FINGER, "energy", "slip", "pad", "pins", "softness")
 
 

@@ -27,7 +27,6 @@ class Views:
         self._rendering = Rendering(mesh, self.instants, lengths, self.near, self.deepest)
 
     def close(self) -> None:
-        """End the drawing."""
         self._rendering.close()
 
     def draw(self) -> Figure:

@@ -86,7 +86,6 @@ def _map(
 def _circle(
     axes: Axes, nodule: dict[str, Any], foot: np.ndarray, normal: np.ndarray, places: Any, pitch: float
 ) -> None:
-    """Outline of the nodule below."""
     radius, position = nodule.get("nodule_radius", 0.0), nodule.get("nodule_position")
     if not radius or position is None:
         return

@@ -11,10 +11,8 @@ from palpate.views.pictures.style import mean
 
 SPEED_BAND = 1.25
 """Speed counts as constant while its largest value is at most this many times its smallest."""
-FORCE_BAND = 1.06
-"""The same for the normal force."""
-LEAST_CHANGE = 1.5
-"""The other quantity has to change by this factor."""
+FORCE_BAND = 1.06  # The same for the normal force
+LEAST_CHANGE = 1.5  # The other quantity has to change by this factor
 SLOWEST = 5e-3  # [m/s] below it the finger is not sliding
 BEYOND_DIP = 0.05  # [m/s] above it friction no longer falls with speed, where nothing better is known
 LIGHTEST = 0.05  # of the largest normal force: below it there is no proper contact

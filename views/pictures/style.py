@@ -74,7 +74,6 @@ def figure(width: float, height: float, title: str, current: bool = False) -> Fi
 
 
 def entitle(figure: Figure, title: str) -> None:
-    """Write the line over all of a figure."""
     figure.suptitle(title, x=0.01, ha="left", weight="bold")
 
 
@@ -131,7 +130,6 @@ def log_ticks(axes: Axes) -> None:
 
 
 def deformation_colours() -> Any:
-    """`DEFORMATION` as a colour map."""
     from matplotlib.colors import LinearSegmentedColormap
 
     return LinearSegmentedColormap.from_list("deformation", DEFORMATION)

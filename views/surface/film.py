@@ -53,7 +53,6 @@ class FilmFrame:
         self.show(pixels, instant)
 
     def show(self, pixels: np.ndarray, instant: Instant) -> None:
-        """Another instant."""
         self._image.set_data(pixels)
         self._title.set_text(instant.title())
 

@@ -72,7 +72,6 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 
 
 def _mesh(touch: TouchStreams, stream: str) -> Mesh:
-    """The undeformed mesh of a body."""
     node = touch.node(stream)
     try:
         kind = recorded_class(node["class"], Node)

@@ -83,7 +83,6 @@ class Rendering:
         ).failed()
 
     def close(self) -> None:
-        """End the process, remove the files."""
         if self._process.poll() is None:
             self._process.kill()
         with contextlib.suppress(ValueError):

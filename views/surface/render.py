@@ -133,7 +133,6 @@ def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, heads: np.nda
 
 
 def main() -> None:
-    """Read the views, write the pixels."""
     source, target = sys.argv[1:3]
     with np.load(source) as views:
         pixels = render(dict(views))

@@ -10,8 +10,7 @@ from palpate.studies.accuracy.outcome import Method
 from palpate.studies.accuracy.touches import BenchCase
 
 
-def methods(patient: bool) -> list[Method]:
-    """The body."""
+def methods() -> list[Method]:
     finer = (*steps(), *meshes(), *reaches())
     return [Method("BeamBundle", "BeamBundle", of_body(BeamBundle, _slab), finer, only_slab)]
 

@@ -16,8 +16,7 @@ class _Silent(MassSpring):
     wanted = chain.LAW
 
 
-def methods(patient: bool) -> list[Method]:
-    """The law alone, and the body."""
+def methods() -> list[Method]:
     forms = [spread("kernel", kernel, kernel) for kernel in ("wendland", "cosine")]
     finer = (*steps(), *meshes(), *reaches(), *forms)
     return [

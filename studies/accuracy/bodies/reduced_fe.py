@@ -15,16 +15,16 @@ from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 
 
-def methods(patient: bool) -> list[Method]:
-    """Each model; patient: whether a basis that is not stored is built even where that takes minutes."""
+def methods() -> list[Method]:
+    """Each model."""
     condensed = [
         Fidelity(f"condensed to {n} vertices", "basis", settings={"body": {"coarse": n}}) for n in (150, 300, 600)
     ]
     few, some = (*steps(), *meshes((1000, 3000, 10000))), reaches()[:2]
-    sampled = _reducing("sampled", patient, modes=20, coarse=150)
+    sampled = _reducing("sampled", modes=20, coarse=150)
     return [
         Method("ReducedFE-linear", "ReducedFE linear", _reducing("linear"), (*few, *condensed, *some), only_slab),
-        Method("ReducedFE", "ReducedFE condensed", _reducing("nonlinear", patient), (*few, *some), only_slab),
+        Method("ReducedFE", "ReducedFE condensed", _reducing("nonlinear"), (*few, *some), only_slab),
         Method("ReducedFE-sampled", "ReducedFE sampled", sampled, tuple(steps()), only_slab),
     ]
 
@@ -35,15 +35,11 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
     return material | {"sticks": touch.sticks} | (nodule if touch.nodule else {})
 
 
-def _reducing(
-    model: str, patient: bool = False, **fixed: object
-) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
-    """With its basis built where none is stored."""
-
+def _reducing(model: str, **fixed: object) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         own = _slab(touch) | {"model": model} | fixed | fidelity.settings.get("body", {})
         node = ReducedFE(**chain.surface_of(touch), **own)
-        offline = ready(node, patient)
+        offline = ready(node)
         outcome = of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
         outcome.offline += offline
         return outcome
@@ -51,18 +47,16 @@ def _reducing(
     return compute
 
 
-def ready(node: ReducedFE, patient: bool = False) -> float:
+def ready(node: ReducedFE) -> float:
     """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships.
 
-    patient  build modes of a body other than the slab too, which takes some minutes
-
-    UnsupportedError: such a basis is not stored, and nobody is patient.
+    UnsupportedError: modes of a body other than the slab are not stored: building them takes minutes.
     """
     for folder in (SHIPPED, cache()):
         path = find(folder, node.key())
         if path is not None and node.stored(folder) is not None:
             return float((about(path) or {}).get("seconds", 0.0))
-    if node.model == "sampled" and node.surface != "plane" and not patient:
+    if node.model == "sampled" and node.surface != "plane":
         raise UnsupportedError(f"no basis with modes is stored for these settings. Build it once: {node.command()}")
     begun = time.perf_counter()
     basis, _ = built(node, Silent(), check=False)

@@ -21,8 +21,7 @@ from palpate.studies.accuracy.refinement import mostly
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 
-DEFAULT = ("MassSpring", "1000 Hz")
-"""What the kidney graph runs unless it is told otherwise."""
+DEFAULT = ("MassSpring", "1000 Hz")  # What the kidney graph runs unless it is told otherwise
 LEGEND = (
     "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot "
     "do or breaks down on; they are in no error and no time."
@@ -31,8 +30,7 @@ COLUMNS = (
     "Below, errors are rms and worst, over the peak of the reference. *Held* is memory, *once* is building and "
     "starting, *mostly* is what the error of the force is made of."
 )
-SOLVER = {"fe": "full FE", "felupe": "FElupe"}
-"""Those of the references."""
+SOLVER = {"fe": "full FE", "felupe": "FElupe"}  # Those of the references
 NOT_COVERED = (
     "Organs other than a slab and the top of one kidney; of that, the shape of its surface and its viscosity.",
     "Measured tissue. Each reference solves equations; whether they are those of a kidney is not asked.",
@@ -56,7 +54,6 @@ def default_costs(told: Sequence[ParetoPoint]) -> str:
 
 
 def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
-    """Write the page beside its pictures."""
     told = summaries(cells)
     lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(told), ""]
     if "overview" in pictures:

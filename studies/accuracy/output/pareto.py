@@ -9,8 +9,7 @@ from palpate.studies.accuracy.cells import Cell
 
 GAIN = 0.98
 """[1] Share of the error of the cheaper ones below which a point counts as more accurate than they."""
-LOOP = 1e-3
-"""[s] Period of a haptic loop."""
+LOOP = 1e-3  # [s] Period of a haptic loop
 
 
 def front(points: Sequence[tuple[float, float]]) -> list[int]:
@@ -51,7 +50,6 @@ class ParetoPoint:
 
 
 def duration(seconds: float) -> str:
-    """In the unit that fits."""
     for unit, scale in (("µs", 1e6), ("ms", 1e3)):
         if seconds * scale < 1000:
             return f"{seconds * scale:.3g} {unit}"
@@ -116,5 +114,4 @@ def unable(cells: Sequence[Cell]) -> list[str]:
 
 
 def percent(value: float) -> str:
-    """In two digits."""
     return f"{100 * value:.2g} %" if value < 1.0 else f"{100 * value:.0f} %"

@@ -19,15 +19,12 @@ COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
 MARKS = "osD^vPX<>hdp8H"
 LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
-HARD = "\u00a0"
-"""A space at which no line is broken."""
-LEAST = 1e-4
-"""[1] Errors below which a mark stands at it."""
+HARD = "\u00a0"  # A space at which no line is broken
+LEAST = 1e-4  # [1] Errors below which a mark stands at it
 INK, FAINT = "#2b2b33", "#b9b9c4"
 
 
 def touch_picture(cells: Sequence[Cell], path: Path) -> None:
-    """All methods on one touch."""
     own = [c for c in cells if c.status != "refused"]
     refused = [c for c in cells if c.status == "refused"]
     figure, axes = _empty(f"{cells[0].touch}: {TOUCHES[cells[0].touch].title}")

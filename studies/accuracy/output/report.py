@@ -19,12 +19,10 @@ MEASURES = ("rms", "worst", "band")
 
 
 def about() -> dict[str, Any]:
-    """Versions, machine and commit."""
     return {**machine("numpy", "scipy", "numba"), "seeds": "none, nothing here is random"}
 
 
 def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, Path]:
-    """The files by what they are."""
     table(cells, told, folder / "accuracy.csv")
     drawn = _drawn(cells, folder)
     page.write(cells, told, drawn, folder / "accuracy.md")

@@ -23,14 +23,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = {"steel": NORMAL, "silicone": FRICTION}
-LEVELS = np.linspace(0.02, 0.5, 25)
-"""Equivalent strains of the isostrain pictures."""
-SHEET = 0.06
-"""Least strain of the sheet of volumes, that the flat rest is seen beside."""
-LINES = (0.05, 0.1, 0.2, 0.3)
-"""Isostrain lines that the flow is drawn on."""
-TOP = 0.7
-"""[N] End of the force axes where the runs go far beyond the paper's forces."""
+LEVELS = np.linspace(0.02, 0.5, 25)  # Equivalent strains of the isostrain pictures
+SHEET = 0.06  # Least strain of the sheet of volumes, that the flat rest is seen beside
+LINES = (0.05, 0.1, 0.2, 0.3)  # Isostrain lines that the flow is drawn on
+TOP = 0.7  # [N] End of the force axes where the runs go far beyond the paper's forces
 
 
 def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:

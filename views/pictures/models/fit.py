@@ -44,7 +44,6 @@ class FittedLaw(NamedTuple):
 
 
 def _fit(result: Chosen, name: str, path: Path) -> Path:
-    """Data, curve and band; scatter and its curve."""
     depths, choice = result.depths, result.choice
     figure = Figure(figsize=(11, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2)
@@ -109,7 +108,6 @@ def _models(result: Chosen, name: str, path: Path) -> Path:
 
 
 def _surface(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
-    """The density over depth and force as a surface."""
     figure = Figure(figsize=(8.4, 6.0))
     figure.subplots_adjust(left=0.0, right=0.96, bottom=0.03, top=0.92)
     axes: Any = figure.add_subplot(projection="3d")

@@ -43,7 +43,7 @@ def accuracy(
     from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)
-    methods = known.chosen(only, {name: find_class(name) for name in body or ()}, patient=not quick)
+    methods = known.chosen(only, {name: find_class(name) for name in body or ()})
     todo = matrix(wanted, methods, quick)
     check_folder(out)
 
