@@ -12,9 +12,11 @@ It needs FElupe (`pip install "palpate[bench]"`). An interrupted run resumes.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import asdict, fields, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,9 @@ import peer_felupe
 from scipy.interpolate import RegularGridInterpolator
 
 from palpate.engine.provenance import machine
-from palpate.studies.accuracy import places
+from palpate.physics import kernel_cache
+from palpate.physics.archive import replacing
+from palpate.studies.accuracy import continuum, kidney, places
 from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.accuracy.places import PLACES, SHIPPED, ReferenceSite, cells_text
@@ -36,27 +40,34 @@ NEAR = 2.0 * RADIUS
 Place = Block | Kidney
 
 
-def by_fe(block: Place) -> ContinuumCurve:
-    """The curve of a place by `fe.Solver`."""
+def pressed(block: Place, solver: str) -> ContinuumCurve:
+    """The curve of a place by a solver."""
     if isinstance(block, Block):
-        return places.computed(block)
-    return places.kept(f"fe {block} {_sources()}", lambda: kidney_place.press(block))
+        levels = places.levels_of(block)
+        return continuum.press(block, levels) if solver == "fe" else peer_felupe.press(block, levels)
+    return kidney_place.press(block) if solver == "fe" else kidney_place.press_felupe(block)
 
 
-def by_felupe(block: Place) -> ContinuumCurve:
-    """The curve of a place by FElupe."""
-    name = f"felupe {peer_felupe.version()} {block} {_sources()}"
-    if isinstance(block, Block):
-        return places.kept(name, lambda: peer_felupe.press(block, places.levels_of(block)))
-    return places.kept(name, lambda: kidney_place.press_felupe(block))
+def kept(block: Place, solver: str) -> ContinuumCurve:
+    """The same, or what was computed before with the same sources."""
+    told = f"{solver} {block} {peer_felupe.version()} {_sources()}"
+    path = places.cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
+    if path.is_file():
+        with np.load(path) as file:
+            own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
+        return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
+    curve = pressed(block, solver)
+    with replacing(path) as part:
+        np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
+    return curve
 
 
+@lru_cache(maxsize=1)
 def _sources() -> str:
-    """What curves depend on that is not shipped."""
-    return "".join(Path(str(module.__file__)).read_text(encoding="utf-8") for module in (kidney_place, peer_felupe))
-
-
-SOLVERS: dict[str, Callable[[Place], ContinuumCurve]] = {"fe": by_fe, "felupe": by_felupe}
+    """A hash of what a curve depends on."""
+    modules = (continuum, kidney, kidney_place, peer_felupe)
+    text = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
+    return hashlib.sha256(text + kernel_cache.key().encode()).hexdigest()
 
 
 def rebuild(
@@ -67,7 +78,7 @@ def rebuild(
     curves_of: dict[tuple[str, str, int], ContinuumCurve] = {}
     for done, (name, solver, cells) in enumerate(todo):
         yield f"{name}: {solver}, {cells_text(cells)}", done / len(todo)
-        curves_of[name, solver, cells] = SOLVERS[solver](replace(PLACES[name], cells=cells))
+        curves_of[name, solver, cells] = kept(replace(PLACES[name], cells=cells), solver)
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         curves = {solver: [curves_of[name, solver, cells] for cells in meshes[solver]] for solver in meshes}

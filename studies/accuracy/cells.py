@@ -19,11 +19,6 @@ from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import truth
 
-POINTS = 200
-"""Instants of a touch at which the force of a cell is kept, so that fidelities can be held against each other."""
-
-SHOWING = "refinement.py"  # The module that only shows results, beside those in `output`
-
 
 @dataclass
 class Cell:
@@ -33,10 +28,6 @@ class Cell:
     errors          by quantity, see `score.Score`
     p50, p99        [s] of a step;  steps how many were timed
     memory          [byte];  offline [s]
-    trace           [N] (POINTS,) force over the touch, over its peak in truth
-    discretisation  [1] rms of the force from that of the finest setting on the same axis, over the peak of the truth
-    finest          [1] rms of the force of that finest setting from the truth
-    falling         axes on which the finest setting has not come to an end, see `refinement`
     kept            whether it is of an earlier run
     """
 
@@ -44,7 +35,6 @@ class Cell:
     method: str
     title: str
     fidelity: str
-    axis: str
     rate: float
     status: str = "ok"
     why: str = ""
@@ -54,10 +44,6 @@ class Cell:
     steps: int = 0
     memory: int | None = None
     offline: float = 0.0
-    trace: list[float] = field(default_factory=list)
-    discretisation: float | None = None
-    finest: float | None = None
-    falling: str = ""
     kept: bool = field(default=False, compare=False)
 
     def at_reference(self, quantity: str = "force") -> bool:
@@ -101,7 +87,7 @@ def compute(
 
 def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
     """One cell. Whatever a method raises is its failure, and is charged."""
-    cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.axis, fidelity.rate)
+    cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.rate)
     why = method.refuses(touch)
     right = truth(touch)
     if not why:
@@ -112,9 +98,6 @@ def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) 
             cell.errors = score(outcome, right)
             if not all(np.isfinite(v) for own in cell.errors.values() for v in own.values()):
                 raise ArithmeticError("what it tells is not finite")
-            peak = float(right.values["force"].max())
-            at = np.linspace(0.0, touch.duration, POINTS)
-            cell.trace = (np.interp(at, outcome.times, outcome.values["force"]) / peak).tolist()
             cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
             cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
             return cell
@@ -148,7 +131,7 @@ def _sources() -> str:
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():
             for file in sorted(Path(folder).rglob("*.py")):
-                if package != "palpate.studies.accuracy" or not (file.name == SHOWING or file.parent.name == "output"):
+                if package != "palpate.studies.accuracy" or file.parent.name != "output":
                     digest.update(f"{package}/{file.relative_to(folder)}".encode() + file.read_bytes())
     for file in sorted(SHIPPED.glob("*.npz")):
         digest.update(file.name.encode() + file.read_bytes())

@@ -29,27 +29,18 @@ SIDE = 0.1  # [m] Of the block, as of `surface: plane`
 YOUNG, POISSON, BED = 19e3, 0.45, 50.0
 """[Pa], [1], [1/m] stiffness of the bed per area over the modulus: those of deformation.ReducedFE."""
 RADIUS = 8e-3  # [m] Of the patch: that of spread.Kernel
-LEVELS = np.array([0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3])
-"""[N] Forces at which a curve is known."""
+LEVELS = np.array([0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3])  # [N] Forces at which a curve is known
 LIGHT = np.array([0.02, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25])
 """[N] The same where the patch is free to slide: under heavier loads such a surface yields sideways."""
+NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO = 6e-3, 4e-3, 10.0
+"""[m] depth of the centre of a harder ball, [m], [1] its modulus over that of the tissue."""
 GROWTH = 1.45  # Of the cells from the patch to the borders
 CUTS = 6  # Parts into which a triangle's sides are cut to integrate the pressure
-SHARES = 8
-"""Moduli between that of the tissue and that of a nodule that cells cut by its surface may have."""
+SHARES = 8  # Moduli between that of the tissue and that of a nodule that cells cut by its surface may have
 Pressure = Callable[[np.ndarray], np.ndarray]  # At points [m] (...,3)
 Top = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Lines x and y [m] of the grid of the top, and the nodes (len(x),len(y)) on them."""
 STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
-
-
-@dataclass(frozen=True)
-class Inclusion:
-    """A harder ball below (0, 0): depth of its centre and radius [m], modulus over that of the tissue."""
-
-    depth: float = 6e-3
-    radius: float = 4e-3
-    ratio: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -58,14 +49,14 @@ class Block:
 
     place   [m] x of the patch's middle
     cells   cells across the patch's radius
-    nodule  a harder ball, or None
+    nodule  whether it has the nodule below (0, 0)
     radius  [m] of the patch;  poisson [1] of the tissue
     sticks  whether the surface under the patch is held along itself
     """
 
     place: float = 0.0
     cells: int = 4
-    nodule: Inclusion | None = None
+    nodule: bool = False
     radius: float = RADIUS
     poisson: float = POISSON
     sticks: bool = True
@@ -74,9 +65,9 @@ class Block:
         """Coordinates [m] of the grid's planes, finest under the patch and round the nodule."""
         size = self.radius / self.cells
         low, high, below = self.place - self.radius, self.place + self.radius, 0.6 * self.radius
-        if self.nodule is not None:
-            low, high = min(low, -self.nodule.radius), max(high, self.nodule.radius)
-            below = self.nodule.depth + self.nodule.radius
+        if self.nodule:
+            low, high = min(low, -NODULE_RADIUS), max(high, NODULE_RADIUS)
+            below = NODULE_DEPTH + NODULE_RADIUS
         x = graded(-SIDE / 2, low, high, SIDE / 2, size)
         y = graded(0.0, 0.0, self.radius, SIDE / 2, size)
         z = graded(-SLAB, -below, 0.0, 0.0, size)
@@ -91,14 +82,14 @@ class Block:
         """Modulus of each cell over that of the tissue, x fastest: its mean by volume, in `SHARES` steps."""
         x, y, z = self.axes()
         count = (len(x) - 1, len(y) - 1, len(z) - 1)
-        if self.nodule is None:
+        if not self.nodule:
             return np.ones(count[0] * count[1] * count[2])
         at = (np.arange(6) + 0.5) / 6
         px, py, pz = ((a[:-1, None] + np.diff(a)[:, None] * at).ravel() for a in (x, y, z))
-        away = px[:, None, None] ** 2 + py[None, :, None] ** 2 + (pz[None, None, :] + self.nodule.depth) ** 2
-        inside = (away < self.nodule.radius**2).reshape(count[0], 6, count[1], 6, count[2], 6).mean(axis=(1, 3, 5))
+        away = px[:, None, None] ** 2 + py[None, :, None] ** 2 + (pz[None, None, :] + NODULE_DEPTH) ** 2
+        inside = (away < NODULE_RADIUS**2).reshape(count[0], 6, count[1], 6, count[2], 6).mean(axis=(1, 3, 5))
         share = np.round(SHARES * inside) / SHARES
-        return (1.0 + (self.nodule.ratio - 1.0) * share).transpose(2, 1, 0).ravel()
+        return (1.0 + (NODULE_RATIO - 1.0) * share).transpose(2, 1, 0).ravel()
 
 
 @dataclass(frozen=True)
@@ -147,7 +138,6 @@ class Tetrahedra:
 
 
 def tetrahedra(block: Block) -> Tetrahedra:
-    """Cut the block."""
     axes = block.axes()
     points, cells = grid(*axes)
     corners = bricks(points, cells)

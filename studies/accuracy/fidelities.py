@@ -6,24 +6,25 @@ from typing import Any
 
 from palpate.nodes.base import Node
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO
 from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 MESHES = (400, 1000, 3000, 10000)
-NODULE = {"nodule_radius": 4e-3, "nodule_depth": 6e-3, "nodule_ratio": 10.0}
+NODULE = {"nodule_radius": NODULE_RADIUS, "nodule_depth": NODULE_DEPTH, "nodule_ratio": NODULE_RATIO}
 
 
 def steps() -> list[Fidelity]:
-    return [Fidelity(f"{rate:g} Hz", "step", rate, quick=rate in (500.0, 1000.0)) for rate in RATES]
+    return [Fidelity(f"{rate:g} Hz", rate, quick=rate in (500.0, 1000.0)) for rate in RATES]
 
 
 def meshes(counts: tuple[int, ...] = MESHES) -> list[Fidelity]:
-    return [Fidelity(f"{n} vertices", "mesh", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in counts]
+    return [Fidelity(f"{n} vertices", settings={"surface": {"vertices": n}}, quick=n == 1000) for n in counts]
 
 
 def spread(name: str, value: object, text: str) -> Fidelity:
-    return Fidelity(text, "reach" if name == "radius" else "form", settings={"spread": {name: value}})
+    return Fidelity(text, settings={"spread": {name: value}})
 
 
 def of_body(

@@ -11,8 +11,7 @@ import numpy as np
 
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 
-FAR = 0.5
-"""[1] Share of the cube's half side up to which the path is told."""
+FAR = 0.5  # [1] Share of the cube's half side up to which the path is told
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.studies.accuracy import UnsupportedError, places, truth
+from palpate.studies.accuracy import places, truth
 from palpate.studies.accuracy.continuum import Block
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.places import PLACES, cells_text
@@ -24,15 +24,14 @@ REFUSED = {
 
 
 def methods() -> list[Method]:
-    finer = tuple(Fidelity(cells_text(n), "mesh", settings={"fe": {"cells": n}}, quick=n == 1) for n in CELLS)
+    finer = tuple(Fidelity(cells_text(n), settings={"fe": {"cells": n}}, quick=n == 1) for n in CELLS)
     return [Method("full-FE", "full FE", _pressed, finer, lambda touch: REFUSED.get(touch.body, ""))]
 
 
 def _pressed(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
     cells = int(str(fidelity.settings["fe"]["cells"]))
-    base = PLACES.get(touch.place)
-    if not isinstance(base, Block):
-        raise UnsupportedError(f"place {touch.place!r} is not known")
+    base = PLACES[touch.place]
+    assert isinstance(base, Block)
     curve = places.computed(replace(base, cells=cells))
     fine = np.arange(round(touch.duration * truth.RATE) + 1) / truth.RATE
     _, _, place, slip = touch.at(fine)

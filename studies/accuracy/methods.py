@@ -50,7 +50,6 @@ def _only_fingertip(touch: BenchCase) -> str:
 
 
 def standard() -> list[Method]:
-    """The methods that come with palpate."""
     laws = (
         ("exponential", "exponential", "exponential law"),
         ("hertz-exponential", "hertz", "Hertz law, stiffening modulus"),

@@ -15,14 +15,12 @@ LOOKS = 12  # Instants of a touch at which it is
 class Fidelity:
     """One setting of a method.
 
-    axis      what is refined: "step", "mesh", "basis", "reach", "form"; the last setting on an axis is its finest
     rate      [Hz] of the steps
     settings  by node: {"body": {...}, "spread": {...}, "surface": {...}}
     quick     whether a quick run has it
     """
 
     name: str
-    axis: str
     rate: float = 1000.0
     settings: dict[str, dict[str, object]] = field(default_factory=dict)
     quick: bool = False
@@ -53,7 +51,7 @@ class Method:
 
     compute     (touch, fidelity, repeats) -> outcome; raises UnsupportedError, or what went wrong
     refuses     why it cannot compute a touch; empty where it can
-    fidelities  from coarse to fine on each axis
+    fidelities  what it is tried at
     """
 
     name: str

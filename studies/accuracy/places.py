@@ -3,9 +3,7 @@
 `benchmarks/references.py` makes them.
 """
 
-import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
@@ -14,11 +12,9 @@ from typing import Any
 import numpy as np
 
 from palpate.nodes.deformation import basis_store
-from palpate.physics import kernel_cache
-from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import MissingError, continuum
-from palpate.studies.accuracy.continuum import LEVELS, LIGHT, Block, ContinuumCurve, Inclusion
+from palpate.studies.accuracy.continuum import LEVELS, LIGHT, Block, ContinuumCurve
 from palpate.studies.accuracy.kidney import Kidney
 
 SHIPPED = Path(__file__).parent / "references"
@@ -26,7 +22,7 @@ PLACES: dict[str, Block | Kidney] = {
     "middle": Block(0.0),
     "slip": Block(0.0, sticks=False),
     "edge": Block(0.04),
-    **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=Inclusion()) for mm in (0, 10)},
+    **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=True) for mm in (0, 10)},
     **{f"kidney{mm:+03d}": Kidney(1e-3 * mm) for mm in (-12, 0, 12)},
 }
 """[m] `slip` is the middle, free to slide under the patch; `edge` is 10 mm from the border of the block; `nodule-NN` is
@@ -87,32 +83,12 @@ def stored(name: str) -> ReferenceSite:
         raise ArgumentError(f"{path}: damaged ({error}). Build it anew: python benchmarks/references.py") from None
 
 
+@lru_cache(maxsize=32)
 def computed(block: Block) -> ContinuumCurve:
     """The curve of `fe.Solver` at a place of the block."""
-    return kept(f"fe {block}", lambda: continuum.press(block, levels_of(block)))
+    return continuum.press(block, levels_of(block))
 
 
 def levels_of(block: Block) -> np.ndarray:
     """[N] Forces at which the curve of a place is known."""
     return LEVELS if block.sticks else LIGHT
-
-
-def kept(name: str, press: Callable[[], ContinuumCurve]) -> ContinuumCurve:
-    """A curve, computed or taken from what was computed before with the same sources."""
-    told = f"{name} {_sources()}"
-    path = cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
-    if path.is_file():
-        with np.load(path) as file:
-            own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
-        return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
-    curve = press()
-    with replacing(path) as part:
-        np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
-    return curve
-
-
-@lru_cache(maxsize=1)
-def _sources() -> str:
-    """A hash of what a curve depends on."""
-    text = Path(str(continuum.__file__)).read_bytes()
-    return hashlib.sha256(text + kernel_cache.key().encode()).hexdigest()

@@ -21,7 +21,7 @@ class BenchCase:
     place        of the stored reference, or of a path of them (`accuracy.places`); empty where there is a closed form
     retardation  [s] Kelvin-Voigt, of the slab
     friction     whether the finger slides with friction
-    nodule       whether the slab has the nodule of `continuum.Inclusion` below (0, 0)
+    nodule       whether the slab has the nodule of `continuum` below (0, 0)
     sticks       whether the surface under the patch is held along itself
     """
 

@@ -37,8 +37,7 @@ QUANTITIES = {
 """What is compared, with its unit."""
 EXACT = 1e-9
 """[1] What a closed form may be off by: rounding, and parts of the set-up that are rigid but for 1e-12 m/N."""
-HERTZ = 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * math.sqrt(RADIUS)
-"""[N/m^1.5] Of the ball on the half-space."""
+HERTZ = 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * math.sqrt(RADIUS)  # [N/m^1.5] Of the ball on the half-space
 SLIDING = LuGre(0.5, 0.7, 0.02, bristle_stiffness=500.0, bristle_damping=1.0, viscous=0.4, rescale=False)
 """Friction of the kidney scene, by the plain differential equation."""
 

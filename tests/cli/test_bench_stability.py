@@ -59,7 +59,6 @@ def test_no_legend_lies_on_a_curve(tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "figure", lambda *size: drawn.append(blank(*size)) or drawn[-1])
     same = {"rate": 1000.0, "delay": 0, "stable": 400.0, "bare": 380.0, "controlled": 4000.0}
     pictures.draw_walls([{**same, "damping": 0.1 * k, "passive": 300.0} for k in range(3)], tmp_path / "walls.png")
-    pictures.draw_bodies([{**same, "body": "deformation.MassSpring"}], tmp_path / "bodies.png")
     for figure in drawn:
         (legend,) = figure.legends
         box = legend.get_window_extent()

@@ -66,7 +66,7 @@ def test_the_force_under_a_rigid_ball_is_off_by_what_the_note_says():
     """The ball of `bench accuracy`, against Hertz's closed form at its deepest."""
     touch = TOUCHES["ball"]
     body = {"model": "linear", "young": YOUNG, "poisson": POISSON, "retardation": 0.0}
-    outcome = chain.run(touch, ReducedFE, Fidelity("as it is", "step", settings={"body": body}), chain.BALL, 1)
+    outcome = chain.run(touch, ReducedFE, Fidelity("as it is", settings={"body": body}), chain.BALL, 1)
     approach, *_ = touch.at(outcome.times)
     deepest = float(approach.max())
     ratio = float(outcome.values["force"].max()) / (HERTZ * deepest**1.5)

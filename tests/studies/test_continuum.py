@@ -8,14 +8,14 @@ import references
 from palpate.models.fe.element.mesh import grid
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import MissingError, continuum, places
-from palpate.studies.accuracy.continuum import RADIUS, Block, Inclusion, press
+from palpate.studies.accuracy.continuum import RADIUS, Block, press
 from palpate.studies.accuracy.touches import TOUCHES
 
 FIRST = np.array([0.03, 0.1])
 
 
 def test_cells_and_their_moduli_come_in_one_order():
-    block = Block(3e-3, 3, Inclusion())
+    block = Block(3e-3, 3, nodule=True)
     points, cells = grid(*block.axes())
     away = np.linalg.norm(points[cells].mean(axis=1) - (0.0, 0.0, -6e-3), axis=1)
     assert (block.hardness()[away < 1.5e-3] == 10.0).all()
@@ -23,7 +23,7 @@ def test_cells_and_their_moduli_come_in_one_order():
 
 
 def test_the_hardness_holds_the_volume_of_the_nodule():
-    block = Block(0.0, 5, Inclusion())
+    block = Block(0.0, 5, nodule=True)
     sizes = np.einsum("i,j,k->kji", *(np.diff(a) for a in block.axes())).ravel()
     volume = 2.0 * np.sum((block.hardness() - 1.0) / 9.0 * sizes)
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * 4e-3**3, rel=0.06)

@@ -17,14 +17,13 @@ from palpate.studies.accuracy.fidelities import of_body
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.output.pareto import advice, best, front, point, summaries
-from palpate.studies.accuracy.refinement import mostly, told_apart
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import HERTZ
 
 STANDARD = {m.name: m for m in methods.standard()}
 SMALL = {"surface": {"vertices": 400}}
-RATES = tuple(Fidelity(f"{rate} Hz", "step", rate, SMALL) for rate in (500.0, 1000.0, 2000.0, 4000.0))
+RATES = tuple(Fidelity(f"{rate} Hz", rate, SMALL) for rate in (500.0, 1000.0, 2000.0, 4000.0))
 DEFAULT = RATES[1]
 
 
@@ -43,8 +42,9 @@ def spring_with(stiffness):
 )
 def test_the_steps_are_of_first_order(method, touch):
     """Without any truth: what halving a step changes falls as T^p; implicit Euler has p = 1."""
-    force = [np.array(one(TOUCHES[touch], STANDARD[method], fidelity).trace) for fidelity in RATES]
-    coarser, finer = (np.sqrt(np.mean((a - b) ** 2)) for a, b in pairwise(force[-3:]))
+    found = [STANDARD[method].compute(TOUCHES[touch], fidelity, 1) for fidelity in RATES[-3:]]
+    force = [np.interp(found[0].times, one.times, one.values["force"]) for one in found]
+    coarser, finer = (np.sqrt(np.mean((a - b) ** 2)) for a, b in pairwise(force))
     assert np.log2(coarser / finer) == pytest.approx(1.0, abs=0.2)
 
 
@@ -64,15 +64,6 @@ def test_a_model_made_worse_moves_up_by_what_it_was_made_worse():
     assert worse.errors["force"]["worst"] == pytest.approx(0.3, rel=1e-6)
     assert point(worse)[1] > point(right)[1]
     assert front([point(worse), (point(right)[0] * 0 + point(worse)[0], point(right)[1])]) == [1]
-
-
-def test_an_error_of_the_model_is_told_from_one_of_the_steps():
-    spring = spring_with(1.3 * HERTZ)
-    cells = [one(TOUCHES["ball"], spring, fidelity) for fidelity in RATES]
-    plate = [one(TOUCHES["plate"], STANDARD["exponential"], fidelity) for fidelity in RATES]
-    told_apart(cells + plate)
-    assert mostly(cells[0]) == "model"
-    assert mostly(plate[0]) == "discretisation"
 
 
 def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
@@ -106,7 +97,7 @@ def test_what_a_method_cannot_do_is_counted_and_is_in_no_error():
 
 
 def computed(method, touch, error, p50, p99):
-    return Cell(touch, method, method, "1000 Hz", "step", 1000.0, errors={"force": {"rms": error}}, p50=p50, p99=p99)
+    return Cell(touch, method, method, "1000 Hz", 1000.0, errors={"force": {"rms": error}}, p50=p50, p99=p99)
 
 
 def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most():
@@ -167,26 +158,3 @@ def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypa
     node.start()
     with pytest.raises(UnsupportedError, match="palpate reduce"):
         ready(ReducedFE(model="sampled", surface="sphere", coarse=50))
-
-
-def test_the_finest_mesh_of_those_on_which_the_error_still_falls_is_not_called_the_model():
-    cells = [
-        Cell("indent", "full-FE", "", f"{n} cells a radius", "mesh", 1000.0, trace=[0.4 / n] * 200,
-             errors={"force": {"rms": 0.4 / n, "worst": 0.4 / n, "band": 0.001}}) for n in (1, 2, 3, 4)
-    ]  # fmt: skip
-    told_apart(cells)
-    assert [mostly(c) for c in cells] == ["discretisation"] * 2 + ["discretisation (mesh)"] * 2
-
-
-def test_a_body_whose_basis_is_too_coarse_is_not_called_a_wrong_model():
-    def cell(method, name, axis, error):
-        own = {"force": {"rms": error, "worst": error, "band": 0.001}}
-        return Cell("indent", method, "", name, axis, 1000.0, errors=own, trace=[error] * 200)
-
-    basis = [cell("ReducedFE-linear", f"condensed to {n} vertices", "basis", 90.0 / n) for n in (150, 300, 600)]
-    steps = [cell("ReducedFE", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
-    springs = [cell("MassSpring", f"{rate} Hz", "step", 0.15) for rate in (500, 1000)]
-    told_apart([*basis, *steps, *springs])
-    assert mostly(steps[0]) == "discretisation (basis)"
-    assert mostly(basis[0]) == "discretisation"
-    assert mostly(springs[0]) == "model"

@@ -10,16 +10,13 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import UnsupportedError, chain
 from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
-from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, reaches, steps
+from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 
 
 def methods() -> list[Method]:
-    """Each model."""
-    condensed = [
-        Fidelity(f"condensed to {n} vertices", "basis", settings={"body": {"coarse": n}}) for n in (150, 300, 600)
-    ]
+    condensed = [Fidelity(f"condensed to {n} vertices", settings={"body": {"coarse": n}}) for n in (150, 300, 600)]
     few, some = (*steps(), *meshes((1000, 3000, 10000))), reaches()[:2]
     sampled = _reducing("sampled", modes=20, coarse=150)
     return [
@@ -31,8 +28,7 @@ def methods() -> list[Method]:
 
 def _slab(touch: BenchCase) -> dict[str, Any]:
     material = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": touch.retardation}
-    nodule = {"nodule_depth": 6e-3, "nodule_radius": 4e-3, "nodule_ratio": 10.0}
-    return material | {"sticks": touch.sticks} | (nodule if touch.nodule else {})
+    return material | {"sticks": touch.sticks} | (NODULE if touch.nodule else {})
 
 
 def _reducing(model: str, **fixed: object) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:

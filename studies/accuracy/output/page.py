@@ -5,30 +5,18 @@ from pathlib import Path
 from typing import Any
 
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.output.pareto import (
-    ParetoPoint,
-    advice,
-    best,
-    duration,
-    front,
-    percent,
-    point,
-    summaries,
-    unable,
-)
+from palpate.studies.accuracy.output.pareto import advice, best, duration, front, percent, point, summaries, unable
 from palpate.studies.accuracy.places import on_path, stored
-from palpate.studies.accuracy.refinement import mostly
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
 
-DEFAULT = ("MassSpring", "1000 Hz")  # What the kidney graph runs unless it is told otherwise
 LEGEND = (
     "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot "
     "do or breaks down on; they are in no error and no time."
 )
 COLUMNS = (
     "Below, errors are rms and worst, over the peak of the reference. *Held* is memory, *once* is building and "
-    "starting, *mostly* is what the error of the force is made of."
+    "starting."
 )
 SOLVER = {"fe": "full FE", "felupe": "FElupe"}  # Those of the references
 NOT_COVERED = (
@@ -41,21 +29,9 @@ NOT_COVERED = (
 )
 
 
-def default_costs(told: Sequence[ParetoPoint]) -> str:
-    """One sentence on the default: time and error as in its row of the table."""
-    own = next((s for s in told if (s.method, s.fidelity) == DEFAULT), None)
-    if own is None:
-        return "The default, MassSpring at 1 kHz, computed none of these touches."
-    touches = f"median of {own.computed} touches, {percent(own.worst)} at worst, {own.hardest}"
-    return (
-        f"The default, {own.title}, {own.fidelity}: force off by {percent(own.error)} (RMS over the peak, "
-        f"{touches if own.computed > 1 else own.hardest}), p50 {duration(own.p50)}, p99 {duration(own.p99)}."
-    )
-
-
 def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
     told = summaries(cells)
-    lines = ["# What accuracy costs in time", "", advice(told), "", default_costs(told), ""]
+    lines = ["# What accuracy costs in time", "", advice(told), ""]
     if "overview" in pictures:
         lines += [f"![All touches]({pictures['overview'].name})", ""]
     lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]
@@ -87,7 +63,7 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
     if picture is not None:
         lines += [f"![{touch.name}]({picture.name})", ""]
     told = [q for q in QUANTITIES if any(q in c.errors for c in own if c.status == "ok")]
-    lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | held | once | mostly |",
+    lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | held | once | why not |",
               f"|---|{'---|' * (len(told) + 5)}"]  # fmt: skip
     bold = front([point(c) for c in own])
     for k, cell in enumerate(own):
@@ -98,7 +74,7 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
         memory = "" if cell.memory is None else f"{cell.memory / 1e6:.1f} MB"
         lines.append(
             f"| {mark}{cell.title}, {cell.fidelity}{mark} | {errors} | {duration(cell.p50)} | {duration(cell.p99)} "
-            f"| {memory} | {cell.offline:.1f} s | {mostly(cell) or cell.why} |"
+            f"| {memory} | {cell.offline:.1f} s | {cell.why} |"
         )
     refused = {c.title: c.why for c in own if c.status == "refused"}
     return [*lines, "", *(f"* {title} cannot: {why}" for title, why in refused.items()), ""]

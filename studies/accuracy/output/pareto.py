@@ -7,8 +7,7 @@ import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
 
-GAIN = 0.98
-"""[1] Share of the error of the cheaper ones below which a point counts as more accurate than they."""
+GAIN = 0.98  # [1] Share of the error of the cheaper ones below which a point counts as more accurate than they
 LOOP = 1e-3  # [s] Period of a haptic loop
 
 

@@ -1,12 +1,10 @@
 """The pictures: error over time of a step, for each touch and for all."""
 
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from palpate.studies.accuracy.cells import Cell
@@ -14,20 +12,19 @@ from palpate.studies.accuracy.methods import standard
 from palpate.studies.accuracy.output.pareto import ParetoPoint, best, front, point
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
+from palpate.views.pictures.style import FAINT, INK, figure
 
 COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c2659b", "#5f6b73", "#9a8f1f", "#2aa1a8",
            "#2b2b33", "#b0522a", "#7f9c3c", "#46629e")  # fmt: skip
 MARKS = "osD^vPX<>hdp8H"
 LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
-HARD = "\u00a0"  # A space at which no line is broken
 LEAST = 1e-4  # [1] Errors below which a mark stands at it
-INK, FAINT = "#2b2b33", "#b9b9c4"
 
 
 def touch_picture(cells: Sequence[Cell], path: Path) -> None:
     own = [c for c in cells if c.status != "refused"]
     refused = [c for c in cells if c.status == "refused"]
-    figure, axes = _empty(f"{cells[0].touch}: {TOUCHES[cells[0].touch].title}")
+    drawn, axes = _empty(f"{cells[0].touch}: {TOUCHES[cells[0].touch].title}")
     look = _looks(cells)
     points = [point(c) for c in own]
     on_front = front(points)
@@ -49,17 +46,16 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
     if bands and max(bands) > axes.get_ylim()[0]:
         axes.axhspan(axes.get_ylim()[0], max(bands), color=FAINT, alpha=0.35, linewidth=0, label="at the reference")
     if refused:
-        told = textwrap.fill("; ".join(dict.fromkeys(c.title.replace(" ", HARD) for c in refused)), 34)
-        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label=f"cannot do it, drawn at 100 %:\n{told}")
+        axes.plot(CHARGED_STEP, CHARGED, "x", color=INK, label="unsupported methods, drawn at 100 %")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
     _label(axes, [(*points[k], f"{own[k].title}, {own[k].fidelity}", look[own[k].method][0]) for k in on_front])
-    _save(figure, path)
+    _save(drawn, path)
 
 
 def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
     """All touches: the median error of each method and setting over its median time. Open marks: of fewer
     touches than others compute."""
-    figure, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
+    drawn, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
     look = _looks(cells)
     points = [(s.p99, max(s.error, LEAST)) for s in told]
     most = max(s.computed for s in told)
@@ -79,7 +75,7 @@ def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> 
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
                 title="touches computed, unsupported")  # fmt: skip
     _label(axes, [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in on_front])
-    _save(figure, path)
+    _save(drawn, path)
 
 
 def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
@@ -89,15 +85,10 @@ def _looks(cells: Sequence[Cell]) -> dict[str, tuple[str, str]]:
 
 
 def _empty(title: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(10.5, 6.2), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    axes.set_title(title, loc="left", fontsize=12, color=INK)
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.grid(alpha=0.25, which="major")
-    axes.spines[["top", "right"]].set_visible(False)
-    return figure, axes
+    drawn = figure(10.5, 6.2, title)
+    axes = drawn.subplots()
+    axes.set(xscale="log", yscale="log")
+    return drawn, axes
 
 
 def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> None:

@@ -11,10 +11,9 @@ from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
-from palpate.studies.accuracy.refinement import mostly
 from palpate.studies.accuracy.truth import QUANTITIES
 
-PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "trace", "kept")]
+PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "kept")]
 MEASURES = ("rms", "worst", "band")
 
 
@@ -31,7 +30,7 @@ def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, 
 
 def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
     """A line of provenance as JSON behind a `#`, then a row a cell: [s], [byte], errors over the peak of the truth."""
-    names = [*PLAIN, "mostly", *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
+    names = [*PLAIN, *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
         file.write(f"# {json.dumps(told, ensure_ascii=False, default=str)}\n")
@@ -40,7 +39,7 @@ def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
         for cell in cells:
             row: dict[str, Any] = {n: "" if getattr(cell, n) is None else getattr(cell, n) for n in PLAIN}
             errors = {f"{q} {m}": own[m] for q, own in cell.errors.items() for m in MEASURES}
-            rows.writerow({**row, "mostly": mostly(cell), **errors})
+            rows.writerow({**row, **errors})
 
 
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:

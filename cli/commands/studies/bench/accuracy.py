@@ -39,7 +39,6 @@ def accuracy(
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.output.report import about as versions
     from palpate.studies.accuracy.output.report import written
-    from palpate.studies.accuracy.refinement import mostly, told_apart
     from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)
@@ -53,11 +52,10 @@ def accuracy(
     if not any(cell.status == "ok" for cell in cells):
         why = dict.fromkeys(f"{cell.title}, {cell.touch}: {cell.why}" for cell in cells)
         raise RunError(f"none of these methods computes any of these touches ({'; '.join(why)})")
-    told_apart(cells)
     files = written(cells, about, out)
     if as_json:
         tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
-              "cells": [asdict(c) | {"mostly": mostly(c)} for c in cells]})  # fmt: skip
+              "cells": [asdict(c) for c in cells]})  # fmt: skip
     else:
         _print(cells, files)
 
@@ -65,7 +63,7 @@ def accuracy(
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.launch.run.busy import busy
     from palpate.physics import extras
-    from palpate.studies.accuracy.output.page import LEGEND, default_costs
+    from palpate.studies.accuracy.output.page import LEGEND
     from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
 
     told = summaries(cells)
@@ -83,7 +81,6 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     say(LEGEND, wrap=True)
     if none := unable(cells):
         say(f"Cannot do any touch: {', '.join(none)}.", wrap=True)
-    say(default_costs(told), wrap=True)
     if kept := sum(cell.kept for cell in cells):
         words = f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again"
         say(words)
