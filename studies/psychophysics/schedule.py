@@ -39,8 +39,7 @@ class Trial:
         return [self.level if number == self.interval else None for number in range(1, intervals + 1)]
 
 
-Schedule = Generator[Trial, bool, None]
-"""Yields trials; is sent whether the answer was a hit: right, or yes."""
+Schedule = Generator[Trial, bool, None]  # Yields trials; is sent whether the answer was a hit: right, or yes
 
 
 def schedule(stimuli: Stimuli, participant: str, session: int) -> Schedule:

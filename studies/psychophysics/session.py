@@ -46,8 +46,7 @@ class Presenter(Protocol):
         """The answer to the experiment's question."""
 
 
-Mark = Callable[[str, float | None], object]
-"""Takes an event, and when it was [s, time.monotonic]; None: now."""
+Mark = Callable[[str, float | None], object]  # Takes an event, and when it was [s, time.monotonic]; None: now
 
 
 def markers(task: str, participant: str) -> Mark:

@@ -22,8 +22,7 @@ GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
 DESIGNS = ("sobol", "lhs", "random")
 DIGITS = 10
 MOST = 1_000_000  # values of one axis
-EDGE = 0.01
-"""[1] Quantile, and one less it, that stand for the ends of a distribution without bounds."""
+EDGE = 0.01  # [1] Quantile, and one less it, that stand for the ends of a distribution without bounds
 EXPECTED = (
     "a list of values, {linspace: [low, high, number]}, geomspace, {named: {name: value}}, or a distribution: "
     "{uniform: [low, high]}, {norm: [mean, deviation]}, or any other of scipy.stats"

@@ -4,8 +4,9 @@ import contextlib
 import math
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from typing import Any, Protocol
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future, wait
+from dataclasses import dataclass
+from typing import Any
 
 from palpate.physics.errors import PalpateError, RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
@@ -16,19 +17,17 @@ AHEAD = 2  # batches per worker that the pool knows: the next one is there when 
 DEATHS = 2  # of a worker under one point alone, after which the point is to blame
 
 
-class Pool(Protocol):
+@dataclass(frozen=True)
+class Pool:
     """Where batches are computed: one worker has one thread and computes one batch at a time.
 
-    killed  exceptions of a batch whose worker died under it
+    executor  submits batches to them;  workers  their number at this moment
+    killed    exceptions of a batch whose worker died under it
     """
 
-    killed: tuple[type[Exception], ...]
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """Call a function in a worker."""
-
-    def workers(self) -> int:
-        """Number of workers at this moment."""
+    executor: Executor
+    workers: Callable[[], int]
+    killed: tuple[type[Exception], ...] = ()
 
 
 def compute(
@@ -55,7 +54,7 @@ def compute(
                 share = math.ceil(len(waiting) / (AHEAD * max(1, workers)))
                 size = 1 if deaths[waiting[0].key] else max(1, min(int(ENOUGH / seconds), share, MOST))
                 batch = [waiting.popleft() for _ in range(size)]
-                flight[pool.submit(work, task, batch)] = batch
+                flight[pool.executor.submit(work, task, batch)] = batch
             for future in wait(flight, timeout=1.0, return_when=FIRST_COMPLETED).done:
                 batch = flight.pop(future)
                 machine, done = _result(future, pool.killed, batch, deaths)

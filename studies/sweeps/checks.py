@@ -15,8 +15,7 @@ from palpate.studies.sweeps.axes import DESIGNS, Axis, Space
 from palpate.studies.sweeps.point import overrides
 from palpate.studies.sweeps.sensitivity import METHODS
 
-TRIED = 64
-"""Combinations of bodies, motions and files that are loaded before anything runs, at most."""
+TRIED = 64  # Combinations of bodies, motions and files that are loaded before anything runs, at most
 DRAWS = 8  # Points whose values are tried until one loads
 
 

@@ -7,13 +7,14 @@ study, whose key lies in a folder that only this user may open, is asked for at 
 import contextlib
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import CancelledError, Future
+from collections.abc import Iterator, Mapping
+from concurrent.futures import CancelledError
 from pathlib import Path
 from typing import Any
 
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.physics.extras import missing
+from palpate.studies.sweeps.batches import Pool
 
 try:
     import dask.config
@@ -22,30 +23,15 @@ except ImportError as error:
     raise RunError(missing("studies on other machines", error.name, "study")) from None
 
 CONNECTS = 10.0  # [s] in which a scheduler answers
-ENCRYPTED = ("tls://", "wss://", "inproc://")
-"""How addresses begin that strangers cannot send work to."""
-
-
-class Dask:
-    """A client as a pool."""
-
-    killed: tuple[type[Exception], ...] = (distributed.KilledWorker,)
-
-    def __init__(self, client: distributed.Client) -> None:
-        self._client, self._executor = client, client.get_executor(pure=False)
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        return self._executor.submit(function, *arguments)
-
-    def workers(self) -> int:
-        return sum(self._client.nthreads().values())
+ENCRYPTED = ("tls://", "wss://", "inproc://")  # How addresses begin that strangers cannot send work to
 
 
 @contextlib.contextmanager
-def pool(client: distributed.Client) -> Iterator[Dask]:
+def pool(client: distributed.Client) -> Iterator[Pool]:
     """The workers of a client. RunError: the scheduler is lost."""
     try:
-        yield Dask(client)
+        executor = client.get_executor(pure=False)
+        yield Pool(executor, lambda: sum(client.nthreads().values()), (distributed.KilledWorker,))
     except (OSError, CancelledError) as error:
         address = client.scheduler.addr if client.scheduler else "the scheduler"
         raise RunError(

@@ -1,4 +1,4 @@
-"""The points of a study as an xarray Dataset."""
+"""The points of a `Study` as an xarray Dataset."""
 
 from typing import Any
 
@@ -6,11 +6,10 @@ import numpy as np
 
 from palpate.physics.errors import RunError
 from palpate.physics.extras import missing
-from palpate.studies.sweeps.results import Results
 from palpate.studies.sweeps.store import Store
 
 
-def dataset(study: Results) -> Any:
+def dataset(study: Any) -> Any:
     """Numbers and curves over the axes of a study. RunError: xarray is missing."""
     try:
         import xarray
@@ -46,7 +45,7 @@ def dataset(study: Results) -> Any:
     return xarray.Dataset(data, coords, {"graph": study.name})
 
 
-def _attributes(study: Results, path: str) -> dict[str, str]:
+def _attributes(study: Any, path: str) -> dict[str, str]:
     return {"units": study.units[path]} if path in study.units else {}
 
 

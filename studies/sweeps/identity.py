@@ -9,7 +9,9 @@ from typing import Any
 
 from palpate.engine.graph import Graph
 from palpate.launch.load.classes import ClassError, find_class
+from palpate.studies.sweeps.axes import Space
 
+LONG = 200  # letters of the values of a path in `study.json`
 SHOWN = 12  # Changes that are told one by one
 
 
@@ -61,3 +63,15 @@ def _flat(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
             yield from _flat(value, f"{name}.{key}" if name else str(key))
     else:
         yield name, data
+
+
+def described(space: Space) -> dict[str, str]:
+    """The values of each path in words."""
+    given = {path: [row[k] for row in one.labels] for one in space.crossed for k, path in enumerate(one.paths)}
+    given |= {one.paths[0]: space.drawn[:, k].tolist() for k, one in enumerate(space.sampled)}
+    words = {}
+    for name, values in given.items():
+        numbers = all(isinstance(value, int | float) for value in values)
+        which = f"{min(values):g} to {max(values):g}" if numbers else ", ".join(map(str, values))
+        words[name] = f"{len(set(values))} values, {which[:LONG]}"
+    return words

@@ -7,12 +7,12 @@ machine and nobody on the network can send work to them.
 import contextlib
 import os
 import tempfile
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import Pipe
 from pathlib import Path
-from typing import Any
 
+from palpate.studies.sweeps.batches import Pool
 from palpate.studies.sweeps.runner import Runner, start_with
 
 
@@ -21,23 +21,8 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-class Local:
-    """A pool of threads, each with the `Runner` that it starts."""
-
-    killed: tuple[type[Exception], ...] = ()
-
-    def __init__(self, executor: ThreadPoolExecutor, count: int) -> None:
-        self._executor, self._count = executor, count
-
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        return self._executor.submit(function, *arguments)
-
-    def workers(self) -> int:
-        return self._count
-
-
 @contextlib.contextmanager
-def local(workers: int, log: Path) -> Iterator[Local]:
+def local(workers: int, log: Path) -> Iterator[Pool]:
     """A pool that ends with everything it has started; what its processes print goes to a file."""
     ended, end = Pipe(duplex=False)
     runners: list[Runner] = []
@@ -55,7 +40,7 @@ def local(workers: int, log: Path) -> Iterator[Local]:
 
         executor = ThreadPoolExecutor(workers, "palpate study", start_with, (start,))
         try:
-            yield Local(executor, workers)
+            yield Pool(executor, lambda: workers)
         finally:
             executor.shutdown(wait=False, cancel_futures=True)
             end.send(None)  # wakes threads that wait for a point, which then kill its process

@@ -1,4 +1,4 @@
-"""Pictures of a study: curves over time, a number over what was varied, sensitivity indices with their intervals."""
+"""Pictures of a `Study`: curves over time, a number over what was varied, sensitivity indices with their intervals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from palpate.engine.faults import choices
 from palpate.physics.extras import missing
 from palpate.studies.sweeps.keep import Kept
-from palpate.studies.sweeps.results import Results
 from palpate.views.errors import PictureError
 from palpate.views.pictures.plot import PREFIXES
 from palpate.views.pictures.style import FRICTION, INK, LOOK, NORMAL, figure
@@ -30,7 +29,7 @@ SHARES = {
 }
 
 
-def draw(study: Results, name: str, ax: Axes | None = None) -> Figure:
+def draw(study: Any, name: str, ax: Axes | None = None) -> Figure:
     """A figure of a quantity or of one thing that is kept, or that of the axes that it is drawn into. PictureError: it
     cannot be drawn."""
     if importlib.util.find_spec("matplotlib") is None:
@@ -55,7 +54,7 @@ def draw(study: Results, name: str, ax: Axes | None = None) -> Figure:
     return whole
 
 
-def draw_all(study: Results, folder: Path) -> list[Path]:
+def draw_all(study: Any, folder: Path) -> list[Path]:
     files = []
     for one in study.keep:
         file = folder / f"{one.text.replace(' ', '-')}.png"
@@ -75,18 +74,18 @@ def _numeric(values: list[Any]) -> bool:
     return all(isinstance(value, int | float) and not isinstance(value, bool) for value in values)
 
 
-def _varied(study: Results, rows: list[dict[str, Any]]) -> tuple[str, list[str]]:
+def _varied(study: Any, rows: list[dict[str, Any]]) -> tuple[str, list[str]]:
     """What colour or abscissa stand for, the first path with numbers; and the others that are crossed with it."""
     space = study.space
     path = next((p for p in space.paths if _numeric([row[p] for row in rows])), space.paths[0])
     return path, [p for axis in space.crossed if path not in axis.paths for p in axis.paths]
 
 
-def _named(study: Results, row: dict[str, Any], paths: list[str]) -> str:
+def _named(study: Any, row: dict[str, Any], paths: list[str]) -> str:
     return ", ".join(study.shown(path, row[path]) for path in paths)
 
 
-def _curves(study: Results, one: Kept, axes: Axes) -> None:
+def _curves(study: Any, one: Kept, axes: Axes) -> None:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -128,7 +127,7 @@ def _curves(study: Results, one: Kept, axes: Axes) -> None:
     axes.set_ylabel(label)
 
 
-def _numbers(study: Results, one: Kept, axes: Axes) -> None:
+def _numbers(study: Any, one: Kept, axes: Axes) -> None:
     rows = [row for row in study.rows() if not row["error"]]
     if not rows:
         raise PictureError(f"{one.text!r}: no point has a number; study.table() says why")
@@ -147,7 +146,7 @@ def _numbers(study: Results, one: Kept, axes: Axes) -> None:
     axes.set_xlabel(study.labelled(across))
 
 
-def _shares(study: Results, one: Kept, axes: Axes) -> None:
+def _shares(study: Any, one: Kept, axes: Axes) -> None:
     table = study.indices()
     table = table[table["of"] == one.text]
     names = [", ".join(str(v) for k, v in row.items() if k in study.space.paths) for row in table.to_dict("records")]

@@ -15,32 +15,31 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.engine.faults import GraphError
-from palpate.engine.graph import Graph
+import numpy as np
+
 from palpate.launch.load.files import SCENES, find_file
 from palpate.launch.load.launchfile import find
-from palpate.launch.load.values.followers import followers, unit_of
-from palpate.physics.errors import ArgumentError
+from palpate.physics.errors import ArgumentError, RunError
 from palpate.studies.sweeps.axes import axis
-from palpate.studies.sweeps.checks import accepted, check, path, seconds, space
-from palpate.studies.sweeps.identity import changes, content, digest, files_of
-from palpate.studies.sweeps.keep import RECORDING, kept
-from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint, overrides
-from palpate.studies.sweeps.results import Results
+from palpate.studies.sweeps.checks import check, path, seconds, space
+from palpate.studies.sweeps.identity import changes, content, described, digest, files_of
+from palpate.studies.sweeps.keep import RECORDING, Kept, kept
+from palpate.studies.sweeps.point import Computed, Point, Task, fingerprint
+from palpate.studies.sweeps.sensitivity import indices
+from palpate.studies.sweeps.units import units
 
 if TYPE_CHECKING:
     from distributed import Client
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from palpate.studies.sweeps.local import Local
+    from palpate.studies.sweeps.batches import Pool
 
-LONG = 200  # letters of the values of a path in `study.json`
-SEVERAL = 8  # values of a path that are tried for its unit
-MANY = 100_000  # Points that a study computes without `yes`
+LEGIBLE = 32  # letters of a value that tables and legends show
+MANY = 100_000  # points that a study computes without `yes`
 
 
-class Study(Results):
+class Study:
     """One graph at many points; the results are those of `palpate.run` at each of them, to the byte.
 
     graph        one that ships, or a launch file or graph
@@ -53,6 +52,8 @@ class Study(Results):
 
     ArgumentError, GraphError: what is wrong with them, before anything runs.
     """
+
+    folder: Path | None = None  # of the results, once it was run
 
     def __init__(
         self,
@@ -92,11 +93,14 @@ class Study(Results):
         }  # fmt: skip
         self.base = digest(self._about)
 
+    def __len__(self) -> int:
+        return len(self.space)
+
     def __repr__(self) -> str:
         return f"<study of {self.name}: {len(self)} points over {', '.join(self.space.paths)}>"
 
     @cached_property
-    def points(self) -> list[Point]:  # type: ignore[override]
+    def points(self) -> list[Point]:
         found, known = [], dict[str, str]()
         for number in range(len(self)):
             values, labels = self.space.point(number)
@@ -111,7 +115,7 @@ class Study(Results):
     def run(
         self,
         folder: str | Path,
-        client: Client | Local | None = None,
+        client: Client | Pool | None = None,
         *,
         workers: int | None = None,
         retry: bool = False,
@@ -130,8 +134,8 @@ class Study(Results):
 
         RunError: the scheduler is lost, the disk is full ... What was computed before is stored, also on Ctrl-C.
         """
-        from palpate.studies.sweeps.batches import compute
-        from palpate.studies.sweeps.local import Local, cores, local
+        from palpate.studies.sweeps.batches import Pool, compute
+        from palpate.studies.sweeps.local import cores, local
         from palpate.studies.sweeps.store import Store
 
         if len(self) > MANY and not yes:
@@ -157,7 +161,7 @@ class Study(Results):
                 if client is None:
                     workers = min(workers or cores(), left)
                     pool: Any = local(workers, store.folder / "workers.log")
-                elif isinstance(client, Local):
+                elif isinstance(client, Pool):
                     pool = nullcontext(client)
                 else:
                     from palpate.studies.sweeps.cluster import pool as of_dask
@@ -175,7 +179,7 @@ class Study(Results):
     def _missing(self, store: Any, retry: bool, told: Callable[[str], None]) -> list[Point]:
         """The points that a folder does not have, with the slots of their rows; what changed since is told."""
         before = store.about.get("base")
-        study = {"over": self._described(), "samples": self.space.samples, "design": self.space.design,
+        study = {"over": described(self.space), "samples": self.space.samples, "design": self.space.design,
                  "seed": self.space.seed}  # fmt: skip
         lines = []
         if before is not None:
@@ -200,39 +204,76 @@ class Study(Results):
         ]  # fmt: skip
 
     @cached_property
-    def units(self) -> dict[str, str]:  # type: ignore[override]
-        """Of each path whose values are numbers. GraphError: the graph is no longer what it was.
-
-        Without a unit is what changes no setting, and what changes only together with other paths.
-        """
-        first, found = accepted(self.launch, self.space), dict[str, str]()
-        if first is None:
-            return found
-        base = self.launch.but(overrides=overrides(first)).load()
-        for one in self.space.axes:
-            for k, name in enumerate(one.paths):
-                values = one.law.ppf([0.4, 0.6]).tolist() if one.law is not None else [row[k] for row in one.values]
-                if not all(type(value) in (int, float) for value in values) or len(set(values)) == 1:
-                    continue
-                if unit := "Hz" if name == "rate" else self._unit(base, first, name, values):
-                    found[name] = unit
-        return found
-
-    def _unit(self, base: Graph, first: Mapping[str, Any], name: str, values: Sequence[float]) -> str | None:
-        """The unit of the first setting that follows a path; `base` is the graph at the values `first`."""
-        others = [value for value in dict.fromkeys(values) if value != first[name]]
-        tried = [{name: value} for value in others[:: min(-1, -len(others) // SEVERAL)]]
-        fixed = {path: value for path, value in first.items() if path != name}
-        for change in [*tried, {}]:  # at last the graph's value
-            try:
-                after = self.launch.but(overrides=overrides(fixed | change)).load()
-            except GraphError:  # a point that fails, which its row tells; or a value that only goes with others
-                continue
-            if follower := next(iter(followers(base, after)), None):
-                return unit_of(base, *follower)
-        return None
+    def units(self) -> dict[str, str]:
+        """SI, of each path whose values are numbers. GraphError: the graph is no longer what it was."""
+        return units(self.launch, self.space)
 
     # -- results -------------------------------------------------------------------------------------------------
+
+    @property
+    def numbers(self) -> list[Kept]:
+        return [one for one in self.keep if one.how != "curve"]
+
+    @property
+    def curves(self) -> list[Kept]:
+        return [one for one in self.keep if one.how == "curve"]
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row for each point, in order: what was varied, numbers, error; "not computed" where there is none yet."""
+        from palpate.studies.sweeps.store import Store
+
+        stored = Store(self.home(), write=False).rows
+        nothing = {"error": "not computed"}
+        return [{**stored.get(point.key, nothing), **point.labels} for point in self.points]
+
+    def labelled(self, path: str) -> str:
+        """A path as axes and legends name it: with its unit."""
+        return f"{path} [{self.units[path]}]" if path in self.units else path
+
+    def shown(self, path: str, value: Any) -> str:
+        """A value as people see it in tables and legends: a long one, such as a motion, by its number."""
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        if len(text) <= LEGIBLE or path not in self.space.paths:
+            return text
+        own = next(one for one in self.space.axes if path in one.paths)
+        return f"#{[row[own.paths.index(path)] for row in own.labels].index(value) + 1}"
+
+    def table(self) -> Any:
+        """A pandas DataFrame with a row for each point: what was varied, numbers, error; the units are in its
+        `attrs`."""
+        import pandas
+
+        numbers = [one.text for one in self.numbers]
+        extra = [RECORDING] if self.recorded else []
+        table = pandas.DataFrame(self.rows()).reindex(columns=[*self.space.paths, *numbers, *extra, "error"])
+        table.attrs["units"] = self.units | {one.text: one.unit for one in self.numbers}
+        return table
+
+    def indices(self) -> Any:
+        """A pandas DataFrame of the sensitivity indices: a row for each number that is kept and each parameter, and
+        for each combination of the crossed axes. ArgumentError: the study was not drawn for that, or points failed."""
+        import pandas
+
+        if self.sensitivity is None:
+            raise ArgumentError("indices: this study has no `sensitivity`, expected sobol or morris")
+        rows = self.rows()
+        failed = [row["error"] for row in rows if row["error"]]
+        if failed:
+            raise ArgumentError(f"indices: {len(failed)} of {len(rows)} points have no result, the first: {failed[0]}")
+        names, count, out = [one.paths[0] for one in self.space.sampled], len(self.space.cube), []
+        for start in range(0, len(rows), count):
+            group = rows[start : start + count]
+            where = {path: group[0][path] for path in self.space.paths if path not in names}
+            for one in self.numbers:
+                values = np.array([row[one.text] for row in group])
+                found = indices(self.sensitivity, names, self.space.cube, values, self.space.seed)
+                out += [{**where, "of": one.text, "parameter": n, **f} for n, f in zip(names, found, strict=True)]
+        return pandas.DataFrame(out)
+
+    def home(self) -> Path:
+        if self.folder is None:
+            raise RunError("this study was not run; `study.run('out/')` computes what the folder lacks, and opens it")
+        return self.folder
 
     def xarray(self) -> Any:
         """An xarray Dataset: a dimension for each crossed axis, named after its first path, `sample` for what is drawn
@@ -248,14 +289,3 @@ class Study(Results):
         from palpate.studies.sweeps.picture import draw
 
         return draw(self, name, ax)
-
-    def _described(self) -> dict[str, str]:
-        """The values of each path in words."""
-        given = {path: [row[k] for row in one.labels] for one in self.space.crossed for k, path in enumerate(one.paths)}
-        given |= {one.paths[0]: self.space.drawn[:, k].tolist() for k, one in enumerate(self.space.sampled)}
-        words = {}
-        for name, values in given.items():
-            numbers = all(isinstance(value, int | float) for value in values)
-            which = f"{min(values):g} to {max(values):g}" if numbers else ", ".join(map(str, values))
-            words[name] = f"{len(set(values))} values, {which[:LONG]}"
-        return words
