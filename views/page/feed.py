@@ -35,11 +35,9 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.views.bodies import Bodies
 from palpate.views.page.steered import Shown, Touched
 
-KEPT = 400
-"""Messages of a finger's small streams that wait for the next frame; older ones are dropped."""
+KEPT = 400  # Messages of a finger's small streams that wait for the next frame; older ones are dropped
 Last = dict[type[Message], Message]
-Curve = dict[str, list[float]]
-"""Times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`."""
+Curve = dict[str, list[float]]  # Times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
 
 
 class StreamReader:

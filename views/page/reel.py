@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Message, MessageError, Proximity, Surface, unpack
+from palpate.messages import Contact, Message, Proximity, Surface
 from palpate.records.format.mcap_file import Broken, Records
 from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
@@ -71,13 +71,10 @@ class RecordingSource:
         channels = {number: name for number, name in self.recording.channels.items() if name in rows}
         for at, chunk in self._records.chunks():
             first = None
-            for channel, _, time, payload in self._inside(chunk):
+            for channel, tick, time, payload in self._inside(chunk):
                 first = time if first is None else min(first, time)
                 if (contact := channels.get(channel)) is not None:
-                    try:
-                        message = unpack(payload, Contact)
-                    except MessageError as error:
-                        raise RecordingError(f"{self.recording.path}: stream {contact!r}: {error}") from None
+                    message = self.recording.decoded(contact, tick, payload, Contact)
                     rows[contact].append((time * 1e-9, message.force, message.indentation))
             if first is not None:
                 self._begins.append(first * 1e-9)
@@ -94,35 +91,33 @@ class RecordingSource:
         except Broken as damage:
             raise RecordingError(f"{self.recording.path} is {damage}") from None
 
-    def _decoded(self, at: int) -> list[tuple[str, float, bytes]]:
+    def _decoded(self, at: int) -> list[tuple[str, float, int, bytes]]:
+        """Stream, time [s], tick and bytes of the messages of a chunk that are drawn."""
         channels = self.recording.channels
         return [
-            (name, time * 1e-9, payload)
-            for channel, _, time, payload in self._inside(self._records.chunk(at))
+            (name, time * 1e-9, tick, payload)
+            for channel, tick, time, payload in self._inside(self._records.chunk(at))
             if (name := channels.get(channel)) in self._kinds and name is not None
         ]
 
     def last(self, time: float) -> dict[str, Message]:
         """The last message of each stream at this time [s] of the graph's clock, or before."""
-        found: dict[str, tuple[float, bytes]] = {}
+        found: dict[str, tuple[float, int, bytes]] = {}
         k = bisect_right(self._begins, time) - 1
         for chunk in range(k, max(k - BACK, -1), -1):
-            newest: dict[str, tuple[float, bytes]] = {}
-            for name, at, payload in self._open(self._places[chunk]):
-                if at <= time and at >= newest.get(name, (-1.0, b""))[0]:
-                    newest[name] = (at, payload)
+            newest: dict[str, tuple[float, int, bytes]] = {}
+            for name, at, tick, payload in self._open(self._places[chunk]):
+                if at <= time and (name not in newest or at >= newest[name][0]):
+                    newest[name] = (at, tick, payload)
             for name, own in newest.items():
-                if own[0] > found.get(name, (-1.0, b""))[0]:
+                if name not in found or own[0] > found[name][0]:
                     found[name] = own
             if len(found) == len(self._kinds) and chunk < k:
                 break
-        messages: dict[str, Message] = {}
-        for name, (_, payload) in found.items():
-            try:
-                messages[name] = unpack(payload, self._kinds[name])
-            except MessageError as error:
-                raise RecordingError(f"{self.recording.path}: stream {name!r}: {error}") from None
-        return messages
+        return {
+            name: self.recording.decoded(name, tick, payload, self._kinds[name])
+            for name, (_, tick, payload) in found.items()
+        }
 
     def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from palpate.engine.imports import full_name, recorded_class
@@ -16,29 +15,19 @@ from palpate.messages import (
     Friction,
     Ledger,
     Message,
-    MessageError,
     Pins,
     Pose,
     Proximity,
     Slip,
-    unpack,
 )
 from palpate.messages.grip import Grip
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
 from palpate.views.fingers import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
 MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] of the time of the contacts; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
-
-
-class _Tick(msgspec.Struct):
-    tick: int
-
-
-_TICK = msgspec.msgpack.Decoder(_Tick)
 
 
 def _columns(kind: type[Message]) -> cached_property[Columns | None]:
@@ -127,13 +116,9 @@ class TouchStreams:
         if stream is None:
             return messages
         wanted = set(ticks)
-        for _, _, payload in self.recording.payloads(stream):
-            try:
-                tick = _TICK.decode(payload).tick
-                if tick in wanted:
-                    messages[tick] = unpack(payload, kind)
-            except (MessageError, msgspec.DecodeError) as error:
-                raise RecordingError(f"{self.recording.path}: stream {stream!r}: {error}") from None
+        for name, tick, _, payload in self.recording.raw():
+            if name == stream and tick in wanted:
+                messages[tick] = self.recording.decoded(name, tick, payload, kind)
         return messages
 
     def node(self, stream: str | None) -> dict[str, Any]:
