@@ -8,8 +8,7 @@ from palpate.engine.plan import Plan
 from palpate.messages import Contact, Friction, Load, Proximity, Surface
 from palpate.records.stored import Stored
 
-Streams = Mapping[str, tuple[str, str]]
-"""Sender and message type of each stream, the type by its full name."""
+Streams = Mapping[str, tuple[str, str]]  # Sender and message type of each stream, the type by its full name
 
 
 class Finger(dict[str, str]):

@@ -61,7 +61,9 @@ def test_a_gif_is_written_frame_by_frame(tmp_path):
             figure.set_facecolor(shade)
             yield SimpleNamespace(figure=figure)
 
-    films._write(tmp_path / "grey.gif", frames(), rate=10.0)
+    counted = []
+    films._write(tmp_path / "grey.gif", frames(), 10.0, counted.append)
+    assert counted == [1, 2, 3]
     with image.open(tmp_path / "grey.gif") as made:
         assert made.n_frames == 3
         assert made.size == (30, 20)

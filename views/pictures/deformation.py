@@ -2,7 +2,7 @@
 
 from matplotlib.figure import Figure
 
-from palpate.views.pictures.style import deformation_colours, figure
+from palpate.views.pictures.style import deformation_bar, figure
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, painted, round_up
 from palpate.views.surface.moments import Instant, bodies_of, instants
@@ -31,9 +31,6 @@ class Views:
 
     def draw(self) -> Figure:
         """The figure. PictureError: this machine cannot draw it."""
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
         pixels = self._rendering.pixels()
         columns = self.columns
         rows = -(-len(self.instants) // columns)
@@ -49,8 +46,6 @@ class Views:
         for axes, i, picture in zip(grid[rows], self.near, pixels["close"], strict=True):
             axes.imshow(picture)
             axes.set_title(f"the same at {self.instants[i].time:.2f} s, near", fontsize=11, loc="center")
-        scale = ScalarMappable(Normalize(0.0, self.deepest * 1e3), deformation_colours())
-        bar = out.colorbar(scale, ax=grid, shrink=0.6, aspect=32, pad=0.015)
-        bar.set_label("displacement of the surface [mm]")
-        bar.outline.set_visible(False)
+        label = COLOURS["displacement"].label
+        deformation_bar(out, self.deepest * 1e3, label, ax=grid, shrink=0.6, aspect=32, pad=0.015)
         return out

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 
 WIDE = 0.04  # [s] of the mean in the view of region B
 SLOW = 1.3  # times the least speed of region B
-DIPS_FOR = 2.5
-"""Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002."""
+DIPS_FOR = 2.5  # Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002
 
 
 def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:

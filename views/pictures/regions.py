@@ -9,8 +9,7 @@ import numpy as np
 
 from palpate.views.pictures.style import mean
 
-SPEED_BAND = 1.25
-"""Speed counts as constant while its largest value is at most this many times its smallest."""
+SPEED_BAND = 1.25  # Speed counts as constant while its largest value is at most this many times its smallest
 FORCE_BAND = 1.06  # The same for the normal force
 LEAST_CHANGE = 1.5  # The other quantity has to change by this factor
 SLOWEST = 5e-3  # [m/s] below it the finger is not sliding

@@ -135,6 +135,15 @@ def deformation_colours() -> Any:
     return LinearSegmentedColormap.from_list("deformation", DEFORMATION)
 
 
+def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> None:
+    """The bar of these colours from 0 to its top."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    bar = figure.colorbar(ScalarMappable(Normalize(0.0, top), deformation_colours()), label=label, **place)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
 def trace(axes: Axes, x: np.ndarray, values: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
     """A line of the running mean, with the samples as they are behind it."""
     axes.plot(x, values, color=colour, alpha=0.25, linewidth=0.6)

@@ -36,20 +36,14 @@ class FilmFrame:
     """The figure of one instant: surface, colour bar, time, force; `show` puts another instant into it."""
 
     def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import Normalize
-
-        from palpate.views.pictures.style import INK, deformation_colours, figure
+        from palpate.views.pictures.style import INK, deformation_bar, figure
 
         self.figure: Figure = figure(7.68, 4.32, "")
         axes = self.figure.subplots()
         axes.set_axis_off()
         self._image = axes.imshow(pixels)
         self._title = axes.set_title("", fontsize=12, color=INK)
-        scale = ScalarMappable(Normalize(0.0, most * of.scale), deformation_colours())
-        bar = self.figure.colorbar(scale, ax=axes, shrink=0.7)
-        bar.set_label(of.label)
-        bar.outline.set_visible(False)  # type: ignore[operator]
+        deformation_bar(self.figure, most * of.scale, of.label, ax=axes, shrink=0.7)
         self.show(pixels, instant)
 
     def show(self, pixels: np.ndarray, instant: Instant) -> None:
@@ -113,14 +107,8 @@ def film(
     rows = np.searchsorted(np.unique(chosen), chosen)
     with replacing(target) as part:
         frames = _frames(shown.mesh, [by_time[row] for row in rows], of)
-        _write(part, _counted(frames, count, done), rate)
+        _write(part, frames, rate, lambda drawn: done(drawn / count))
     return count
-
-
-def _counted(frames: Iterator[FilmFrame], count: int, done: Callable[[float], object]) -> Iterator[FilmFrame]:
-    for number, frame in enumerate(frames, 1):
-        yield frame
-        done(number / count)
 
 
 def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:
@@ -147,8 +135,8 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Film
             yield frame
 
 
-def _write(target: Path, frames: Iterator[FilmFrame], rate: float) -> None:
-    """A film of frames that share one figure, by the writer of matplotlib for this ending."""
+def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callable[[int], object]) -> None:
+    """A film of frames that share one figure, by the writer of matplotlib for this ending; `done` counts them."""
     from matplotlib import rc_context
     from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
@@ -163,8 +151,9 @@ def _write(target: Path, frames: Iterator[FilmFrame], rate: float) -> None:
         writer = FFMpegWriter(fps=rate)
     first = next(frames)
     with rc_context(look), writer.saving(first.figure, str(target), DPI):
-        for _ in chain([first], frames):
+        for number, _ in enumerate(chain([first], frames), 1):
             writer.grab_frame()
+            done(number)
 
 
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:

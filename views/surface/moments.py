@@ -16,8 +16,7 @@ from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 from palpate.views.surface.render import RIGHT
 
-SHALLOWEST = 0.35
-"""Instants with less than this share of the deepest indentation show hardly anything."""
+SHALLOWEST = 0.35  # Instants with less than this share of the deepest indentation show hardly anything
 
 
 @dataclass(frozen=True)

@@ -19,10 +19,8 @@ MARGIN = 1.06  # room around the whole surface
 HEAD = 1.6e-3  # [m] radius of an arrow's head
 LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
 NEAR = 0.46  # share of the height that is seen from near
-VIEW = (0.2, -0.8, 0.95)
-"""Direction from the surface to the camera, where the surface's normal is upwards (z)."""
-RIGHT = np.cross((0.0, 0.0, 1.0), VIEW) / np.hypot(*VIEW[:2])
-"""Direction to the right in the pictures."""
+VIEW = (0.2, -0.8, 0.95)  # Direction from the surface to the camera, where the surface's normal is upwards (z)
+RIGHT = np.cross((0.0, 0.0, 1.0), VIEW) / np.hypot(*VIEW[:2])  # Direction to the right in the pictures
 
 
 def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -1,7 +1,7 @@
 """Pictures of `palpate fit`: data with the fitted curve and its band, all regressions, and the probability density."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,28 +19,14 @@ STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
 def draw_choice(result: Chosen, stem: Path) -> list[Path]:
     """Draw force and deviation with their fits and with those of all models, and the density over depth and force; the
     files written."""
-    name, depths, choice = _plain(result.subject.name), result.depths, result.choice
+    name, choice = _plain(result.subject.name), result.choice
     paths = [
         _fit(result, name, stem.with_name(stem.name + "-fit.png")),
         _models(result, name, stem.with_name(stem.name + "-models.png")),
     ]
     if choice.deviation is not None:
-        law = FittedLaw(choice.mean, choice.deviation, choice.band.widening, choice.band.freedom)
-        paths.append(_surface(name, depths, law, stem.with_name(stem.name + "-surface.png")))
+        paths.append(_surface(result, choice.deviation, name, stem.with_name(stem.name + "-surface.png")))
     return paths
-
-
-class FittedLaw(NamedTuple):
-    """Mean and scatter with the spread of a new session's forces."""
-
-    mean: Fit
-    scatter: Fit
-    widening: float
-    freedom: float
-
-    def at(self, depth: float) -> tuple[float, float]:
-        """Mean and scale [N] at a depth [m]; as `force_band.band_at` holds them."""
-        return max(float(self.mean(depth)), 0.0), max(float(self.scatter(depth)), 0.0) * self.widening
 
 
 def _fit(result: Chosen, name: str, path: Path) -> Path:
@@ -107,17 +93,16 @@ def _models(result: Chosen, name: str, path: Path) -> Path:
     return _save(figure, path)
 
 
-def _surface(name: str, depths: np.ndarray, law: FittedLaw, path: Path) -> Path:
+def _surface(result: Chosen, deviation: Fit, name: str, path: Path) -> Path:
     figure = Figure(figsize=(8.4, 6.0))
     figure.subplots_adjust(left=0.0, right=0.96, bottom=0.03, top=0.92)
     axes: Any = figure.add_subplot(projection="3d")
-    pressed = depths[depths > 0]
+    choice, pressed = result.choice, result.depths[result.depths > 0]
     shown = np.linspace(pressed[0], pressed[-1], 120)
-    laws = np.array([law.at(d) for d in shown])
-    inside = laws[:, 1] > 0
-    shown, (mean, scale) = shown[inside, None], laws[inside].T[..., None]
+    shown = shown[deviation(shown) > 0][:, None]
+    mean, scale = np.maximum(choice.mean(shown), 0.0), deviation(shown) * choice.band.widening
     force = np.maximum(mean + np.linspace(-5.0, 5.0, 161) * scale, 0.0)  # along the ridge, so that it has no teeth
-    density = truncated_density(force, mean, scale, law.freedom)
+    density = truncated_density(force, mean, scale, choice.band.freedom)
     axes.plot_surface(
         np.broadcast_to(shown * 1e3, force.shape), force, density, cmap="viridis", rcount=120, ccount=161, linewidth=0
     )
