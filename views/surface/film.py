@@ -140,15 +140,16 @@ def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callabl
     from matplotlib import rc_context
     from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
-    look: dict[str, Any] = {}
+    look: Any = {}
+    fps: Any = rate  # matplotlib's types know whole numbers alone
     writer: AbstractMovieWriter
     if target.suffix.lower() == ".gif":
-        writer = PillowWriter(fps=min(rate, QUICKEST))
+        writer = PillowWriter(fps=min(fps, QUICKEST))
     else:
         import imageio_ffmpeg
 
         look = {"animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe()}
-        writer = FFMpegWriter(fps=rate)
+        writer = FFMpegWriter(fps=fps)
     first = next(frames)
     with rc_context(look), writer.saving(first.figure, str(target), DPI):
         for number, _ in enumerate(chain([first], frames), 1):
