@@ -34,7 +34,6 @@ PLACES = {place(row, column): (row, column) for row in range(SIDE) for column in
 
 
 def line_of(board: int) -> int:
-    """Which of the three lines a board is on."""
     return 2 if board <= 36 else 1 if board <= 60 else 0
 
 

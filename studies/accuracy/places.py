@@ -37,7 +37,6 @@ def on_path(name: str) -> tuple[str, ...]:
 
 
 def cells_text(cells: int) -> str:
-    """So many cells across the patch's radius, in words."""
     return f"{cells} cell{'' if cells == 1 else 's'} a radius"
 
 

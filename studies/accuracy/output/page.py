@@ -14,10 +14,7 @@ LEGEND = (
     "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot "
     "do or breaks down on; they are in no error and no time."
 )
-COLUMNS = (
-    "Below, errors are rms and worst, over the peak of the reference. *Held* is memory, *once* is building and "
-    "starting."
-)
+COLUMNS = "Below, errors are rms and worst, over the peak of the reference; *once* is building and starting."
 SOLVER = {"fe": "full FE", "felupe": "FElupe"}  # Those of the references
 NOT_COVERED = (
     "Organs other than a slab and the top of one kidney; of that, the shape of its surface and its viscosity.",
@@ -63,7 +60,7 @@ def _of_touch(own: list[Cell], picture: Path | None) -> list[str]:
     if picture is not None:
         lines += [f"![{touch.name}]({picture.name})", ""]
     told = [q for q in QUANTITIES if any(q in c.errors for c in own if c.status == "ok")]
-    lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | held | once | why not |",
+    lines += [f"| method, setting | {' | '.join(told)} | p50 | p99 | memory | once | why not |",
               f"|---|{'---|' * (len(told) + 5)}"]  # fmt: skip
     bold = front([point(c) for c in own])
     for k, cell in enumerate(own):

@@ -55,7 +55,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
 def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
     """All touches: the median error of each method and setting over its median time. Open marks: of fewer
     touches than others compute."""
-    drawn, axes = _empty("what accuracy costs: force error over the time of a step, each over the touches it computes")
+    drawn, axes = _empty("Force error over the time of a step, each on the touches it computes")
     look = _looks(cells)
     points = [(s.p99, max(s.error, LEAST)) for s in told]
     most = max(s.computed for s in told)

@@ -45,12 +45,17 @@ def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
     """The pictures; none where matplotlib is missing."""
     try:
+        from matplotlib import rc_context
+
         from palpate.studies.accuracy.output.pictures import overview, touch_picture
     except ImportError:
         return {}
+    from palpate.views.pictures.style import LOOK
+
     drawn = {touch: folder / f"{touch}.png" for touch in dict.fromkeys(c.touch for c in cells)}
-    for touch, file in drawn.items():
-        touch_picture([c for c in cells if c.touch == touch], file)
-    drawn["overview"] = folder / "overview.png"
-    overview(summaries(cells), cells, drawn["overview"])
+    with rc_context(LOOK):
+        for touch, file in drawn.items():
+            touch_picture([c for c in cells if c.touch == touch], file)
+        drawn["overview"] = folder / "overview.png"
+        overview(summaries(cells), cells, drawn["overview"])
     return drawn
