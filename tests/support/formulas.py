@@ -181,6 +181,14 @@ def dome(radius, length, pitch, depth, material=TISSUE, **more):
     return bundle(index, pitch, heights, np.full((len(index), 1), length), (material,), **more)
 
 
+def anatomy_volume(shape, name, until):
+    """Volume [m³] inside a closed surface, from the tip to `until` [m]: of half ellipses, palmar and dorsal."""
+    y = np.linspace(0, until, 20001)
+    a, palmar, dorsal, start, cap = shape.axes(name, y)
+    ahead = np.maximum(1 - (y - start) / cap, 0)
+    return float(np.trapezoid(np.pi / 2 * a * (palmar + dorsal) * np.maximum(1 - ahead**2, 0), y))
+
+
 def bspline(control, closed_u=False, closed_v=False):
     """The bicubic B-spline patch of control points [m] (n,m,3), uniform knots; a closed direction wraps."""
     knots = []

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from formulas import anatomy_volume
 from pytest import approx
 
 from palpate.physics.fingertip.anatomy import Anatomy
@@ -35,17 +36,9 @@ def test_lines_through_a_sphere_cross_it_where_they_should_at_any_angle():
         assert rays.low[bone] == approx(-np.sqrt(9e-6 - (x**2 + y**2)[bone]), abs=2e-5)
 
 
-def volume(shape, name):
-    """Volume [m³] inside a closed surface, from the tip to `length`: of half ellipses, palmar and dorsal."""
-    y = np.linspace(0, shape.length, 20001)
-    a, palmar, dorsal, start, cap = shape.axes(name, y)
-    ahead = np.maximum(1 - (y - start) / cap, 0)
-    return float(np.trapezoid(np.pi / 2 * a * (palmar + dorsal) * np.maximum(1 - ahead**2, 0), y))
-
-
 def test_the_sampled_anatomy_has_the_volumes_of_the_closed_form():
     for name in ("skin", "tissue", "bone"):
-        assert TIP.volume(name) == approx(volume(SHAPE, name), rel=0.02)
+        assert TIP.volume(name) == approx(anatomy_volume(SHAPE, name, SHAPE.length), rel=0.02)
 
 
 def test_the_closed_surfaces_are_nested_and_level_is_near_the_distance():
