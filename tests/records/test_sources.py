@@ -146,7 +146,7 @@ def test_a_check_that_differs_is_told_with_stream_tick_and_versions(tmp_path, mo
     monkeypatch.setattr(Spring, "step", changed)
     with pytest.raises(RecordingError, match=r"stream 'spring', tick 400, field force\[0\] \[N\].*palpate \d") as told:
         list(Recording(path).raw())
-    assert "recover --full" in str(told.value)
+    assert "--to mcap --full" in str(told.value)
     for verb in (["echo", path, "sum"], ["replay", path], ["export", path, "--to", "csv", "--out", tmp_path / "csv"]):
         code, _, err = say(*verb)
         assert code == 1 and "tick 400" in err and "Traceback" not in err
@@ -237,7 +237,7 @@ def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path,
     holed = without(path, (stream, tick))
     with pytest.raises(RecordingError, match=r"stream '\w+', tick \d+") as told:
         list(Recording(holed).raw())
-    assert "Traceback" not in str(told.value) and "recover --full" in str(told.value)
+    assert "Traceback" not in str(told.value) and "--to mcap --full" in str(told.value)
     target, _, report = recover_full(holed)
     got = rows(target)
     assert not report.ok and got == right[: len(got)] and 0 < got[-1][1] < tick
