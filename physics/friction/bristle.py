@@ -8,6 +8,9 @@ and its property `advance` is a compiled function
 of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
 [s] > 0. A law may have
 
+    play             a setting [m]; `advance` then takes a sixth argument, the path [m] that wears the bristles: that of
+                     a point which the finger drags on a string of this length. A finger that wanders by less, as one
+                     that is measured by an encoder does, strains the bristles but does not wear them
     stored(z, load)  the energy [J] that the bristles hold: the ledger then reports what is dissipated
     rescale          a setting; True: a load that rises gives the bristles no energy (needs `stored`)
     caution()        which settings let it generate energy, a line that the user sees; "" where none does
@@ -26,11 +29,13 @@ NOTHING = (0.0, 0.0, 0.0)
 
 
 class Bristles(NamedTuple):
-    """Deflection [m] (3), and normal [1] (3) and normal force [N] that it was found under."""
+    """Deflection [m] (3), and normal [1] (3) and normal force [N] that it was found under; the finger's place from the
+    point that it drags [m] (3)."""
 
     z: Vector = NOTHING
     normal: Vector = (0.0, 0.0, 1.0)
     load: float = 0.0
+    slack: Vector = NOTHING
 
 
 @kernel(error_model="numpy")
@@ -63,6 +68,19 @@ def carry(z, a, b, slip):
     return turn(z[0], z[1], z[2], a[0], a[1], a[2], b[0], b[1], b[2]), v
 
 
+@kernel
+def drag(slack, a, b, v, dt, play):
+    """The finger's place [m] (3) from a point that it drags on a string of the length `play` [m], and the point's path
+    [m], after a step of v dt; the normal turns from a to b."""
+    x, y, z = turn(slack[0], slack[1], slack[2], a[0], a[1], a[2], b[0], b[1], b[2])
+    x, y, z = x + v[0] * dt, y + v[1] * dt, z + v[2] * dt
+    length = math.sqrt(x * x + y * y + z * z)
+    if length <= play:
+        return (x, y, z), 0.0
+    keep = play / length
+    return (keep * x, keep * y, keep * z), length - play
+
+
 @dataclass(frozen=True, slots=True)
 class Kernel:
     """A law as `step` takes it.
@@ -75,17 +93,22 @@ class Kernel:
     advance: Callable[..., tuple[Vector, Vector, bool]]
     stored: Callable[[Vector, float], float] | None  # of the law, None where it has none
     rescale: bool  # whether a load that rises gives the bristles no energy
+    drag: Callable[..., tuple[Vector, float]] | None  # compiled; None for a law without play
+    play: float  # [m]
 
 
 def kernel_form(law: Any) -> Kernel:
     hints = get_type_hints(type(law))
     law = law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
+    worn = hasattr(law, "play")
     return Kernel(
         law,
         entry_point(carry, NOTHING, NOTHING, NOTHING, NOTHING),
-        entry_point(law.advance, law, NOTHING, NOTHING, 1.0, 1.0),
+        entry_point(law.advance, law, NOTHING, NOTHING, 1.0, 1.0, *(1.0,) * worn),
         getattr(law, "stored", None),
         getattr(law, "rescale", False),
+        entry_point(drag, NOTHING, NOTHING, NOTHING, NOTHING, 1.0, 1.0) if worn else None,
+        law.play if worn else 0.0,
     )
 
 
@@ -97,14 +120,18 @@ def step(kernel: Kernel, before: Bristles, normal: Vector, slip: Vector, load: f
     if not load > 0.0:
         return Bristles(), NOTHING, False
     z, v = kernel.carry(before.z, before.normal, normal, slip)
-    answer = kernel.advance(kernel.law, z, v, load, dt)
+    slack, wear = NOTHING, ()
+    if kernel.drag is not None:
+        slack, path = kernel.drag(before.slack, before.normal, normal, v, dt, kernel.play)
+        wear = (path,)
+    answer = kernel.advance(kernel.law, z, v, load, dt, *wear)
     last = before.load
     if load > last > 0.0 and kernel.rescale:
         here = _dissipated(kernel, answer, z, last, v, load, dt)
         if here < 0.0:
-            answer = _without_gain(kernel, answer, here, z, last, v, load, dt)
+            answer = _without_gain(kernel, answer, here, z, last, v, load, dt, wear)
     z, force, stick = answer
-    return Bristles(z, normal, load), force, stick
+    return Bristles(z, normal, load, slack), force, stick
 
 
 def _dissipated(kernel, answer, z, last, v, load, dt):
@@ -114,7 +141,7 @@ def _dissipated(kernel, answer, z, last, v, load, dt):
     return work + kernel.stored(z, last) - kernel.stored(after, load)
 
 
-def _without_gain(kernel, answer, here, z, last, v, load, dt):
+def _without_gain(kernel, answer, here, z, last, v, load, dt, wear):
     """The answer for bristles s z, s < 1, where that of `advance` gives more energy than it takes, D(1) = `here` < 0:
 
         D(s) = f(s).v T + V(z, f_last) - V(z+(s), f_n) >= 0
@@ -125,7 +152,7 @@ def _without_gain(kernel, answer, here, z, last, v, load, dt):
     """
 
     def scaled(s):
-        answer = kernel.advance(kernel.law, (s * z[0], s * z[1], s * z[2]), v, load, dt)
+        answer = kernel.advance(kernel.law, (s * z[0], s * z[1], s * z[2]), v, load, dt, *wear)
         return answer, _dissipated(kernel, answer, z, last, v, load, dt)
 
     least = math.sqrt(last / load)

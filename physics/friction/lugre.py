@@ -32,15 +32,16 @@ def force(law, before, after, v, load, dt):
 
 
 @kernel(error_model="numpy")
-def lugre(law, z, v, load, dt):
+def lugre(law, z, v, load, dt, path):
     """Exact at constant velocity, a = sigma0 v/g:  z+ = z e^{-aT} + v T phi(aT),  phi(x) = (1 - e^{-x})/x. z+ is a mean
-    of z and of the steady z, so |z| <= mu_s/sigma0 for any v and T. Backward Euler is the alternative.
+    of z and of the steady z, so |z| <= mu_s/sigma0 for any v and T, plus `play`. Backward Euler is the alternative. In
+    the wear aT the path [m] of the point that the finger drags takes the place of v T (bristle.py).
 
     The contact sticks while less than half of the motion is lasting slip: sigma0 z.v/|v| < g(v)/2, or v = 0.
     """
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     g = stribeck(speed, law.mu_slide, law.mu_static, law.stribeck)
-    x = law.bristle_stiffness * speed / g * dt
+    x = law.bristle_stiffness * path / g
     if law.update == 0:
         keep = math.exp(-x)
         gain = dt * (1.0 - 0.5 * x if x < 1e-5 else -math.expm1(-x) / x)
@@ -68,6 +69,7 @@ class LuGre(NamedTuple):
     viscous: Annotated[float, "s/m", ">= 0"] = 0.4
     update: Annotated[Literal["exponential", "euler"], "1"] = "exponential"
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
+    play: Annotated[float, "m", ">= 0"] = 0.0  # wandering by less does not wear the bristles: half an encoder count
 
     @property
     def advance(self):

@@ -207,7 +207,25 @@ def generated(law, motions, seed):
     return shares
 
 
-@pytest.mark.parametrize("law", [EXPONENTIAL, EULER, ELASTIC, CoulombLaw()], ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize("play", [0.0, 30e-6, 1e-3])
+def test_a_finger_that_wanders_by_less_than_the_play_does_not_wear_the_bristles(play):
+    """Strained by 0.1 mm and led on circles of 20 um for 10 s, 20 mm in all: the force stays if that is within the
+    play; without play the wear e^(-sigma0 path/g) leaves nothing. A slide has the same friction as without play."""
+    law, dt = LAW._replace(bristle_stiffness=500.0, play=play), 1e-3
+    angle = 100.0 * dt * np.arange(10_001)
+    circle = 20e-6 * np.column_stack((np.cos(angle) - 1.0, np.sin(angle), 0.0 * angle))
+    slip = np.concatenate((np.tile(0.01 * X, (10, 1)), np.diff(circle, axis=0) / dt))
+    _, z = lugre_path(slip, 1.0, dt, law)
+    kept = z[-100:].mean(axis=0)[0] / 0.1e-3
+    assert kept > 0.7 if play else kept < 0.1
+    slide, _ = lugre_path(np.tile(0.05 * X, (2000, 1)), 2.0, dt, law)
+    assert slide[-1] == approx([2.0 * steady_friction([0.05], law)[0], 0, 0], rel=1e-6)
+
+
+WORN = EXPONENTIAL._replace(play=1e-4)
+
+
+@pytest.mark.parametrize("law", [EXPONENTIAL, EULER, ELASTIC, CoulombLaw(), WORN], ids=lambda law: type(law).__name__)
 def test_no_random_motion_under_a_varying_load_generates_energy(law):
     assert generated(law, 250, seed=4).max() < 1e-9
 
