@@ -8,12 +8,12 @@ import time
 from typing import Any
 
 import numpy as np
-import peer_felupe as peer
 from fe_problems import POISSON, YOUNG, Problem
 from scipy.sparse import csr_matrix
 
 from palpate.models.fe.element import faces as rule
-from palpate.studies.accuracy import MissingError
+from palpate.studies.peers import MissingError
+from palpate.studies.peers import felupe as peer
 
 
 class FacePlane(peer.Item):

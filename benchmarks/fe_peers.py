@@ -30,14 +30,14 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
 import numpy as np
-import peer_calculix as peer
 from fe_felupe import felupe
 from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, step
 
 from palpate.models.fe import Rigid, Settings, Solver, neo_hooke, plane
 from palpate.models.fe.element.mesh import FACES
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError
+from palpate.studies.peers import MissingError
+from palpate.studies.peers import calculix as peer
 
 MISSING = 3
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import peer_felupe as peer
 from fe_problems import block
 
 from palpate.models.fe import Settings, Solver, box, neo_hooke
+from palpate.studies.peers import felupe as peer
 
 YOUNG, TRAVEL, CELLS = 1e4, 0.05, 6
 RATIOS = (0.3, 0.49, 0.4999)

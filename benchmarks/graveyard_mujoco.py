@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from peer_mujoco import library
+
+from palpate.studies.peers.mujoco import library
 
 BEAM = """<mujoco><option timestep="{step}"/><worldbody><geom type="plane" size="5 5 .1"/>
   <flexcomp name="beam" type="grid" count="24 4 4" spacing=".1 .1 .1" pos=".1 0 1.5" radius="0" dim="3" mass="7">

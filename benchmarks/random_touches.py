@@ -18,7 +18,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.contact.spread import Spreader
 from palpate.studies.accuracy.bodies.reduced_fe import ready
-from palpate.studies.accuracy.continuum import POISSON, SIDE, YOUNG, Block, press
+from palpate.studies.peers.continuum import POISSON, SIDE, YOUNG, Block, press
 
 UP = (0.0, 0.0, 1.0)
 LIGHT, DEEP = 0.01, 0.25

@@ -20,18 +20,17 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import kidney_place
 import numpy as np
-import peer_felupe
 from scipy.interpolate import RegularGridInterpolator
 
 from palpate.engine.provenance import machine
 from palpate.physics import kernel_cache
 from palpate.physics.archive import replacing
-from palpate.studies.accuracy import continuum, kidney, places
-from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
+from palpate.studies.accuracy import kidney, places
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.accuracy.places import PLACES, SHIPPED, ReferenceSite, cells_text
+from palpate.studies.peers import continuum, felupe
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
 
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}
 """Cells across the patch's radius, coarser and finer, of each solver."""
@@ -40,23 +39,15 @@ NEAR = 2.0 * RADIUS
 Place = Block | Kidney
 
 
-def pressed(block: Place, solver: str) -> ContinuumCurve:
-    """The curve of a place by a solver."""
-    if isinstance(block, Block):
-        levels = places.levels_of(block)
-        return continuum.press(block, levels) if solver == "fe" else peer_felupe.press(block, levels)
-    return kidney_place.press(block) if solver == "fe" else kidney_place.press_felupe(block)
-
-
 def kept(block: Place, solver: str) -> ContinuumCurve:
     """The same, or what was computed before with the same sources."""
-    told = f"{solver} {block} {peer_felupe.version()} {_sources()}"
+    told = f"{solver} {block} {felupe.version()} {_sources()}"
     path = places.cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
     if path.is_file():
         with np.load(path) as file:
             own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
         return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
-    curve = pressed(block, solver)
+    curve = places.computed(block, solver)
     with replacing(path) as part:
         np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
     return curve
@@ -65,7 +56,7 @@ def kept(block: Place, solver: str) -> ContinuumCurve:
 @lru_cache(maxsize=1)
 def _sources() -> str:
     """A hash of what a curve depends on."""
-    modules = (continuum, kidney, kidney_place, peer_felupe)
+    modules = (continuum, kidney, felupe)
     text = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
     return hashlib.sha256(text + kernel_cache.key().encode()).hexdigest()
 
@@ -91,7 +82,7 @@ def rebuild(
                          "indentation": [c.indentation.tolist() for c in own]}
                 for solver, own in curves.items()
             },
-            "young": YOUNG, "poisson": POISSON, "bed": BED, "radius": RADIUS, "felupe": peer_felupe.version(),
+            "young": YOUNG, "poisson": POISSON, "bed": BED, "radius": RADIUS, "felupe": felupe.version(),
         }  # fmt: skip
         numbers = {f.name: getattr(place, f.name) for f in fields(ReferenceSite) if f.name != "about"}
         numbers["shape"] = place.shape.astype(np.float32)

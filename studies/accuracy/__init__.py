@@ -8,7 +8,3 @@ from palpate.physics.errors import ArgumentError
 
 class UnsupportedError(ArgumentError):
     """A method that cannot compute a touch; says why. It is charged, not dropped."""
-
-
-class MissingError(ArgumentError):
-    """A reference solver, or a stored reference solution, that is missing; says how to get it."""

@@ -126,7 +126,7 @@ def _read(path: Path) -> Cell | None:
 def _sources() -> str:
     """A hash of what any cell depends on: the code that computes, and the references."""
     digest = hashlib.sha256()
-    packages = ("physics", "nodes", "messages", "models.fe", "studies.accuracy")
+    packages = ("physics", "nodes", "messages", "models.fe", "studies.accuracy", "studies.peers")
     for package in (f"palpate.{name}" for name in packages):
         spec = find_spec(package)
         for folder in (spec.submodule_search_locations or ()) if spec else ():

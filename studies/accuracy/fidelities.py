@@ -6,9 +6,9 @@ from typing import Any
 
 from palpate.nodes.base import Node
 from palpate.studies.accuracy import chain
-from palpate.studies.accuracy.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO
 from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.peers.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
 MESHES = (400, 1000, 3000, 10000)

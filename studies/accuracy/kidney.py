@@ -1,7 +1,11 @@
-"""The path on the top of the shipped kidney, along which a touch strokes it.
+"""A place on the shipped kidney, pressed by the load of `peers.continuum`: the static curve there, by two solvers.
 
 The kidney is the image of a cube, through the ball that its shape is made from (`physics.geometry.kidney`), so that a
-grid of the cube, graded towards a place, is a mesh of it. `benchmarks/references.py` solves it there.
+grid of the cube, graded towards the place, is a mesh of it. It lies on a bed of springs where its normal looks down
+(z below `DOWN`), in all directions. The patch presses along the normal of its place; the surface under it does not move
+sideways. Its radius is a distance in space.
+
+`fe.Solver` takes quadratic tetrahedra on the grid, FElupe bricks of 27 nodes; each makes its own load and bed.
 """
 
 from dataclasses import dataclass
@@ -9,8 +13,23 @@ from functools import lru_cache
 
 import numpy as np
 
+from palpate.models.fe.contact.bed import ElasticFoundation
+from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.jacobian import inverted
+from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
+from palpate.models.fe.solve.solver import Solver
+from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
+from palpate.physics.materials.neo_hooke import neo_hooke
+from palpate.studies.peers import continuum, felupe
+from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
 
+LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
+"""[N] Forces at which a curve is known."""
+DOWN = -0.5
+"""[1] As of `fe.meshing.organ`."""
+NO_TOP = (np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64))
+"""The curves here have no shape."""
 FAR = 0.5  # [1] Share of the cube's half side up to which the path is told
 
 
@@ -65,3 +84,103 @@ def along(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The kidney with its place at the origin and the normal there along z; turn (3,3) has the axes as rows."""
+
+    foot: np.ndarray
+    turn: np.ndarray
+
+    def points(self, cube: np.ndarray) -> np.ndarray:
+        """Points [m] (n,3) of points of the cube."""
+        return (inside(cube) - self.foot) @ self.turn.T
+
+    def down(self, normals: np.ndarray) -> np.ndarray:
+        """Which normals (...,3), of any length, look down at the bed."""
+        return normals @ self.turn[:, 2] < DOWN * np.linalg.norm(normals, axis=-1)
+
+
+def cut(block: Kidney) -> tuple[Frame, list[np.ndarray]]:
+    """The frame of a place, and the grid's planes in the cube, finest under the patch."""
+    foot, normal, ahead = (v[0] for v in along(np.array([block.place])))
+    frame = Frame(foot, np.stack([ahead, np.cross(normal, ahead), normal]))
+    size, middle = RADIUS / block.cells, float(np.interp(block.place, *path()[::-1]))
+    axes = []
+    for axis, (low, high) in enumerate(((-RADIUS, RADIUS), (-RADIUS, RADIUS), (-0.6 * RADIUS, 0.0))):
+        t = np.linspace(-1.0, 1.0, 4001)
+        line = np.tile([middle, 0.0, 1.0], (len(t), 1))
+        line[:, axis] = t
+        way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(inside(line), axis=0), axis=1)))
+        way -= np.interp((middle, 0.0, 1.0)[axis], t, way)
+        axes.append(np.interp(continuum.graded(way[0], low, high, way[-1], size), way, t))
+    return frame, axes
+
+
+def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+    """Press the kidney with `fe.Solver`. The curve has no shape.
+
+    Two sides of the cube are one smooth side where they meet, so that curved tetrahedra there would cross: those keep
+    straight edges.
+    """
+    frame, axes = cut(block)
+    corner_points, cells = grid(*axes)
+    elements, edges = edge_nodes(len(corner_points), bricks(corner_points, cells))
+    cube = np.concatenate([corner_points, corner_points[edges].mean(axis=1)])
+    placed = frame.points(cube)
+    while len(wrong := inverted(placed, elements, FOLDED)):
+        bent = np.unique(elements[wrong, 4:])
+        straight = placed[edges[bent - len(corner_points)]].mean(axis=1)
+        if np.array_equal(placed[bent], straight):
+            break
+        placed[bent] = straight
+    mesh = TetMesh(placed, elements)
+    p, on_top = mesh.points, cube[:, 2] > 1.0 - 1e-9
+    unit = continuum.on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], pressure)
+    fixed = np.zeros(p.shape, dtype=bool)
+    fixed[on_top & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9)), :2] = True
+    share = frame.down(face_rule.normals(p, mesh.faces))
+    bed = _PartBed(mesh.faces[share.any(axis=1)], BED * YOUNG, share[share.any(axis=1)])
+    tissue = {0: neo_hooke(YOUNG, POISSON)}
+    body = Solver(mesh, tissue, fixed, loads=lambda f: f * unit, contacts=[bed], settings=STEPS)
+    return pressed(lambda force: continuum.reached(body, force), levels, unit, NO_TOP)
+
+
+class _PartBed(ElasticFoundation):
+    """A bed under those points of integration (F,6) of its faces that lie on it."""
+
+    def __init__(self, faces: np.ndarray, stiffness: float, share: np.ndarray) -> None:
+        super().__init__(faces, stiffness)
+        self._share = share
+
+    def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
+        area = self._share * face_rule.areas(points, self.faces)
+        self._block = self.stiffness * np.einsum("fq,qa,qb->fab", area, face_rule.VALUES, face_rule.VALUES)
+        self.couple(pattern)
+
+
+def pressure(points: np.ndarray) -> np.ndarray:
+    """At points [m] (...,3) of a frame; its scale does not matter."""
+    q = np.minimum((points**2).sum(axis=-1) / RADIUS**2, 1.0)
+    return (1.0 - q) ** 2
+
+
+def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+    """Press the kidney with FElupe. The curve has no shape.
+
+    MissingError: it is not installed.
+    """
+    fem = felupe.library()
+    frame, axes = cut(block)
+    mesh = felupe.bricks(fem, tuple(axes))
+    cube = np.array(mesh.points)
+    mesh.points[:] = p = frame.points(cube)
+    sides = felupe.sides(cube, axes)
+    unit = felupe.on_bricks(p, sides[-1], pressure, 2 * CUTS)
+    springs = BED * YOUNG * felupe.springs(p, np.concatenate(sides), frame.down)
+    field = felupe.displaced(fem, mesh)
+    items = [felupe.neo_hooke(fem, field, YOUNG, POISSON), felupe.Outer(field, unit, springs)]
+    under = (cube[:, 2] > 1.0 - 1e-9) & (np.linalg.norm(p, axis=1) < RADIUS * (1.0 - 1e-9))
+    held = {"stuck": fem.Boundary(field[0], mask=under, skip=(0, 0, 1))}
+    return pressed(lambda force: felupe.balanced(fem, field, items, held, force), levels, unit, NO_TOP)

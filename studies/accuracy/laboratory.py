@@ -1,50 +1,81 @@
-"""Full finite elements as a method: too slow for a loop, and what the fast models are held against.
+"""Full finite elements as methods, ours and others': too slow for a loop, and what the fast models are held against.
 
 A load step of the static curve is the step that is priced; the touch over time follows from the curve.
 """
 
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 
 from palpate.studies.accuracy import places, truth
-from palpate.studies.accuracy.continuum import Block
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, Method, MethodOutcome
-from palpate.studies.accuracy.places import PLACES, cells_text
+from palpate.studies.accuracy.places import ON_KIDNEY, PLACES, cells_text, on_path
 from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.peers import calculix, felupe, mujoco
 
 TICKS = 1000.0  # [Hz] At which the touch is told
-CELLS = (1, 2, 3, 4)  # Across the radius
-REFUSED = {
-    "half-space": "a half-space has no border, and a closed form: Hertz's",
-    "kidney": "the whole kidney takes minutes: python benchmarks/references.py",
-    "plate": "the layered fingertip takes minutes: palpate build fe fingertip",
-}
-"""Bodies that are not meshed here, and why."""
+OUTSIDE: dict[str, ModuleType] = {"FElupe": felupe, "CalculiX": calculix, "MuJoCo": mujoco}
+"""Solvers that others wrote. To add one: `press(block, levels)`, `version()` and `INSTALL` as in `peers.felupe`; its
+name here and, in lower case, in `CELLS` and `places.SOLVERS`."""
+CELLS = {"fe": (1, 2, 3, 4), "felupe": (1, 2), "calculix": (1, 2, 3), "mujoco": (1, 2, 3, 4),
+         "mujoco, its own material": (1, 2)}  # fmt: skip
+"""Across the radius, by the name in `places.SOLVERS`."""
+
+
+def missing() -> list[str]:
+    """How to install those outside solvers that are not."""
+    return [f"{name}: {module.INSTALL}" for name, module in OUTSIDE.items() if module.version() is None]
 
 
 def methods() -> list[Method]:
-    finer = tuple(Fidelity(cells_text(n), settings={"fe": {"cells": n}}, quick=n == 1) for n in CELLS)
-    return [Method("full-FE", "full FE", _pressed, finer, lambda touch: REFUSED.get(touch.body, ""))]
+    """Full FE, and the outside solvers that are installed."""
+    known = [Method("full-FE", "full FE", _pressed, _meshes("fe"), lambda touch: _refuses("fe", touch))]
+    for name, module in OUTSIDE.items():
+        if version := module.version():
+            own = name.lower()
+
+            def refuses(touch: BenchCase, solver: str = own) -> str:
+                return _refuses(solver, touch)
+
+            known.append(Method(name, f"{name} {version}", _pressed, _meshes(own), refuses, (version,)))
+    return known
+
+
+def _meshes(name: str) -> tuple[Fidelity, ...]:
+    return tuple(
+        Fidelity(cells_text(n) + solver.removeprefix(name), settings={"fe": {"cells": n, "solver": solver}},
+                 quick=n == 1 and solver == name)
+        for solver, counts in CELLS.items() if solver.partition(",")[0] == name for n in counts
+    )  # fmt: skip
+
+
+def _refuses(solver: str, touch: BenchCase) -> str:
+    """Why a solver does not compute a touch; empty: it does."""
+    if touch.body == "half-space":
+        return "only loads are given to it, no contact; a half-space has a closed form: Hertz's"
+    if touch.body == "plate":
+        return "the layered fingertip takes minutes: palpate build fe fingertip"
+    return "" if touch.body == "slab" or solver in ON_KIDNEY else "it is given no kidney"
 
 
 def _pressed(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
-    cells = int(str(fidelity.settings["fe"]["cells"]))
-    base = PLACES[touch.place]
-    assert isinstance(base, Block)
-    curve = places.computed(replace(base, cells=cells))
+    solver, cells = str(fidelity.settings["fe"]["solver"]), int(str(fidelity.settings["fe"]["cells"]))
+    curves = [places.computed(replace(PLACES[name], cells=cells), solver) for name in on_path(touch.place)]
+    curve, at = curves[0], truth.path_of(touch)
     fine = np.arange(round(touch.duration * truth.RATE) + 1) / truth.RATE
     _, _, place, slip = touch.at(fine)
-    force, depth, elastic = truth.in_time(touch, curve.force, curve.indentation)
+    force, depth, elastic = truth.in_time(touch, curve.force, np.array([c.indentation for c in curves]), at=at)
     every = round(truth.RATE / TICKS)
-    values = truth.derived(touch, slip, force, depth)
-    dent = truth.Dent(curve.force, curve.x, curve.y, curve.shape)
-    x, y = np.meshgrid(np.linspace(-NEAR, NEAR, 17), np.linspace(-NEAR, NEAR, 17))
-    near = np.stack([x.ravel(), y.ravel()], axis=1)
-    near = near[np.hypot(*near.T) < NEAR]
-    shapes = [
-        (float(fine[k]), near + (place[k], 0.0), dent(near + (base.place, 0.0), float(elastic[k])))
-        for k in np.linspace(0, len(fine) - 1, LOOKS + 2).astype(int)[1:-1]
-    ]
-    told = {name: v[::every] for name, v in values.items()}
-    return MethodOutcome(fine[::every], told, shapes, curve.seconds, None, 0.0)
+    told = {name: v[::every] for name, v in truth.derived(touch, slip, force, depth).items()}
+    shapes = []
+    if touch.body == "slab":
+        dent = truth.Dent(curve.force, curve.x, curve.y, curve.shape)
+        x, y = np.meshgrid(np.linspace(-NEAR, NEAR, 17), np.linspace(-NEAR, NEAR, 17))
+        near = np.stack([x.ravel(), y.ravel()], axis=1)
+        near = near[np.hypot(*near.T) < NEAR]
+        shapes = [
+            (float(fine[k]), near + (place[k], 0.0), dent(near + (at[0], 0.0), float(elastic[k])))
+            for k in np.linspace(0, len(fine) - 1, LOOKS + 2).astype(int)[1:-1]
+        ]
+    return MethodOutcome(fine[::every], told, shapes, np.concatenate([c.seconds for c in curves]), None, 0.0)

@@ -14,11 +14,11 @@ from palpate.physics.errors import ArgumentError
 from palpate.registry import modules, snake
 from palpate.studies.accuracy import bodies as slab_bodies
 from palpate.studies.accuracy import chain, laboratory
-from palpate.studies.accuracy.continuum import POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.peers.continuum import POISSON, YOUNG
 
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5,
                         "finger_damping": 0.0}  # fmt: skip
@@ -77,7 +77,8 @@ def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]]) -> list
     """
     methods = [*standard(), *(of_user(name, cls) for name, cls in bodies.items())]
     if wrong := [name for name in only or () if name not in {m.name for m in methods}]:
-        raise ArgumentError(f"method: found {wrong[0]!r}, expected one of {', '.join(m.name for m in methods)}")
+        names = ", ".join(m.name for m in methods)
+        raise ArgumentError("; ".join([f"method: found {wrong[0]!r}, expected one of {names}", *laboratory.missing()]))
     return [m for m in methods if not only or m.name in only or m.name in bodies]
 
 

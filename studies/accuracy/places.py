@@ -4,8 +4,9 @@
 """
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,10 @@ import numpy as np
 
 from palpate.nodes.deformation import basis_store
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import MissingError, continuum
-from palpate.studies.accuracy.continuum import LEVELS, LIGHT, Block, ContinuumCurve
+from palpate.studies.accuracy import kidney
 from palpate.studies.accuracy.kidney import Kidney
+from palpate.studies.peers import MissingError, calculix, continuum, felupe, mujoco
+from palpate.studies.peers.continuum import LEVELS, LIGHT, Block, ContinuumCurve
 
 SHIPPED = Path(__file__).parent / "references"
 PLACES: dict[str, Block | Kidney] = {
@@ -27,6 +29,15 @@ PLACES: dict[str, Block | Kidney] = {
 }
 """[m] `slip` is the middle, free to slide under the patch; `edge` is 10 mm from the border of the block; `nodule-NN` is
 NN mm beside a nodule; `kidney+NN` is NN mm from the middle of the kidney's top towards its upper pole."""
+SOLVERS: dict[str, Callable[[Block, np.ndarray], ContinuumCurve]] = {
+    "fe": continuum.press,
+    "felupe": felupe.press,
+    "calculix": calculix.press,
+    "mujoco": mujoco.press,
+    "mujoco, its own material": partial(mujoco.press, material="Saint Venant-Kirchhoff"),
+}
+"""The first two make the references; the others are held against them."""
+ON_KIDNEY: dict[str, Callable[[Kidney], ContinuumCurve]] = {"fe": kidney.press, "felupe": kidney.press_felupe}
 PATHS = {"kidney": ("kidney-12", "kidney+00", "kidney+12")}
 """Places between which a touch moves, where its curve changes on the way."""
 
@@ -82,12 +93,9 @@ def stored(name: str) -> ReferenceSite:
         raise ArgumentError(f"{path}: damaged ({error}). Build it anew: python benchmarks/references.py") from None
 
 
-@lru_cache(maxsize=32)
-def computed(block: Block) -> ContinuumCurve:
-    """The curve of `fe.Solver` at a place of the block."""
-    return continuum.press(block, levels_of(block))
-
-
-def levels_of(block: Block) -> np.ndarray:
-    """[N] Forces at which the curve of a place is known."""
-    return LEVELS if block.sticks else LIGHT
+@lru_cache(maxsize=64)
+def computed(block: Block | Kidney, solver: str) -> ContinuumCurve:
+    """The curve of a place by a solver."""
+    if isinstance(block, Kidney):
+        return ON_KIDNEY[solver](block)
+    return SOLVERS[solver](block, LEVELS if block.sticks else LIGHT)

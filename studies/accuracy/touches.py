@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy.continuum import RADIUS
+from palpate.studies.peers.continuum import RADIUS
 
 RETARDATION = 0.02  # [s] Of the viscous touches: that of deformation.ReducedFE
 

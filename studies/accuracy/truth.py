@@ -26,9 +26,9 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
 from palpate.physics.kernel import kernel
-from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.places import PLACES, ReferenceSite, on_path, stored
 from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 RATE = 32000  # [Hz]
 QUANTITIES = {

@@ -1,19 +1,17 @@
 """The kidney of the stroke: its grid, its load, and two solvers at its places."""
 
-import kidney_place
 import numpy as np
-import peer_felupe as felupe
 import pytest
-from kidney_place import press, press_felupe
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from palpate.messages import Pose
 from palpate.nodes.collision import Nurbs
 from palpate.studies.accuracy import kidney, places, truth
-from palpate.studies.accuracy.continuum import CUTS, RADIUS
-from palpate.studies.accuracy.kidney import Kidney, along
+from palpate.studies.accuracy.kidney import Kidney, along, press, press_felupe
 from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.peers import felupe
+from palpate.studies.peers.continuum import CUTS, RADIUS
 
 B, M = 26.2641, 1681.06
 """[N/m], [1/m] of the exponential fingertip."""
@@ -39,11 +37,11 @@ def test_places_are_ways_along_the_path():
 
 def test_both_routes_load_the_curved_patch_alike():
     """Second moment of the biweight over a patch that is nearly flat: R²/4; force one, no moment."""
-    frame, axes = kidney_place.cut(Kidney(0.0, 3))
+    frame, axes = kidney.cut(Kidney(0.0, 3))
     fem = pytest.importorskip("felupe")
     mesh = felupe.bricks(fem, tuple(axes))
     points = frame.points(np.array(mesh.points))
-    unit = felupe.on_bricks(points, felupe.sides(np.array(mesh.points), axes)[-1], kidney_place.pressure, 2 * CUTS)
+    unit = felupe.on_bricks(points, felupe.sides(np.array(mesh.points), axes)[-1], kidney.pressure, 2 * CUTS)
     assert unit.sum(axis=0) == pytest.approx((0.0, 0.0, -1.0))
     assert -unit[:, 2] @ points[:, :2] == pytest.approx(0.0, abs=1e-5)
     assert -unit[:, 2] @ (points**2).sum(axis=1) == pytest.approx(RADIUS**2 / 4, rel=0.01)
@@ -51,7 +49,7 @@ def test_both_routes_load_the_curved_patch_alike():
 
 def test_all_sides_of_the_bricks_look_out_and_enclose_the_volume():
     fem = pytest.importorskip("felupe")
-    _, axes = kidney_place.cut(Kidney(0.0, 2))
+    _, axes = kidney.cut(Kidney(0.0, 2))
     mesh = felupe.bricks(fem, tuple(axes))
     cube = np.array(mesh.points)
     faces = np.concatenate(felupe.sides(cube, axes))

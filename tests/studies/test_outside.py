@@ -1,16 +1,19 @@
-"""Solvers that others wrote: they meet ours where they are installed, and a run of theirs that fails says why."""
+"""Solvers that others wrote: they meet ours where they are installed, and a run of theirs that fails is charged."""
 
 import numpy as np
-import outside_solvers
-import peer_calculix as calculix
-import peer_mujoco as mujoco
 import pytest
 from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
+from typer.testing import CliRunner
 
+from palpate.cli.__main__ import app
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError, places
-from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG, Block, press, tetrahedra
+from palpate.studies.accuracy import laboratory
+from palpate.studies.accuracy.cells import one
+from palpate.studies.accuracy.score import CHARGED
+from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.peers import MissingError, calculix, mujoco
+from palpate.studies.peers.continuum import BED, POISSON, YOUNG, Block, press, tetrahedra
 
 EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 FIRST = np.array([0.03, 0.1])
@@ -58,12 +61,6 @@ def test_calculix_on_the_same_tetrahedra_meets_ours(block):
     assert theirs.shape == pytest.approx(own.shape, abs=1e-3 * own.shape.max())
 
 
-@with_calculix
-def test_a_run_of_calculix_that_breaks_down_says_what_it_said():
-    with pytest.raises(ArithmeticError, match="CalculiX came to 0 of 1 forces"):
-        calculix.press(Block(0.0, 1), np.array([1e3]))
-
-
 @with_mujoco
 def test_mujoco_rests_where_linear_elasticity_on_linear_tetrahedra_does(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -101,9 +98,50 @@ def test_a_solver_that_is_not_installed_is_told_with_the_cure(monkeypatch):
         mujoco.press(Block(0.0, 1))
 
 
-def test_the_benchmark_holds_each_solver_against_the_reference(monkeypatch):
-    right, coarse = places.stored("middle"), Block(0.0, 1)
-    told = outside_solvers.row("palpate", coarse, right)
-    assert told["unknowns"] == 3213 and told["error [%]"] == pytest.approx(9.1, abs=0.1)
-    monkeypatch.setattr(calculix.shutil, "which", lambda name: None)
-    assert "apt-get install calculix-ccx" in outside_solvers.row("CalculiX", coarse, right)["why not"]
+def test_the_command_says_how_to_install_what_is_missing(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(calculix, "version", lambda: None)
+    given = ["bench", "accuracy", "--touch", "plate", "--method", "exponential", "--quick", "-o", str(tmp_path)]
+    ran = CliRunner().invoke(app, given)
+    assert "not installed  CalculiX: apt-get install calculix-ccx" in ran.output
+    assert "apt-get install calculix-ccx" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    ran = CliRunner().invoke(app, ["bench", "accuracy", "--method", "CalculiX"])
+    assert ran.exit_code == 2 and "apt-get install calculix-ccx" in " ".join(ran.output.split())
+
+
+@with_calculix
+def test_a_run_of_calculix_that_breaks_down_is_charged_with_what_it_said(monkeypatch):
+    def crushing(block, levels):
+        return calculix.press(block, np.array([1e3]))
+
+    monkeypatch.setitem(laboratory.places.SOLVERS, "calculix", crushing)
+    monkeypatch.setattr(laboratory.places, "computed", laboratory.places.computed.__wrapped__)
+    method = next(m for m in laboratory.methods() if m.name == "CalculiX")
+    cell = one(TOUCHES["indent"], method, method.fidelities[0])
+    assert cell.status == "failed"
+    assert "CalculiX came to 0 of 1 forces" in cell.why
+    assert cell.errors["force"]["rms"] == CHARGED
+
+
+@pytest.mark.parametrize(("name", "module"), laboratory.OUTSIDE.items())
+def test_an_outside_solver_is_near_the_reference_where_it_is_installed(name, module):
+    """The slab with one cell a radius; MuJoCo's linear tetrahedra are the stiffest."""
+    if module.version() is None:
+        pytest.skip(f"{name}: {module.INSTALL}")
+    method = next(m for m in laboratory.methods() if m.name == name)
+    cell = one(TOUCHES["indent"], method, method.fidelities[0])
+    assert cell.status == "ok", cell.why
+    assert cell.errors["force"]["rms"] < (0.3 if name == "MuJoCo" else 0.1)
+    assert {"force", "indentation", "shape", "area", "traction", "energy"} <= set(cell.errors)
+    assert one(TOUCHES["ball"], method, method.fidelities[0]).status == "refused"
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["full-FE", "FElupe"])
+def test_full_elements_stroke_the_kidney(name):
+    method = next((m for m in laboratory.methods() if m.name == name), None)
+    if method is None:
+        pytest.skip(f"{name} is not installed")
+    cell = one(TOUCHES["stroke"], method, method.fidelities[0])
+    assert cell.status == "ok", cell.why
+    assert cell.errors["force"]["rms"] < 0.1 and "shape" not in cell.errors

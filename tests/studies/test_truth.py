@@ -7,9 +7,9 @@ from scipy.optimize import brentq
 
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import truth
-from palpate.studies.accuracy.continuum import POISSON, RADIUS, YOUNG
 from palpate.studies.accuracy.places import stored
 from palpate.studies.accuracy.touches import TOUCHES, BenchCase, chosen
+from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 B, M = 26.2641, 1681.06
 """[N/m], [1/m] of the exponential fingertip."""

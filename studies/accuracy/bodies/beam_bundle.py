@@ -4,10 +4,10 @@ from typing import Any
 
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.nodes.deformation import BeamBundle
-from palpate.studies.accuracy.continuum import POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Method
 from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.peers.continuum import POISSON, YOUNG
 
 
 def methods() -> list[Method]:

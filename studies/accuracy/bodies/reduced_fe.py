@@ -9,10 +9,10 @@ from palpate.models.build.basis import Silent, built
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import UnsupportedError, chain
-from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
 from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.peers.continuum import BED, POISSON, YOUNG
 
 
 def methods() -> list[Method]:

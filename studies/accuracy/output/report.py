@@ -9,6 +9,7 @@ from typing import Any
 
 from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
+from palpate.studies.accuracy.laboratory import missing
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import summaries
 from palpate.studies.accuracy.truth import QUANTITIES
@@ -18,7 +19,8 @@ MEASURES = ("rms", "worst", "band")
 
 
 def about() -> dict[str, Any]:
-    return {**machine("numpy", "scipy", "numba"), "seeds": "none, nothing here is random"}
+    told = {**machine("numpy", "scipy", "numba"), "seeds": "none, nothing here is random"}
+    return told | ({"not installed": "; ".join(out)} if (out := missing()) else {})
 
 
 def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, Path]:

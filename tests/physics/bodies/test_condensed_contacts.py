@@ -22,8 +22,8 @@ from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy import continuum
-from palpate.studies.accuracy.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, Block, graded
+from palpate.studies.peers import continuum
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, Block, graded
 
 UP = (0.0, 0.0, 1.0)
 

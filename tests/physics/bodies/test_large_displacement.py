@@ -27,7 +27,7 @@ from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.accuracy import kidney
-from palpate.studies.accuracy.continuum import BED, POISSON, YOUNG
+from palpate.studies.peers.continuum import BED, POISSON, YOUNG
 
 UP = (0.0, 0.0, 1.0)
 POISSONS = (0.15, 0.33, 0.38, 0.42, 0.46, 0.48)

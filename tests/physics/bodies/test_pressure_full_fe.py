@@ -12,7 +12,7 @@ from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.contact.spread import Spreader
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
+from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
 
 UP = (0.0, 0.0, 1.0)
 RINGS = 5

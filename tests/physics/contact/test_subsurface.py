@@ -18,7 +18,7 @@ from palpate.physics.contact import subsurface
 from palpate.physics.contact.spread import KERNELS
 from palpate.physics.contact.subsurface import PAIRS, point_stress, strain_energy_density, under_patch, von_mises
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.accuracy.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
+from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
 
 R, NU = 8e-3, 0.3
 AT = np.array([0.3, -0.5, 0.7])

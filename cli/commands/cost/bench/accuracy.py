@@ -65,6 +65,7 @@ def accuracy(
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.launch.run.busy import busy
     from palpate.physics import extras
+    from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.output.page import LEGEND
     from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
 
@@ -85,6 +86,8 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
         say(f"Cannot do any touch: {', '.join(none)}.", wrap=True)
     if kept := sum(cell.kept for cell in cells):
         say(f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again")
+    for text in missing():
+        say(f"not installed  {text}")
     if "overview" not in files:
         say(extras.missing("no pictures", "matplotlib", "view"))
     for name, file in files.items():

@@ -8,7 +8,7 @@ meshed, y >= 0; the touched place lies on y = 0. What comes out is a static curv
 with p, so that f ds is work done on the block, and the shape of its top.
 
 Two solvers, which make the references, share this description and nothing else: `fe.Solver` on quadratic tetrahedra,
-and FElupe on bricks of 27 nodes (`benchmarks/peer_felupe.py`). Each makes its own load, bed and elements from the grid.
+and FElupe on bricks of 27 nodes (`studies.peers.felupe`). Each makes its own load, bed and elements from the grid.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""The block of `studies.accuracy.continuum` by FElupe, which a user may have installed: bricks of 27 nodes.
+"""The block of `studies.peers.continuum` by FElupe, which a user may have installed: bricks of 27 nodes.
 
 A. Dutzler, FElupe: finite element analysis for continuum mechanics of solid bodies, https://felupe.readthedocs.io.
 """
@@ -13,8 +13,8 @@ from scipy.sparse.linalg import splu
 
 from palpate.physics.extras import install, missing
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError, continuum
-from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Pressure
+from palpate.studies.peers import MissingError, continuum
+from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Pressure
 
 INSTALL = install("bench")
 POINTS = 8

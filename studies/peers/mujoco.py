@@ -1,4 +1,4 @@
-"""The block of `studies.accuracy.continuum` by a flex of MuJoCo: linear tetrahedra in time.
+"""The block of `studies.peers.continuum` by a flex of MuJoCo: linear tetrahedra in time.
 
 Each node is a body with a sliding joint for each direction that it may move in; springs of the joints underneath are
 the bed. MuJoCo has no statics: the load stays until the indentation comes to rest, by its integrator `discrete`, which
@@ -18,8 +18,8 @@ import numpy as np
 from palpate.models.fe.element.mesh import edge_nodes, six_volumes
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.physics.extras import install, missing
-from palpate.studies.accuracy import MissingError, continuum
-from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
+from palpate.studies.peers import MissingError, continuum
+from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
 
 INSTALL = install("bench")
 

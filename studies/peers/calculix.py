@@ -1,4 +1,4 @@
-"""The block of `studies.accuracy.continuum` by CalculiX: its program `ccx` on a file of ours.
+"""The block of `studies.peers.continuum` by CalculiX: its program `ccx` on a file of ours.
 
 The tetrahedra are those of `fe.Solver`, as elements C3D10 with the same energy, so that the two differ by their solvers
 alone. The bed is lumped: a face of six nodes carries a pressure by the nodes on its edges, a third of its area each.
@@ -20,8 +20,8 @@ import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import MissingError, continuum
-from palpate.studies.accuracy.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
+from palpate.studies.peers import MissingError, continuum
+from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
 
 INSTALL = "apt-get install calculix-ccx"
 MM = 1e3
