@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from palpate.models.fit.tissue.estimate import Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import RARE, Press
+from palpate.models.fit.tissue.measured import RARE, SUSPECT, Press
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
@@ -36,6 +36,9 @@ DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", 
 BLOCKS = "blocks"
 UNLIKELY = 0.02
 """Probability of chance below which another shape of the force is fitted, too."""
+SMOOTH = 0.3
+"""[1] Share of the residuals that count as independent, below which noise may hide a misfit: then `SUSPECT` is the
+probability below which another shape is fitted."""
 WITHHELD = 3.0
 """[1] Highest over lowest value that fit: beyond, no interval is given."""
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
@@ -108,9 +111,11 @@ def bent(law: Law, reach: float) -> Law:
     return replace(law, parameters=(*law.parameters, *BEND), force=force, slopes=None)
 
 
-def widen(problem: Problem, best: Estimate) -> list[str]:
-    """Widen the intervals of a fit where its law does not follow the curve, or give none, and say why."""
+def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
+    """Widen the intervals of a fit where its law does not follow the curve, or give none, and say why: in notes where
+    it misfits, and apart where correlated noise may hide that it does."""
     chances = _chances(problem, best)
+    limit = SUSPECT if best.effective[0] < SMOOTH * problem.count else UNLIKELY
     reach = max(float(p.depth.max()) - t for p, t in zip(problem.presses, best.touches, strict=True))
     drifting = [replace(press, drifts=True) for press in problem.presses]
     others = {
@@ -121,7 +126,7 @@ def widen(problem: Problem, best: Estimate) -> list[str]:
     said, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
     for what, (presses, law, kind) in others.items():
-        if chances.get(what, 1.0) > UNLIKELY:
+        if chances.get(what, 1.0) > limit:
             continue
         other = Problem(presses, law, kind, problem.free_touch, problem.relative)
         begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
@@ -136,15 +141,22 @@ def widen(problem: Problem, best: Estimate) -> list[str]:
         if moved:
             said.append(f"with {what} it follows the curve better and gives {', '.join(moved)}")
     if not said and chances[BLOCKS] > RARE:
-        return []
+        return [], []
     text = "; ".join(said) or "its residuals in contact are not noise alone"
     first = best.intervals[problem.parameters[0].name]
-    if first.low <= 0.0 or first.high / first.low > WITHHELD or lost:
+    sure = chances[BLOCKS] <= RARE or min(chances[what] for what in chances if what != BLOCKS) <= UNLIKELY
+    if sure and (first.low <= 0.0 or first.high / first.low > WITHHELD or lost):
         best.withhold()
         text += ". No interval is given: no one value belongs to all of this curve"
     else:
         text += ". The intervals were widened to hold these"
-    return [f"law {problem.law.name} misfits: {text}. Try another law (--compare), thickness, or --relaxation"]
+    if sure:
+        return [f"law {problem.law.name} misfits: {text}. Try another law (--compare), thickness, or --relaxation"], []
+    few, count = best.effective
+    return [], [
+        f"law or noise: the residuals follow one another ({few:.0f} of {count} count as independent), which may hide "
+        f"that law {problem.law.name} misfits; {text}"
+    ]
 
 
 def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
