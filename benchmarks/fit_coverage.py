@@ -16,6 +16,7 @@ import sys
 from typing import Any
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.fit import Fit, fit_tissue
@@ -67,8 +68,9 @@ def covered(trials: int, kind: str, correlation: float, first: int = 0) -> dict[
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
-def flawed(flaw: str, correlation: float, seed: int) -> tuple[Fit, float]:
-    """A press with a flaw, fitted by Hertz's law, and its modulus [Pa]."""
+def flawed(flaw: str, correlation: float, seed: int) -> tuple[Fit, float, bool]:
+    """A press with a flaw, fitted by Hertz's law, its modulus [Pa], and whether the flaw exceeds the noise: what
+    Hertz's law misses of the force without noise (RMS) is greater than the noise (RMS)."""
     rng = np.random.default_rng(seed)
     young, reach = 10 ** rng.uniform(3.0, 4.7), rng.uniform(0.3e-3, 0.8e-3)
     rate, air, size = 10 ** rng.uniform(1.6, 2.3), rng.uniform(0.4, 1.0), 10 ** rng.uniform(-3.0, -1.7)
@@ -85,29 +87,39 @@ def flawed(flaw: str, correlation: float, seed: int) -> tuple[Fit, float]:
     peak = force.max()
     limit = peak * (0.4 + 0.4 * large if "limit" in flaw or "saturates" in flaw else math.inf)
     error = size * peak * noise(len(time), correlation, rng)
+    drift = (0.03 + 0.07 * large) * peak * time / time[-1] if "drift" in flaw else 0.0
+    exceeds = missed(depth, np.minimum(force, limit) + drift) > size * peak
     force = np.minimum(force, limit) + error if "limit" in flaw else np.minimum(force + error, limit)
-    if "drift" in flaw:
-        force = force + rng.choice((-1.0, 1.0)) * (0.03 + 0.07 * large) * peak * time / time[-1]
+    force = force + rng.choice((-1.0, 1.0)) * drift if "drift" in flaw else force
     kept = depth >= ((0.1 + 0.3 * large) * reach if "begins" in flaw else -1.0)
     force = force - (force[kept][:3].mean() if "begins" in flaw else 0.0)
-    return fit_tissue([prepared("press.csv", time[kept], depth[kept], force[kept])], RIG, "hertz"), young
+    return fit_tissue([prepared("press.csv", time[kept], depth[kept], force[kept])], RIG, "hertz"), young, exceeds
+
+
+def missed(depth: np.ndarray, force: np.ndarray) -> float:
+    """RMS [N] that Hertz's law with its touch point and zero of force misses."""
+    x, y = depth / depth.max(), force / force.max()
+    off = least_squares(lambda q: q[0] * np.maximum(x - q[1], 0.0) ** 1.5 + q[2] - y, (1.0, 0.0, 0.0)).fun
+    return float(np.sqrt(np.mean(off**2)) * force.max())
 
 
 def detected(flaw: str, correlation: float, trials: int, first: int = 0) -> dict[str, float]:
     """Shares of the trials: with the note of this flaw, with another one; with an interval that holds the truth, with
-    one withheld."""
+    one withheld; with a wrong interval and no note, of all and of those whose flaw exceeds the noise."""
     rows: list[dict[str, Any]] = []
     words = FLAWS[flaw]
     for seed in range(first, first + trials):
-        fit, young = flawed(flaw, correlation, seed)
+        fit, young, exceeds = flawed(flaw, correlation, seed)
         own = fit.estimate.intervals["young"]
         found = [bool(words[0]) and any(word in note for word in words) for note in fit.notes]
         rows.append({
             "noted": any(found), "another note": not all(found), "withheld": fit.estimate.withheld,
             "holds the truth": not fit.estimate.withheld and own.low <= young <= own.high,
-            "wrong without a note": not fit.notes and not own.low <= young <= own.high,
+            "wrong without a note": not fit.notes and not own.low <= young <= own.high, "exceeds the noise": exceeds,
         })  # fmt: skip
-    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+    shares = {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+    large = [row["wrong without a note"] for row in rows if row["exceeds the noise"]]
+    return shares | {"wrong without a note where it exceeds": float(np.mean(large)) if large else 0.0}
 
 
 def main() -> None:

@@ -1,24 +1,19 @@
 """What is wrong with a press or with the law that is fitted to it: saturation, no rows before contact, drift, misfit.
 
-Misfit: the law F(s) is compared with F(s) exp(a sqrt(x) + b x), x = s/s_max, that bends smoothly and keeps its numbers
-where the indentation is small, by an F-test that counts independent residuals (`residuals.inflation`),
-
-    (SSR - SSR')/SSR' (n_eff - p)/2 ~ F(2, n_eff - p).
-
-Where that law follows the curve better, the intervals are widened to hold its numbers too.
+Misfit: `residuals.lack_of_fit` compares the residuals with other shapes of the force. One is F(s) exp(a sqrt(x) + b x),
+x = s/s_max, that bends smoothly and keeps its numbers where the indentation is small. Where another shape follows the
+curve better, it is fitted, and the intervals are widened to hold its numbers too.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import f as f_distribution
+from scipy.linalg import block_diag
 
 from palpate.models.fit.tissue.estimate import Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import RARE, Press
-from palpate.models.fit.tissue.residuals import inflation, inflation_limit
+from palpate.models.fit.tissue.measured import RARE, SUSPECT, Press
+from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
 SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
@@ -35,12 +30,15 @@ HARMLESS = 0.02
 """[1] Of a parameter: a misfit that moves the end of its interval by less is not worth a note."""
 EXACT = 3e-4
 """[1] RMS misfit over the peak that is none: no law and no sensor is that exact."""
-FEW = 20
-"""Rows below which changes of sign are too few to count."""
-LEAST_FREE = 4
-"""Degrees of freedom of the noise before contact below which it does not show the size of the noise."""
-SMOOTH = 1.5
-"""[1] Least RMS residual over the noise, of a misfit whose residuals count as few."""
+BLOCKS_MOST = 8
+"""Of rows in contact, whose means are compared with the noise."""
+DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", "a factor that rises with the rate"
+BLOCKS = "blocks"
+UNLIKELY = 0.02
+"""Probability of chance below which another shape of the force is fitted, too."""
+SMOOTH = 0.3
+"""[1] Share of the residuals that count as independent, below which noise may hide a misfit: then `SUSPECT` is the
+probability below which another shape is fitted."""
 WITHHELD = 3.0
 """[1] Highest over lowest value that fit: beyond, no interval is given."""
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
@@ -113,101 +111,73 @@ def bent(law: Law, reach: float) -> Law:
     return replace(law, parameters=(*law.parameters, *BEND), force=force, slopes=None)
 
 
-def widen(problem: Problem, best: Estimate) -> list[str]:
-    """Widen the intervals of a fit where its law does not follow the curve, or give none, and say why."""
+def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
+    """Widen the intervals of a fit where its law does not follow the curve, or give none, and say why: in notes where
+    it misfits, and apart where correlated noise may hide that it does."""
+    chances = _chances(problem, best)
+    limit = SUSPECT if best.effective[0] < SMOOTH * problem.count else UNLIKELY
     reach = max(float(p.depth.max()) - t for p, t in zip(problem.presses, best.touches, strict=True))
-    others = [("a smooth factor over the depth", bent(problem.law, reach), problem.kind)]
-    if problem.kind == "none" and all(p.time is not None for p in problem.presses):
-        others.append(("a factor that rises with the rate", problem.law, "hunt-crossley"))
+    drifting = [replace(press, drifts=True) for press in problem.presses]
+    others = {
+        DRIFT: (drifting, problem.law, problem.kind),
+        BENT: (problem.presses, bent(problem.law, reach), problem.kind),
+        RATE: (problem.presses, problem.law, "hunt-crossley"),
+    }
     said, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
-    for what, law, kind in others:
-        other = Problem(problem.presses, law, kind, problem.free_touch, problem.relative)
-        free = _alternative(other, problem, best)
-        if free is None:
+    for what, (presses, law, kind) in others.items():
+        if chances.get(what, 1.0) > limit:
             continue
+        other = Problem(presses, law, kind, problem.free_touch, problem.relative)
+        begin = dict(zip(other.names, other.start(), strict=True)) | dict(zip(best.names, best.at, strict=True))
+        free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
         moved = []
         for p in problem.parameters:
             own, its = best.intervals[p.name], free.intervals[p.name]
             if max(given[p.name].low - its.low, its.high - given[p.name].high) > HARMLESS * abs(own.value):
                 moved.append(f"{p.name} {its.value:.4g}")
             own.low, own.high = min(own.low, its.low), max(own.high, its.high)
-        lost = lost and _fewer_runs(problem.presses, free)
+        lost = lost and _chances(other, free)[BLOCKS] < RARE
         if moved:
             said.append(f"with {what} it follows the curve better and gives {', '.join(moved)}")
+    if not said and chances[BLOCKS] > RARE:
+        return [], []
+    text = "; ".join(said) or "its residuals in contact are not noise alone"
     first = best.intervals[problem.parameters[0].name]
-    if not said and not _fewer_runs(problem.presses, best):
-        return []
-    text = "; ".join(said) or "its residuals in contact change sign more rarely than those before it"
-    if first.low <= 0.0 or first.high / first.low > WITHHELD or lost:
+    sure = chances[BLOCKS] <= RARE or min(chances[what] for what in chances if what != BLOCKS) <= UNLIKELY
+    if sure and (first.low <= 0.0 or first.high / first.low > WITHHELD or lost):
         best.withhold()
         text += ". No interval is given: no one value belongs to all of this curve"
     else:
         text += ". The intervals were widened to hold these"
-    return [f"law {problem.law.name} misfits: {text}. Try another law (--compare), thickness, or --relaxation"]
-
-
-def _alternative(other: Problem, problem: Problem, best: Estimate) -> Estimate | None:
-    """The fit of a law with more freedom, from the numbers of the best one; None where it is not clearly better."""
-    begin = other.start()
-    count = len(problem.parameters)
-    if problem.count < 3 * len(begin):
-        return None
-    names = [p.name for p in other.parameters]
-    begin[: len(names)] = [
-        best.number(p.name)[0] if p.name in best.names else p.searched(p.guess) for p in other.parameters
+    if sure:
+        return [f"law {problem.law.name} misfits: {text}. Try another law (--compare), thickness, or --relaxation"], []
+    few, count = best.effective
+    return [], [
+        f"law or noise: the residuals follow one another ({few:.0f} of {count} count as independent), which may hide "
+        f"that law {problem.law.name} misfits; {text}"
     ]
-    begin[len(names) :] = best.at[count:]
-    free = estimate(other, profiles=False, begin=begin)
-    gain = best.squares - free.squares
-    if math.sqrt(max(gain, 0.0)) < EXACT:
-        return None
-    weighted = [r * w for r, w in zip(free.residuals, other.weight, strict=True)]
-    left = problem.count / inflation_limit(weighted, len(begin)) - len(begin)
-    if left < 2 * len(begin):  # what is left is too smooth to count: it must stand out of the noise
-        left = 2 * len(begin)
-        if best.squares < (SMOOTH * _noise(problem, best)) ** 2:
-            return None
-    more = len(names) - count
-    chance = f_distribution.sf(gain / max(free.squares, 1e-300) * left / more, more, left)
-    return free if chance < RARE else None
 
 
-def _noise(problem: Problem, best: Estimate) -> float:
-    """What the weighted noise of the force is at most, with 99 % confidence: of the residuals before contact, whose
-    variance has n (1 - rho²)/(1 + rho²) degrees of freedom; or where these are few, of the second differences."""
-    noise = []
-    for press, off, touch, w in zip(problem.presses, best.residuals, best.touches, problem.weight, strict=True):
-        before = off[: int(np.argmax(press.depth > touch))]
-        before = before - before.mean() if len(before) else before
-        tau = inflation([before], 1)
-        rho = (tau - 1.0) / (tau + 1.0)
-        count = len(before) * (1.0 - rho**2) / (1.0 + rho**2) - 1.0
-        if count >= LEAST_FREE:
-            size = float(before.std()) * math.sqrt(count / chi2.ppf(0.01, count))
-        else:  # 4: of noise with a correlation of 0.9 from row to row
-            size = 4.0 * float(np.median(np.abs(np.diff(press.force, 2)))) / 0.6745 / math.sqrt(6.0)
-        noise.append(size * float(np.median(w)))
-    return max(noise)
+def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
+    """Probability that the noise alone is as near to each other shape of the force as the residuals of a fit are.
 
-
-def _fewer_runs(presses: Sequence[Press], best: Estimate) -> bool:
-    """Whether the residuals in contact change sign more rarely than those before it, which are noise alone."""
-    free, pressed = _changes(presses, best, False), _changes(presses, best, True)
-    if min(free[1], pressed[1]) < FEW:
-        return False
-    share = (free[0] + pressed[0]) / (free[1] + pressed[1])
-    spread = math.sqrt(max(share * (1.0 - share), 1e-12) * (1.0 / free[1] + 1.0 / pressed[1]))
-    spread /= math.sqrt(min(2.0 * max(share, 1e-6), 1.0))  # changes of correlated noise come in clusters
-    return bool(norm.sf((free[0] / free[1] - pressed[0] / pressed[1]) / spread) < RARE)
-
-
-def _changes(presses: Sequence[Press], best: Estimate, contact: bool) -> tuple[int, int]:
-    """Changes of sign from row to row of the residuals, in contact or before it, and of how many rows."""
-    changes = rows = 0
-    for press, off, touch in zip(presses, best.residuals, best.touches, strict=True):
-        begin = int(np.argmax(press.depth > touch))
-        signs = np.sign(off[begin:] if contact else off[:begin])
-        changes += int((np.diff(signs) != 0).sum())
-        rows += max(len(signs) - 1, 0)
-    return changes, rows
+    The shapes are small changes: of the baseline, of the law by a smooth factor, of the law with the rate, and of the
+    mean of each of some blocks of rows in contact.
+    """
+    columns: dict[str, list[np.ndarray]] = {}
+    blocks = max(2, min(BLOCKS_MOST, problem.count // (10 * len(problem.presses))))
+    for i, (press, touch, w) in enumerate(zip(problem.presses, best.touches, problem.weight, strict=True)):
+        x = np.maximum(press.depth - touch, 0.0)
+        x, force = x / max(float(x.max()), 1e-300), best.fitted[i] * w
+        pressed = np.flatnonzero(x > 0.0)
+        own: dict[str, list[np.ndarray]] = {BENT: [force * np.sqrt(x), force * x], DRIFT: [w * press.elapsed]}
+        if problem.kind == "none" and press.time is not None:
+            own[RATE] = [force * press.rate]
+        own[BLOCKS] = [w * np.isin(np.arange(len(x)), rows) for rows in np.array_split(pressed, blocks)]
+        for what, each in own.items():
+            columns.setdefault(what, []).append(np.stack(each, axis=1))
+    shared = {BENT: np.concatenate, RATE: np.concatenate}
+    groups = {what: shared.get(what, lambda each: block_diag(*each))(each) for what, each in columns.items()}
+    weighted = [r * w for r, w in zip(best.residuals, problem.weight, strict=True)]
+    return lack_of_fit(weighted, problem.jacobian(best.at), groups, EXACT)

@@ -115,6 +115,9 @@ class Problem:
             self.baselines.append((f"zero, {press.name}", i, np.full(len(press.force), 0.01 * peak)))
             if press.drifts:
                 self.baselines.append((f"drift, {press.name}", i, 0.01 * peak * press.elapsed))
+        self.names = [p.name for p in self.parameters]
+        self.names += [f"touch, {p.name}" for p in presses] if free_touch else []
+        self.names += [name for name, _, _ in self.baselines]
         self.count = sum(len(p.force) for p in presses)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -260,12 +263,9 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
             own.low = min(own.low, p.low if math.isnan(ends[0]) else ends[0])
             own.high = max(own.high, p.high if math.isnan(ends[1]) else ends[1])
             own.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
-    names = [p.name for p in problem.parameters]
-    names += [f"touch, {p.name}" for p in problem.presses] if problem.free_touch else []
-    names += [name for name, _, _ in problem.baselines]
     alike = sum(c <= least * 1.01 + 1e-12 for _, c in found) / starts
     return Estimate(
-        problem.parameters, intervals, problem.touches(x), names, cov / np.outer(errors, errors),
+        problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
         float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, least / count,
         runs(weighted), x, errors,
     )  # fmt: skip

@@ -107,7 +107,8 @@ def fit_tissue(
         problem = made(loaded)
         best = estimate(problem)
     between(problem, made, best)
-    notes += checks.baselines(problem, best) + checks.widen(problem, best)
+    misfits, hidden = checks.widen(problem, best)
+    notes += checks.baselines(problem, best) + misfits
     if rig.kind == "fingertip" and relaxation != "none":
         best.withhold()
         notes.append(
@@ -118,7 +119,7 @@ def fit_tissue(
     fitted = Fit(rig, law, relaxation, loaded, best, [], {}, [], notes, given=list(presses))
     fitted.held_out = [_predicted(problem, best, press) for press in kept]
     fitted.sensitivity = _sensitivity(fitted, made)
-    fitted.open_ = _open(fitted)
+    fitted.open_ = hidden + _open(fitted)
     if "finite elements" in law.remark:
         fitted.notes.append(_mesh_error(fitted))
     if compare:

@@ -24,11 +24,14 @@ PRESS = (
 )  # fmt: skip
 
 
+SWITCHED = {"band": ["scene.finger.band=true"], "ledger": ["scene.energy.ledger=true"]}
+
+
 def kill(name: str, folder) -> list[int] | None:
     """Kill the process of a node in a press. The ticks that the contact left out one after the other in the 30 ms after
     it, and the steps in which contact or device lacked an input; None where the machine was too busy before."""
     file = folder / "run.mcap"
-    launch = find("kidney").but(record=file, place="apart", clock="real", overrides=PRESS)
+    launch = find("kidney").but(record=file, place="apart", clock="real", overrides=[*PRESS, *SWITCHED.get(name, ())])
     graph = launch.load()
     set_recording(graph, file)
     steps = plan(graph)
@@ -58,12 +61,13 @@ def kill(name: str, folder) -> list[int] | None:
 
 
 @pytest.mark.timeout(300)
-def test_the_normal_force_stays_when_friction_is_killed(tmp_path):
+@pytest.mark.parametrize("name", ["friction", *(pytest.param(name, marks=pytest.mark.long) for name in SWITCHED)])
+def test_the_normal_force_stays_when_an_effect_is_killed(tmp_path, name):
     """The teardown of a process of the force path used to keep the others on its core from running for 5 to 15 ms. On a
     busy machine others may do the same at any time, so one undisturbed run of several is enough."""
     seen = []
     for _ in range(TRIES):
-        found = kill("friction", tmp_path)
+        found = kill(name, tmp_path)
         seen.append(found)
         if found is not None and found[0] <= 4 and found[1] == 0:
             return

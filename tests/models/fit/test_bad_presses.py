@@ -15,6 +15,7 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.fit import fit_tissue
 from palpate.models.fit.tissue.measured import prepared
 from palpate.models.fit.tissue.report import data
+from palpate.models.fit.tissue.residuals import lack_of_fit
 from palpate.models.fit.tissue.rigs import Rig
 
 RADIUS = 8e-3
@@ -76,6 +77,8 @@ FLAWS = [
     ({"limit": 0.75, "late": True}, "saturated"),
     ({"layer": 6e-3}, "misfits"),
     ({"steep": 1500.0}, "misfits"),
+    ({"layer": 5e-3, "correlation": 0.9}, "misfits"),
+    ({"steep": 1500.0, "correlation": 0.9}, "misfits"),
 ]
 
 
@@ -104,6 +107,53 @@ def test_good_presses_say_nothing(correlation):
                 how = way | {"size": size, "correlation": correlation, "seed": seed, "back": bool(seed % 2)}
                 said += any("after the deepest" not in note for note in fitted(**how).notes)
     assert said <= 2
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_a_plateau_under_noise_is_left_out(correlation):
+    fit = fitted(limit=0.6, late=True, size=0.01, correlation=correlation)
+    assert any("saturated sensor" in note for note in fit.notes)
+    begins = 0.6 ** (2 / 3) * 0.7e-3
+    assert 0.9 * begins < fit.presses[0].depth.max() < 1.05 * begins
+
+
+def test_rows_beyond_the_reach_of_the_law_are_left_out_with_a_note():
+    fit = fitted(depth=1.2e-3)
+    (note,) = (note for note in fit.notes if "deeper rows" in note)
+    assert "law hertz is valid to 0.8 mm" in note
+    assert fit.deepest == approx(0.1 * RADIUS, rel=0.02)
+    own = fit.estimate.intervals["young"]
+    assert own.low < 7300.0 < own.high and not fit.estimate.withheld
+
+
+def test_a_fingertip_that_relaxes_has_no_interval():
+    fit = fit_tissue([prepared("press.csv", *rows(rate=30.0, back=True))], Rig("fingertip"), "power", "hunt-crossley")
+    assert fit.estimate.withheld and any("no interval is given" in note for note in fit.notes)
+    for parameter in fit.estimate.parameters:
+        own = fit.estimate.intervals[parameter.name]
+        assert (own.low, own.high) == (parameter.low, parameter.high)
+    assert data(fit)["withheld"]
+
+
+def noisy(slopes, correlation, rng, n=200):
+    """Chances of two groups of columns in noise, and with the first of them added."""
+    x = np.linspace(0.0, 1.0, n)
+    own, groups = np.stack([x, x**0], axis=1), {"bend": x[:, None] ** 2, "wave": np.sin(40.0 * x)[:, None]}
+    return lack_of_fit([slopes * x**2 + noise(n, correlation, rng)], own, groups, 0.0)
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.6, 0.9])
+def test_noise_alone_is_said_to_be_chance_as_often_as_it_is(correlation):
+    rng, tries = np.random.default_rng(5), 100
+    found = [noisy(0.0, correlation, rng) for _ in range(tries)]
+    for name in ("bend", "wave"):
+        assert sum(chances[name] < 0.05 for chances in found) < 0.1 * tries
+
+
+def test_what_is_not_noise_is_found_though_the_noise_is_as_smooth():
+    rng = np.random.default_rng(6)
+    assert all(noisy(40.0, 0.9, rng)["bend"] < 0.01 for _ in range(20))
+    assert all(noisy(1.0, 0.0, rng)["wave"] > 1e-4 for _ in range(20))
 
 
 def test_drift_and_a_late_start_are_corrected_in_several_presses_at_once():
