@@ -67,7 +67,7 @@ def make(node: ReducedFE, path: Path, stages: Stages | None = None, commit: str 
         check_folder(path.parent)
     except OSError as error:
         raise SettingError(
-            f"folder {path.parent}: {error.strerror}; expected one that can be written, such as --to bases"
+            f"folder {path.parent}: {error.strerror}; expected one that can be written, such as -o bases"
         ) from None
     basis, missed = built(node, stages or Silent())
     inputs = node.inputs()

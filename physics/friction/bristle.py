@@ -120,7 +120,8 @@ def step(kernel: Kernel, before: Bristles, normal: Vector, slip: Vector, load: f
     if not load > 0.0:
         return Bristles(), NOTHING, False
     z, v = kernel.carry(before.z, before.normal, normal, slip)
-    slack, wear = NOTHING, ()
+    slack: Vector = NOTHING
+    wear: tuple[float, ...] = ()
     if kernel.drag is not None:
         slack, path = kernel.drag(before.slack, before.normal, normal, v, dt, kernel.play)
         wear = (path,)

@@ -157,7 +157,7 @@ def test_a_file_of_laws_becomes_settings(tmp_path):
     [
         (LAW, "2", "'subject' .1.: found '2', expected one of those of .*: 1"),
         ("{", "", "not a YAML file"),
-        ("a: 1", "", "has no mapping 'subjects'"),
+        ("a: 1", "", "has no 'subjects'"),
         ("subjects: {a: {mean: linear}}", "", "subject 'a' of .*: expected mean, mean_parameters"),
         (LAW.replace("quadratic", "cubic"), "", "'mean' .1.: found 'cubic', expected one of linear"),
         (LAW.replace("300.0, 0.0", "300.0"), "", "expected 3 finite numbers for 'quadratic': k1 .N/m.2., k2"),

@@ -76,7 +76,7 @@ def test_a_linear_body_of_the_right_stiffness_is_nearer_than_one_of_half():
 
 
 @pytest.mark.parametrize(
-    ("name", "why"), [("Raises", "no convergence in 40 iterations"), ("Drifts", "not finite|InputError")]
+    ("name", "why"), [("Raises", "no convergence in 40 iterations"), ("Drifts", "expected a finite number")]
 )
 def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
     cell = one(TOUCHES["indent"], user(name), DEFAULT)

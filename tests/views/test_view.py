@@ -89,7 +89,7 @@ def test_what_was_cut_off_is_shown_as_far_as_it_goes(file, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
     reel = RecordingSource(cut)
-    assert 0.1 < reel.curves[0]["t"][-1] < 0.65 and "recover" in reel.recording.ending
+    assert 0.1 < reel.curves[0]["t"][-1] < 0.65 and "--to mcap" in reel.recording.ending
     assert read(reel.frame(reel.curves[0]["t"][-1], 0))[0]["time"] == pytest.approx(reel.curves[0]["t"][-1])
 
 

@@ -71,9 +71,7 @@ def test_reduce_refuses_in_one_line_before_the_minutes_of_the_build(tmp_path):
     assert "expected at most 18000" in fine["text"] and "`coarse`" in fine["text"]
     (tmp_path / "file").write_text("")
     small = ["--set", "surface=sphere", "--set", "coarse=61"]
-    one_line(
-        run("build", "basis", *small, "--out", str(tmp_path / "file" / "bases")), 2, "Not a directory", "--out bases"
-    )
+    one_line(run("build", "basis", *small, "--out", str(tmp_path / "file" / "bases")), 2, "Not a directory", "-o bases")
 
 
 def test_reduce_that_is_stopped_leaves_nothing(tmp_path, monkeypatch):
