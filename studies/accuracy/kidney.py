@@ -24,10 +24,8 @@ from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum, felupe
 from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, YOUNG, ContinuumCurve, pressed
 
-LEVELS = np.array([0.1, 0.3, 0.6, 1.0])
-"""[N] Forces at which a curve is known."""
-DOWN = -0.5
-"""[1] As of `fe.meshing.organ`."""
+LEVELS = np.array([0.1, 0.3, 0.6, 1.0])  # [N] Forces at which a curve is known
+DOWN = -0.5  # [1] As of `fe.meshing.organ`
 NO_TOP = (np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64))
 """The curves here have no shape."""
 FAR = 0.5  # [1] Share of the cube's half side up to which the path is told
@@ -119,7 +117,7 @@ def cut(block: Kidney) -> tuple[Frame, list[np.ndarray]]:
 
 
 def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
-    """Press the kidney with `fe.Solver`. The curve has no shape.
+    """Press the kidney with `fe.Solver`.
 
     Two sides of the cube are one smooth side where they meet, so that curved tetrahedra there would cross: those keep
     straight edges.
@@ -167,10 +165,7 @@ def pressure(points: np.ndarray) -> np.ndarray:
 
 
 def press_felupe(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
-    """Press the kidney with FElupe. The curve has no shape.
-
-    MissingError: it is not installed.
-    """
+    """Press the kidney with FElupe. MissingError: it is not installed."""
     fem = felupe.library()
     frame, axes = cut(block)
     mesh = felupe.bricks(fem, tuple(axes))

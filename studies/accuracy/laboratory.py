@@ -4,6 +4,7 @@ A load step of the static curve is the step that is priced; the touch over time 
 """
 
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 
 import numpy as np
@@ -30,15 +31,12 @@ def missing() -> list[str]:
 
 def methods() -> list[Method]:
     """Full FE, and the outside solvers that are installed."""
-    known = [Method("full-FE", "full FE", _pressed, _meshes("fe"), lambda touch: _refuses("fe", touch))]
+    known = [Method("full-FE", "full FE", _pressed, _meshes("fe"), partial(_refuses, "fe"))]
     for name, module in OUTSIDE.items():
         if version := module.version():
             own = name.lower()
-
-            def refuses(touch: BenchCase, solver: str = own) -> str:
-                return _refuses(solver, touch)
-
-            known.append(Method(name, f"{name} {version}", _pressed, _meshes(own), refuses, (version,)))
+            title = f"{name} {version}"
+            known.append(Method(name, title, _pressed, _meshes(own), partial(_refuses, own), (version,)))
     return known
 
 

@@ -24,12 +24,9 @@ from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
 
 INSTALL = "apt-get install calculix-ccx"
-MM = 1e3
-"""[mm/m]"""
-MPA = 1e-6
-"""[MPa/Pa], and [N/mm over N/m] of a stiffness per area."""
-LAST = 400
-"""Characters of what it printed that are told of a failed run."""
+MM = 1e3  # [mm/m]
+MPA = 1e-6  # [MPa/Pa]
+LAST = 400  # Characters of what it printed that are told of a failed run
 
 
 @lru_cache(maxsize=1)

@@ -11,23 +11,18 @@ import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.linalg import splu
 
-from palpate.physics.extras import install, missing
+from palpate.physics.extras import install, missing, package_version
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Pressure
 
 INSTALL = install("bench")
-POINTS = 8
-"""On a brick's face, a direction, at which the pressure on a block is taken."""
+POINTS = 8  # On a brick's face, a direction, at which the pressure on a block is taken
 
 
 def version() -> str | None:
     """Of FElupe; None where it is not installed."""
-    try:
-        import felupe
-    except ImportError:
-        return None
-    return str(felupe.__version__)
+    return package_version("felupe")
 
 
 def library() -> Any:
@@ -101,18 +96,15 @@ def balance(
 
 
 class Item:
-    """What FElupe takes beside solids: has `_vector` and `_matrix`."""
+    """What FElupe takes beside solids."""
+
+    _vector: Callable[..., Any]
+    _matrix: Callable[..., Any]
 
     def __init__(self, field: Any) -> None:
         self.field = field
         self.assemble = SimpleNamespace(vector=self._vector, matrix=self._matrix, multiplier=None)
         self.results = SimpleNamespace(update_statevars=lambda: None)
-
-    def _vector(self, field: Any = None, **_: Any) -> csr_matrix:
-        raise NotImplementedError
-
-    def _matrix(self, field: Any = None, **_: Any) -> csr_matrix:
-        raise NotImplementedError
 
 
 class Outer(Item):

@@ -22,16 +22,12 @@ from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
 
 INSTALL = install("bench")
-
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
 """What `elastic3d` of a flex stands for. The first is MuJoCo's own; the second is called experimental there."""
-STEP, DAMPING, DENSITY = 0.01, 0.01, 1000.0
-"""[s], [s] Rayleigh's, [kg/m³]"""
-REST = 1e-5
-"""[1] Share of the indentation by which it changes in none of the last `STILL` steps at rest."""
-STILL = 3
-LONGEST = 1000
-"""Steps after which it is said not to come to rest."""
+STEP, DAMPING, DENSITY = 0.01, 0.01, 1000.0  # [s], [s] Rayleigh's, [kg/m³]
+REST, STILL = 1e-5, 3
+"""[1] Share of the indentation by which it changes in none of so many last steps at rest."""
+LONGEST = 1000  # Steps after which it is said not to come to rest
 
 
 def version() -> str | None:
