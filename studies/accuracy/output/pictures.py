@@ -55,7 +55,7 @@ def touch_picture(cells: Sequence[Cell], path: Path) -> None:
 def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
     """All touches: the median error of each method and setting over its median time. Open marks: of fewer
     touches than others compute."""
-    drawn, axes = _empty("Force error over the time of a step, each on the touches it computes")
+    drawn, axes = _empty("Force error over step time, each on the touches it computes")
     look = _looks(cells)
     points = [(s.p99, max(s.error, LEAST)) for s in told]
     most = max(s.computed for s in told)
@@ -71,7 +71,7 @@ def overview(told: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> 
                   label=f"{first.title}: {first.computed}, {first.charged}")  # fmt: skip
     _front(axes, [points[k] for k in on_front], f"Pareto front of those with {most}")
     below = f"; at {LEAST:g} what is less" if any(s.error < LEAST for s in told) else ""
-    _finish(axes, f"rms error of the force over its peak, median of the touches computed{below}", points)
+    _finish(axes, f"rms error of the force over its peak,\nmedian of the touches computed{below}", points)
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
                 title="touches computed, unsupported")  # fmt: skip
     _label(axes, [(*points[k], f"{told[k].title}, {told[k].fidelity}", look[told[k].method][0]) for k in on_front])
