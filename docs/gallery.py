@@ -15,7 +15,7 @@ TARGET = Path(__file__).with_name("gallery.md")
 HEAD = """# Gallery
 
 Every graph that ships, as `python docs/gallery.py` writes it, with a picture by `python docs/pictures/gallery.py`: the
-surface at its deepest instant, or what the run draws of itself; devices and sensors are emulators, each on its own. A
+surface at its deepest instant, or one of the run's pictures; devices and sensors are emulators. A
 run ends with its [pictures](pictures.md); `palpate picture FILE --film` makes a [film](python.md) of its recording.
 `palpate plan GRAPH` lists what runs and why.
 

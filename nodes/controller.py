@@ -138,7 +138,7 @@ class Haptic(Node):
         self._notes.append(
             f"Haptic: the contact rises by more than {most:.0f} N/m, the stiffest that this device can show at this "
             "rate and delay, so the hand feels a softer one, and may swing by some tenths of a millimetre where it "
-            "presses hard. `palpate bench stability` tells the bounds"
+            "presses hard. `palpate bench stability` computes the bounds"
         )
 
     def step(

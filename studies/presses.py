@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.launch.load.values.units import convert, split
+from palpate.launch.load.values.units import UnitError, convert, split
 from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import Press, prepared, read_presses
@@ -47,10 +47,13 @@ class Presses:
 
 
 def length(option: str, text: str) -> float:
-    """[m] of a length on the command line. UnitError, SessionError: it is none, or has no unit."""
+    """[m] of a length on the command line. SessionError: it is none, or has no unit."""
     if not split(text)[1]:
         raise SessionError(f"{option}: found {text!r}, expected a length with its unit, such as {option} '{text} mm'")
-    return convert(text, "m")
+    try:
+        return convert(text, "m")
+    except UnitError as error:
+        raise SessionError(f"{option}: {error}") from None
 
 
 def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:

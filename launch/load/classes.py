@@ -61,7 +61,8 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     if cls is None:
         known = [c.__name__ for c in classes(module)]
         close = choices(f"{module_name} has", name, known)
-        raise ClassError(f"use: {module_name!r} has no class {name!r}", f"{close} {_fitting(use, sends)}".strip())
+        more = "" if close.startswith("Did you mean") and not sends else _fitting(use, sends)
+        raise ClassError(f"use: {module_name!r} has no class {name!r}", f"{close} {more}".strip())
     if not (isinstance(cls, type) and issubclass(cls, Node)):
         what = f"the class {cls.__name__}" if isinstance(cls, type) else f"a {type(cls).__name__}"
         raise ClassError(f"use: {use!r} is {what}, expected a subclass of palpate.nodes.Node", _fitting(use, sends))

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal
 
 import msgspec
 
-from palpate.engine.faults import Faults, GraphError, choices
+from palpate.engine.faults import Fault, Faults, GraphError, choices
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
 from palpate.launch.load.files import GRAPHS, PLACES, SCENES, Override, find_file
@@ -120,6 +120,10 @@ def _read(path: Path) -> LaunchFile:
     source = read(path)
     data = source.data
     if isinstance(data, dict) and "graph" in data and "nodes" not in data:
+        for key, what in (("over", "study"), ("vary", "experiment")):
+            if key in data:
+                text = f"{path.name}: found a file for `palpate {what}`, expected a graph or launch file"
+                raise GraphError([Fault(text, f"`palpate {what} {path.name}` checks and runs it.")])
         return _run(source, path, _Launch)
     if isinstance(data, dict) and data.get("run") is not None:
         return replace(_run(source.sub("run"), path, _Run), path=None)

@@ -276,7 +276,10 @@ def _check_writable(file: Path) -> None:
         check_file(file)
         file.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OSError(f"recording {file}: {error.strerror}; --record FILE takes another place") from None
+        what = f"{error.strerror}; choose another file with --record FILE"
+        raise OSError(
+            error.errno, what, f"recording {file}"
+        ) from None  # with a file name it is wrong input: exit code 2
 
 
 def _is_here(host: str | None) -> bool:

@@ -72,6 +72,31 @@ def test_wrong_input_has_exit_code_2_in_every_command(words):
     assert say(*words).exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("new", "graph", "mine", "--takes", "Load"), "--takes and --sends are for a node"),
+        (("fit", "record", "x.csv", "--subject", "A", "--session", "1", "--duration", "3 kg"), "expected a time"),
+        (("fit", "record", "x.csv", "--subject", "A", "--session", "1", "--duration", "0.1"), "0.5 s to 1 h"),
+        (("fit", "tissue", "x.csv", "--rig", "ball", "--radius", "8 kg", "--law", "hertz"), "--radius: found '8 kg'"),
+        (("export", GOLDEN, "--to", "xls"), "csv or mcap"),
+        (("check", "mystudy.yaml"), "palpate study mystudy.yaml"),
+        (("check", "myexperiment.yaml"), "palpate experiment myexperiment.yaml"),
+    ],
+)  # fmt: skip
+def test_wrong_input_names_the_option_or_command_that_works(words, text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for kind in ("study", "experiment"):
+        assert say("new", kind, f"my{kind}").exit_code == 0
+    told = say(*words)
+    assert told.exit_code == 2 and text in " ".join(told.output.replace("│", " ").split()), told.output
+
+
+def test_a_misspelt_class_has_one_suggestion():
+    told = say("list", "nodes", "deformation.MassSprng")
+    assert told.exit_code == 2 and told.stderr.count("Did you mean") == 1
+
+
 def test_the_help_fits_on_one_screen():
     """24 commands at most, in 7 groups of 8 at most, each on one line: 50 lines of 80 columns."""
     text = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}).stdout

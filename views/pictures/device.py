@@ -38,7 +38,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     else:
         how = "−∫ F·dx over the whole run, F held from tick to tick"
     lower.plot(time, energy * 1e3, color=ENERGY)
-    lower.set_title(f"{how}; least {energy.min() * 1e3:.2f} mJ")
+    lower.set_title(f"{how}; least {round(energy.min() * 1e3, 2) + 0.0:.2f} mJ")
     lower.set_ylabel("energy [mJ]")
     over_time(lower, time, touch.shown, touch.span)
     return out

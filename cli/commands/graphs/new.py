@@ -12,6 +12,7 @@ from palpate.cli.terminal.output import tell
 
 EXAMPLE = "palpate new graph mine --like kidney"
 NODE = "node"
+TAKES, SENDS = "Contact", "Force"
 KINDS = {
     "graph": ("", "kidney", "palpate check {file} && palpate run {file}"),
     "scene": ("scenes", "kidney", "palpate run kidney --scene {file}"),
@@ -38,8 +39,8 @@ def new(
     like: Annotated[
         str | None, typer.Option(help="Shipped file that is copied; for a launch file the graph that it runs.")
     ] = None,
-    takes: Annotated[str, typer.Option(help="Of a node: message type that drives it.")] = "Contact",
-    sends: Annotated[str, typer.Option(help="Of a node: message type that it sends.")] = "Force",
+    takes: Annotated[str, typer.Option(help="Of a node: message type that drives it.")] = TAKES,
+    sends: Annotated[str, typer.Option(help="Of a node: message type that it sends.")] = SENDS,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
     force: Force = False,
     as_json: Json = False,
@@ -51,6 +52,8 @@ def new(
     from palpate.cli.terminal.options import one_of
 
     one_of("KIND", kind, *KINDS, NODE)
+    if kind != NODE and (takes, sends) != (TAKES, SENDS):
+        raise typer.BadParameter(f"--takes and --sends are for a node, found {kind}")
     if kind == NODE:
         texts, following = _node(name, takes, sends)
     else:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import File, Json, Trust
+from palpate.cli.terminal.options import File, Json, Trust, one_of
 from palpate.cli.terminal.output import say, tell
 from palpate.physics.errors import TROUBLE
 
@@ -44,9 +44,11 @@ def export(
         return
     if full:
         raise typer.BadParameter(f"--full is for --to mcap, found --to {to}")
+    from palpate.records.export import FORMATS
     from palpate.records.export import export as write
     from palpate.records.reader import Recording
 
+    one_of("--to", to, *FORMATS, MCAP)
     recording = Recording(file)
     notes: list[str] = []
     written = write(recording, to, out, stream or (), every=every, tell=notes.append)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, Sets
+from palpate.cli.terminal.options import Json, Sets, seconds
 from palpate.cli.terminal.output import console, tell
 from palpate.physics.errors import TROUBLE
 
@@ -19,7 +19,12 @@ def record(
     session: Annotated[str, typer.Option(help="Name of this press; use a new one for each press.")],
     graph: Annotated[str, typer.Option(help="Graph with a pose `finger` and a force `sensor`.")] = "indentation",
     sets: Sets = None,
-    duration: Annotated[float, typer.Option(help="Duration of the press, in s.", min=0.5, max=3600)] = 10.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            help="Duration of the press: seconds, or with a unit; by default 10 s.", parser=seconds, metavar="TIME"
+        ),
+    ] = None,
     depth: Annotated[float, typer.Option(help="Largest depth in the table, in mm.", min=0.1, max=100)] = 5.0,
     step: Annotated[float, typer.Option(help="Spacing of the depths, in mm.", min=0.01, max=10)] = 0.5,
     touch: Annotated[float, typer.Option(help="Force at which contact begins, in N.", min=1e-4, max=10)] = 0.05,
@@ -39,6 +44,9 @@ def record(
     from palpate.models.fit.sessions import SessionError
     from palpate.records.reader import Recording
 
+    duration = duration or 10.0
+    if not 0.5 <= duration <= 3600.0:
+        raise typer.BadParameter(f"--duration: found {duration:g} s, expected 0.5 s to 1 h")
     rows_before(sessions, subject, session)  # refused before anybody presses, and before its recording is written over
     file = sessions.with_name(f"{sessions.stem}-{subject}-{session}.mcap")
     launch = find(graph).but(overrides=sets or (), duration=duration, record=file, clock="real")
