@@ -220,8 +220,8 @@ def add_others(model, dt, numbers, aside, others):
     numbers[DEEP] = max(numbers[NOW] / (radius * DEEPEST) - 1.0, 0.0)
     then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
-    # of a convex s(f): so contact comes to its force from above, and does not swing
-    if slope * take * self_compliance > numbers[COMPLIANCE]:
+    # The tangent of a convex s(f): contact comes to its force from above, and does not swing. At rest s_free stays 0.
+    if numbers[TOTAL] + others > LEAST_FORCE and slope * take * self_compliance > numbers[COMPLIANCE]:
         numbers[COMPLIANCE] = slope * take * self_compliance
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
     numbers[MORE] = (numbers[NOW] - now) / self_compliance

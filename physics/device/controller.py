@@ -114,7 +114,11 @@ def render(gains, state, before, force, n, approach, place, lag, dt):
     """
     wx, wy, wz = place[0] - state[PLACE, 0], place[1] - state[PLACE, 1], place[2] - state[PLACE, 2]
     along = wx * n[0] + wy * n[1] + wz * n[2]
-    sideways = dragged(state[DRAGGED], n, place, SPAN * gains[RESOLUTION])
+    sideways = 0.0
+    if force > 0.0:
+        sideways = dragged(state[DRAGGED], n, place, SPAN * gains[RESOLUTION])
+    else:  # in air there is no plane: n is that of the last contact, or of a contact that sleeps
+        state[DRAGGED, 0], state[DRAGGED, 1], state[DRAGGED, 2] = place[0], place[1], place[2]
     most = stiffest(gains[MASS], gains[DRAG], gains[RESOLUTION], lag)
     if state[ENERGY, RISE] > 0.0:  # after an outage the force also rises while the finger rests
         state[WALL, LINE] += RECOVERY * dt
