@@ -16,8 +16,8 @@ ZERO = (0.0, 0.0, 0.0)
 GENTLE = 500.0  # [N/s] by which the force of the added damping rises at most after an outage, until contact ends
 SETTLE = 1.0  # [s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`
 LENT = 0.5e-3  # [J] of debt that the display may make after an outage before the force stops rising
-STEEP = 0.25  # [s] of contact over which the share is averaged that is withheld of a force too steep to be shown
-MOST_WITHHELD = 0.01  # [1] beyond which it is told
+STEEP = 0.25  # [s] of contact over which a force is averaged that is too steep to be shown, and what is withheld of it
+MOST_WITHHELD = 0.05  # [1] of the force beyond which a note says so; people notice a change of some 7 %
 YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
 PATIENCE = 0.5  # [s] of withheld force after which the debt may grow, and a note says so
 POWER = 10e-3  # [W] by which the debt may grow then, until all of the force is back
@@ -76,7 +76,8 @@ class Haptic(Node):
         self._outage = 0.0
         """[s] For which less than the full force of a contact has been given."""
         self._open, self._tripped = 1.0, False
-        self._withheld, self._cautioned, self._reported = 0.0, False, False
+        self._steep = [0.0, 0.0]  # [N] averages of the contact's force and of what is withheld of it
+        self._cautioned = self._reported = False
         self._notes = []
         self.state, self.past = buffers(self.delay)
         self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
@@ -179,8 +180,8 @@ class Haptic(Node):
         )  # fmt: skip
         if touching and not self._cautioned:
             line, law, cut, _ = self.state[WALL].tolist()
-            withheld = max(1.0 - line / law, 0.0) if cut and law > 0.0 else 0.0
-            self._withheld += (withheld - self._withheld) * usual / STEEP
-            if self._withheld > MOST_WITHHELD:
+            for i, now in enumerate((law, max(law - line, 0.0) if cut else 0.0)):
+                self._steep[i] += (now - self._steep[i]) * usual / STEEP
+            if self._steep[1] > MOST_WITHHELD * self._steep[0]:
                 self._caution(usual)
         return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)

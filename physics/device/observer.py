@@ -18,7 +18,8 @@ derivative of x. u is the place x + v dt that the observer expects, moved into [
 a motion that agrees with the readings feels no count. The interval is half as wide as a count's cell: a wider one lets
 x lag behind a finger that turns round, which gives energy to a stiff contact. Where the expected place is m > 1 counts
 from u, w grows as m^1.5: a finger that hits a wall is followed faster. p never points against the last change of the
-reading. Farther than `LOST` counts from the reading x begins anew at it.
+reading. x is never farther than `FAR` counts from the reading, whatever was lost before it: there it goes on at the mean
+speed since the last one.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
 Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as the bound of the estimate.
@@ -37,7 +38,7 @@ BLEND = 0.03  # [s] in which it replaces the reading
 FADE = 0.02  # [s] in which its difference from the reading dies down after a rest
 BAND, TURNED_BAND = 1.5, 2.5  # [counts] that readings of a rest span at most, before and after the finger turns round
 CELL = 0.25  # [counts] from the reading within which a place agrees with it
-LOST = 50.0  # [counts] from the reading, where the observer begins anew
+FAR = 4.0  # [counts] at most from the reading
 PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED = range(11)
 
 
@@ -96,13 +97,15 @@ def follow(axis, reading, count, dt):
     a, b = 3.0 * w * dt, w + w * w * dt / 3.0
     v = (v + a * (axis[TREND] + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
     x += v * dt
-    axis[PLACE], axis[SPEED] = x, v
     axis[TREND] += w * w / 3.0 * dt * (wanted - x)
     if axis[TREND] * axis[WAY] < 0.0:
         axis[TREND] = 0.0
-    if not abs(x - reading) <= LOST * count:
-        begin(axis, reading)
-    return axis[PLACE]
+    if not abs(x - reading) <= FAR * count:
+        x = min(max(x, reading - FAR * count), reading + FAR * count) if abs(x) < math.inf else reading
+        v = (x - axis[PLACE]) / dt
+        axis[TREND] = 0.0
+    axis[PLACE], axis[SPEED] = x, v
+    return x
 
 
 def buffers() -> np.ndarray:

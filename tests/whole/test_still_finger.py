@@ -69,3 +69,11 @@ def test_every_body_lets_a_finger_hold_still_under_the_encoder(tmp_path, body, h
     """Without a filter, about a parabola: beams go on relaxing."""
     held = force(tmp_path, (0.0, 0.0, height), f"tissue.use=deformation.{body}", f"rate={rate}")
     assert noise(held, rate, trend=True) < 0.03
+
+
+@pytest.mark.parametrize(("body", "told"), [("MassSpring", 0), ("Rigid", 1)])
+def test_a_contact_that_is_too_stiff_to_be_shown_is_told_once(body, told):
+    """The shipped touch of the kidney loses below 5 % of its force to the device's limit; a rigid one most of it."""
+    launch = find("kidney").but(place="fused", duration=0.9, overrides=(f"tissue.use=deformation.{body}",))
+    notes = execute(launch).result.notes
+    assert sum("the hand feels a softer one" in text for text in notes) == told
