@@ -18,8 +18,8 @@ derivative of x. u is the place x + v dt that the observer expects, moved into [
 a motion that agrees with the readings feels no count. The interval is half as wide as a count's cell: a wider one lets
 x lag behind a finger that turns round, which gives energy to a stiff contact. Where the expected place is m > 1 counts
 from u, w grows as m^1.5: a finger that hits a wall is followed faster. p never points against the last change of the
-reading. x is never farther than `FAR` counts from the reading, whatever was lost before it: there it goes on at the mean
-speed since the last one.
+reading. Whatever was lost before it, x is within `FAR` counts of the reading: there it goes on at the mean speed since
+the last one.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
 Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as the bound of the estimate.
