@@ -37,8 +37,8 @@ DEEPER, ALIKE = 1.5, 0.9
 """[1] From this many times that depth on (three quarters of half the width) the normal keeps to the one that it had
 there: least cosine between them."""
 LEAP, ALONG = 1.5e-3, 1.5
-"""[m], [1] Most way of the foot in a step, deep inside: a body answers elsewhere with another dent. A tool that is farther
-along the surface from the last foot, as after samples that were lost, takes it along by so many times that way."""
+"""[m], [1] Most way of the foot in a step, deep inside: a body answers elsewhere with another dent. Where samples were
+lost the tool may be farther along the surface from the last foot: it takes the foot along by so many times that way."""
 BESIDE = 1e-6  # [1] Of a distance, by which it is more than the gap beside a border
 ROUNDING = 1e-7  # [m] Way of a foot that is none
 FAR_BEYOND = 20e-3  # [m] A tool that is so far from the body has been let go, wherever it went in
