@@ -216,7 +216,7 @@ def test_contact_ends_beyond_the_border_of_a_plate(kind, height):
 
 @pytest.mark.parametrize("lost", [0, 17, 40])
 def test_a_finger_deep_inside_takes_its_foot_along_after_samples_were_lost(lost):
-    """Deeper in the kidney than a quarter of its width, 120 mm/s. The foot stayed behind, came after by 13 mm in one step,
+    """Deeper in the kidney than a quarter of its width, 120 mm/s. The foot stayed behind, came after 13 mm in one step,
     and the contact had 36 N."""
     node = FakeBus(Nurbs())
     for z in np.linspace(0.12, 0.091, 60):  # from outside
