@@ -262,10 +262,7 @@ def test_a_folder_of_the_other_kind_is_refused(mark, what, tmp_path):
     assert told.exit_code == 2 and mark in told.stderr and [file.name for file in tmp_path.iterdir()] == [mark]
 
 
-HANGS = pytest.mark.long  # after the other server, in one process
-
-
-@pytest.mark.parametrize("server", ["another key", pytest.param("no key", marks=HANGS)])
+@pytest.mark.parametrize("server", ["another key", "no key"])
 def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make("mine"), keys.make("theirs")
