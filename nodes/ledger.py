@@ -35,6 +35,7 @@ class Energy(Node):
         self._notes = []
 
     def generated(self, part: str) -> float:
+        """Energy [J] that one part has given out and cannot have had."""
         return self._books.part(part).generated
 
     _tripped = False

@@ -19,6 +19,7 @@ def product(a: Any, b: Any) -> np.ndarray:
 
 
 def length(x: np.ndarray) -> float:
+    """Euclidean norm of all numbers of an array."""
     return float(np.sqrt(np.sum(np.square(x))))
 
 

@@ -43,6 +43,7 @@ class Bodies:
 
     @cached_property
     def mesh(self) -> Mesh:
+        """All meshes as one."""
         if len(self.meshes) == 1:
             return self.meshes[0]
         triangles = [m.triangles + first for m, first in zip(self.meshes, self._first, strict=True)]

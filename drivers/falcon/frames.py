@@ -76,6 +76,8 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
 
 
 class FalconFrameReader(FrameReader[bytes]):
+    """Finds the frames of a Falcon."""
+
     head = b"<"
 
     def parse(self, data: bytes) -> tuple[bytes | None, int]:

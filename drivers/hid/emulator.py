@@ -32,6 +32,7 @@ class EmulatedRawHid:
         self.sequence = 0
 
     def connect(self) -> EmulatedRawHid:
+        """Open the device. DeviceError: it is unplugged."""
         if self.days.unplugged(time.monotonic_ns()):
             raise DeviceError(f"no {raw.NAME} on USB: the emulated one is unplugged")
         self.opened = time.monotonic_ns()
@@ -99,6 +100,7 @@ class EmulatedReports:
         self.opened = time.monotonic_ns()
 
     def connect(self) -> EmulatedReports:
+        """Open the device. DeviceError: it is unplugged."""
         if self.days.unplugged(time.monotonic_ns()):
             raise DeviceError("no such device on USB: the emulated one is unplugged")
         self.opened = time.monotonic_ns()

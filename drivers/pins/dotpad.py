@@ -53,6 +53,8 @@ def pack(packet: Packet) -> bytes:
 
 
 class PacketReader(FrameReader[Packet]):
+    """Finds packets in what comes off the line."""
+
     head = SYNC
 
     def parse(self, data: bytes) -> tuple[Packet | None, int]:

@@ -44,6 +44,8 @@ def frame(reading: Reading) -> bytes:
 
 
 class BotaFrameReader(FrameReader[Reading]):
+    """Finds the frames of the sensor."""
+
     head = HEADER
 
     def parse(self, data: bytes) -> tuple[Reading | None, int]:

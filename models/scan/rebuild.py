@@ -32,6 +32,7 @@ class Rebuilt(NamedTuple):
 
 
 def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> FingertipSurfaces:
+    """The surfaces of a finger from its outlines; as `reconstruct`."""
     return reconstruct(outlines, grid, dorsal).tip
 
 

@@ -34,9 +34,11 @@ class Switch:
     off: float = 0.0
 
     def without(self, value: Any) -> Any:
+        """The setting's value without the effect."""
         return [self.off] * len(value) if isinstance(value, list | tuple) else self.off
 
     def has(self, value: Any) -> bool:
+        """Whether this value of the setting has the effect."""
         return any(number != self.off for number in (value if isinstance(value, list | tuple) else [value]))
 
 
@@ -95,5 +97,6 @@ def effects(kind: type[Node]) -> tuple[Effect, ...]:
 
 
 def switch(kind: type[Node], effect: Effect) -> Switch:
+    """The mark of a setting that holds an effect."""
     marks = settings(kind)[effect.setting].marks
     return next(m for m in marks if isinstance(m, Switch) and m.effect == effect.name)

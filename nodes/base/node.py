@@ -120,6 +120,7 @@ class Node:
             setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
 
     def wants(self, field: str) -> bool:
+        """Whether somebody reads this field of the output."""
         return self.wanted is None or field in self.wanted
 
     def start(self) -> None:

@@ -28,11 +28,13 @@ NEAR = 0.01
 
 
 def digest(mesh: Mesh) -> str:
+    """A hash of the vertices and triangles of a mesh."""
     grid = np.floor(mesh.vertices / GRID + 0.3719).astype("<i8")  # off the places where round numbers fall
     return hashlib.sha256(grid.tobytes() + mesh.triangles.astype("<i8").tobytes()).hexdigest()[:16]
 
 
 def key(inputs: dict[str, Any]) -> str:
+    """Hash under which the basis made from these inputs is stored."""
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:16]
 
 
@@ -43,6 +45,7 @@ def shipped() -> dict[str, dict[str, Any]]:
 
 
 def find(folder: Path, wanted: str) -> Path | None:
+    """The basis with this key in a folder."""
     if folder == SHIPPED:
         names = [name for name, about in shipped().items() if about["key"] == wanted]
         return folder / names[0] if names else None
@@ -59,6 +62,7 @@ def about(path: Path) -> dict[str, Any] | None:
 
 
 def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
+    """What two inputs differ in, one text each."""
     return [
         f"{name} was {made.get(name)}, is {wanted.get(name)}"
         for name in sorted(made.keys() | wanted.keys())

@@ -211,6 +211,7 @@ class ReducedFE(WithNodule):
         return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit)
 
     def inputs(self) -> dict[str, Any]:
+        """All that the basis depends on."""
         inputs: dict[str, Any] = {"builder": basis_store.BUILDERS[self._kind()], "surface": _name(self.surface)}
         if self.model == "sampled":
             inputs["modes"] = self.modes
@@ -223,9 +224,11 @@ class ReducedFE(WithNodule):
         return inputs
 
     def key(self) -> str:
+        """Hash under which the basis is stored."""
         return basis_store.key(self.inputs())
 
     def filename(self) -> str:
+        """File name of the basis for these settings."""
         nodule = "-nodule" if self.nodule_radius > 0 else ""
         return f"{_name(self.surface)}{nodule}-{self._kind()}-{self.key()}.npz"
 
@@ -233,6 +236,7 @@ class ReducedFE(WithNodule):
         return "sampled" if self.model == "sampled" else "condensed"
 
     def command(self) -> str:
+        """The command that builds it."""
         usual, read = ReducedFE(), BUILT_FROM + (NODULE if self.nodule_radius > 0 else ())
         given = [f"--set {n}={_text(getattr(self, n))}" for n in read if getattr(self, n) != getattr(usual, n)]
         return " ".join(["palpate build basis", *given])

@@ -42,6 +42,7 @@ class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def duration(self) -> float:
+        """How long it takes [s]."""
         return self.hold if self.hold is not None else self.time or 0.0
 
 
@@ -86,6 +87,7 @@ class SimulatedOperator(HeldGrip):
         return np.array(points) - np.array(self.origin)
 
     def ends(self) -> np.ndarray:
+        """When the segments end [s] (n)."""
         return np.cumsum([segment.duration for segment in self.path], dtype=float) / self.speed_factor
 
     def shapes(self) -> np.ndarray:

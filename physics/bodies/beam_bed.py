@@ -205,6 +205,7 @@ class BeamFoundation:
 
     @property
     def coupling(self) -> np.ndarray:
+        """[1] (c,c) O, see `physics.contact.joint`."""
         return self._contacts.coupling.copy()
 
     def relaxation(self, dt: float) -> float:

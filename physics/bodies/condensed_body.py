@@ -142,6 +142,14 @@ class CondensedBody(CoarseBody):
     def step(
         self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
     ) -> tuple[float, float, float]:
+        """One step of dt > 0 [s] under nodal forces [N] (k,3): (c, s_free, s), the next step's compliance [m/N] and
+        free indentation [m] under the patch, and the indentation now [m].
+
+        The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
+        is the work done on the body. With large displacement c is that of the chord to the next step's indentation at
+        the present force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that
+        goes with it: so force and indentation there are the body's own, and contact that is solved against it settles.
+        """
         return self.steps([(nodes, forces, foot, normal)], dt)[0]
 
     def steps(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float]]:

@@ -158,6 +158,7 @@ class SampledBody(CoarseBody):
 
     @property
     def coupling(self) -> np.ndarray:
+        """[1] (c,c) O, see `physics.contact.joint`."""
         return ALONE if self.contacts is None else coupling_of(self.contacts.compliance)
 
     @property
@@ -167,6 +168,7 @@ class SampledBody(CoarseBody):
         return max(2.0 * float(np.sqrt(np.sum(self.q * self.q) / self.basis.points.limit)) - 1.0, 0.0)
 
     def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices of the mesh, all near the foot points and fewer farther off, and their displacements [m] (k,3)."""
         far = (2.0 * self.reach + 1.5 * self._margin) ** 2  # the modes miss little but near the load
         places = np.array(feet)
         field(self._model, places, far, self._fields, self._active, self.q, float(self._numbers[GAMMA]))

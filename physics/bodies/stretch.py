@@ -31,6 +31,7 @@ class Neighbours(NamedTuple):
 
 
 def neighbours(mesh: Mesh) -> Neighbours:
+    """The neighbours of each vertex of a mesh, in order of their number."""
     size = len(mesh.vertices)
     edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]].astype(np.int64)

@@ -43,6 +43,7 @@ class ForceModel:
         return np.sum(np.stack(self.basis(x, *q), axis=-1) * p, axis=-1)
 
     def jacobian(self, x: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+        """dy/d(parameters) (n, number of parameters)."""
         p, q = np.split(parameters, [len(self.linear)])
         bent = [np.stack(columns, axis=-1) @ p for columns in self.slopes(x, *q)]
         return np.stack([*self.basis(x, *q), *bent], axis=-1)

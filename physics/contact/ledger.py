@@ -40,6 +40,7 @@ class Account:
         self._highest = 0.0
 
     def book(self, work: float, stored: float | None) -> None:
+        """Work [J] of a step, and what is held at its end."""
         self.work += work
         self.stored = stored
         if stored is not None:
@@ -47,6 +48,7 @@ class Account:
 
     @property
     def dissipated(self) -> float:
+        """D [J]; without a told energy all the work counts."""
         return self.work - (self.stored or 0.0)
 
     @property
@@ -74,6 +76,7 @@ class Moment(NamedTuple):
 
     @property
     def asked(self) -> Vector:
+        """G [N] (3)."""
         (n, m, o), (a, b, c), (p, q, r) = self.normal, self.along, self.friction
         return self.push * n + a - p, self.push * m + b - q, self.push * o + c - r
 
@@ -130,6 +133,7 @@ class EnergyAccount:
         return reduce(add, [account.stored or 0.0 for account in self._all(kind)])
 
     def dissipated(self, kind: str) -> float:
+        """What the parts of all fingers of one kind have dissipated [J]."""
         return reduce(add, [account.dissipated for account in self._all(kind)])
 
     def _all(self, kind: str) -> Iterable[Account]:

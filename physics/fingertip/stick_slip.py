@@ -41,6 +41,7 @@ class Workspace(NamedTuple):
 
 
 def workspace(count: int, band: int) -> Workspace:
+    """The work space for `count` nodes."""
     place, nodes = np.zeros((2, count), dtype=np.int64)
     return Workspace(place, nodes, np.zeros((2 * count, 2 * band + 2)), np.zeros(2 * count))
 

@@ -56,6 +56,7 @@ class FingertipSurfaces:
         return float(np.clip(0.5 - getattr(self, name) / h, 0, 1).sum() * np.prod(self.spacing))
 
     def save(self, path: str | Path) -> None:
+        """Write an .npz file that `load` reads."""
         np.savez_compressed(path, **{k: getattr(self, k) for k in FIELDS})
 
     @staticmethod

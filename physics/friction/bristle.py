@@ -98,6 +98,7 @@ class Kernel:
 
 
 def kernel_form(law: Any) -> Kernel:
+    """The law as `step` takes it."""
     hints = get_type_hints(type(law))
     law = law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
     worn = hasattr(law, "play")

@@ -34,4 +34,5 @@ class Coulomb(NamedTuple):
         return coulomb
 
     def stored(self, z, load):
+        """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
         return 0.5 * self.stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])

@@ -76,9 +76,11 @@ class LuGre(NamedTuple):
         return lugre
 
     def caution(self):
+        """What of its settings lets the law generate energy; "" where nothing does."""
         return active(self)
 
     def stored(self, z, load):
+        """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
         return 0.5 * load * self.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
 

@@ -90,6 +90,7 @@ def _stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @kernel
 def is_segment(triangles, t):
+    """Whether a triangle has less than three different corners."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return a == b or b == c or c == a
 

@@ -220,6 +220,7 @@ def evaluate(data, layout, u, v, work, out):
 
 @kernel
 def bounds(data, layout):
+    """The domain: u from, u to, v from, v to."""
     b = layout[AT_BV]
     return data[0], data[layout[SPANS_U]], data[b], data[b + layout[SPANS_V]]
 

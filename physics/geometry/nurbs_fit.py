@@ -103,6 +103,7 @@ def capsule(radius: float, length: float) -> Nurbs:
 
 
 def plane_patch(size: float) -> Nurbs:
+    """A square of side `size` [m] in z = 0, centred on the origin; normal +z."""
     x = np.array([-size / 2, size / 2])
     points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((2, 2))], axis=-1)
     knots = np.array([0.0, 0.0, 1.0, 1.0])

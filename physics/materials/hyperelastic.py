@@ -136,6 +136,7 @@ def rest_moduli(material: Material) -> tuple[float, float]:
 
 
 def poisson_of(shear: float, bulk: float) -> float:
+    """Poisson's ratio of moduli."""
     return (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
 
 

@@ -46,6 +46,7 @@ def volume_tangent(F, C, dU, ddU, A):
 
 @kernel
 def products(F, C, B):
+    """Write F'F into C and FF' into B."""
     for i in range(3):
         for j in range(3):
             x = y = 0.0

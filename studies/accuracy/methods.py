@@ -50,6 +50,10 @@ def _only_fingertip(touch: BenchCase) -> str:
 
 
 def standard() -> list[Method]:
+    """The methods that come with palpate, and outside solvers that are installed.
+
+    patient  whether a basis that is not stored is built even where that takes minutes
+    """
     laws = (
         ("exponential", "exponential", "exponential law"),
         ("hertz-exponential", "hertz", "Hertz law, stiffening modulus"),

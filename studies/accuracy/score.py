@@ -15,6 +15,7 @@ Score = dict[str, dict[str, float]]
 
 
 def score(outcome: MethodOutcome, truth: Truth) -> Score:
+    """Of everything that both tell."""
     errors: Score = {}
     for name in QUANTITIES:
         if name in outcome.values and name in truth.values:
@@ -42,4 +43,5 @@ def _rms(values: np.ndarray) -> float:
 
 
 def charged() -> Score:
+    """Of a method that gave no answer."""
     return {name: {"rms": CHARGED, "worst": CHARGED, "band": 0.0} for name in QUANTITIES}

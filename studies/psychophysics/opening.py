@@ -24,6 +24,8 @@ Sure = Callable[[str], bool | None]  # Asks whoever sits there; None: nobody doe
 
 
 class Sitting:
+    """A session that is open."""
+
     def __init__(
         self, stimuli: Stimuli, source: YamlSource, folder: Path, table: Table, participant: str, session: int
     ) -> None:
@@ -59,6 +61,7 @@ class Sitting:
         )
 
     def page(self) -> ExperimentPage:
+        """The page that does it with a participant. PageError."""
         from palpate.studies.psychophysics.page import ExperimentPage
 
         return ExperimentPage(self.stimuli, self.run)

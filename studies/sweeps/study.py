@@ -101,6 +101,7 @@ class Study:
 
     @cached_property
     def points(self) -> list[Point]:
+        """All points in order."""
         found, known = [], dict[str, str]()
         for number in range(len(self)):
             values, labels = self.space.point(number)

@@ -56,6 +56,7 @@ class TouchStreams:
 
     @cached_property
     def fingers(self) -> list[TouchStreams]:
+        """Those of each finger; of the first one these."""
         return [self, *(TouchStreams(self.recording, finger) for finger in fingers(*links_of(self.recording))[1:])]
 
     def stream_of(self, kind: type[Message]) -> str | None:

@@ -57,6 +57,7 @@ class Augmented(ContactPair):
         self.remember()
 
     def nodes(self) -> np.ndarray:
+        """Nodes that it may hold (F,6)."""
         return self.faces
 
     def touches(self) -> bool:
@@ -64,6 +65,7 @@ class Augmented(ContactPair):
 
     @property
     def edge(self) -> float:
+        """Mean edge of the faces [m]."""
         return float(np.sqrt(2.0 * self.area.sum() / len(self.faces)))
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
@@ -104,6 +106,7 @@ class Augmented(ContactPair):
         self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
 
     def contact_area(self, displacement: np.ndarray) -> float:
+        """Area of contact on the deformed faces [m²], see `fe.area`."""
         return contact_area((self.points + displacement)[self.faces], self.gap, self.traction)
 
 

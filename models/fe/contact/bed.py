@@ -28,6 +28,7 @@ class ElasticFoundation(ContactPair):
         self._where = pattern.where(self.faces)
 
     def nodes(self) -> np.ndarray:
+        """Nodes that it holds (F,6)."""
         return self.faces
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:

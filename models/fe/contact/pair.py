@@ -208,12 +208,14 @@ class Pair(Augmented):
         self._where = pattern.where(self._cliques)
 
     def couples(self) -> np.ndarray:
+        """Nodes that this contact couples beyond the elements (C,k), -1 fills up."""
         return self._cliques
 
     def nodes(self) -> np.ndarray:
         return np.concatenate([self.faces, self.master])
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
+        """Start of a load step from a converged state: find the faces that may touch."""
         self.remember()
         self._start = self.points + displacement
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))

@@ -107,6 +107,7 @@ def _whole(name: str, numbers: np.ndarray) -> np.ndarray:
 
 
 def point_text(at: np.ndarray) -> str:
+    """A point [m] (3,) in words."""
     return f"({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m"
 
 

@@ -60,9 +60,11 @@ class FingertipDimensions(Layers):
 
     @cached_property
     def radii(self) -> np.ndarray:
+        """Outer radius of bone, subcutis, dermis and epidermis [m] (4,)."""
         return np.cumsum([self.bone, self.subcutis, self.dermis, self.epidermis])
 
     def place(self, points: np.ndarray) -> np.ndarray:
+        """World coordinates [m] (N,3) of points of the lattice (N,4)."""
         box, shell = points[:, :3], points[:, 3]
         along = self.phalanx * (1.0 + np.minimum(box[:, 2], 0.0))
         middle = np.stack([0.0 * along, 0.0 * along, along], axis=1)

@@ -154,6 +154,7 @@ class Layers(ABC):
 
     @cached_property
     def rear(self) -> np.ndarray:
+        """Nodes of the rear face (N,) bool."""
         return self._meshed[1][:, 2] < -1.0 + 1e-12
 
     @cached_property

@@ -183,6 +183,7 @@ class Organ:
         self.faces = self.mesh.faces
 
     def materials(self, young: float) -> dict[int, Material]:
+        """Neo-Hookean materials of an organ with this modulus [Pa]."""
         ratios = {0: 1.0, 1: self.nodule.ratio, 2: self.capsule.ratio}
         return {region: neo_hooke(young * r, self.poisson) for region, r in ratios.items()}
 

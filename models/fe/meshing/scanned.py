@@ -105,6 +105,7 @@ class Scanned(Layers):
         return bone, skin, cosine
 
     def place(self, points: np.ndarray) -> np.ndarray:
+        """World coordinates [m] (N,3) of points of the lattice (N,4)."""
         return (self._local(points) - self._lowest) @ measured.plate_axes(self.tilt).T
 
     def _local(self, points: np.ndarray) -> np.ndarray:
@@ -149,6 +150,7 @@ class Axis:
     length: float
 
     def at(self, y: np.ndarray) -> np.ndarray:
+        """Its points (N,3) at y (N,)."""
         return self.start + y[:, None] * self.slope
 
 

@@ -39,6 +39,7 @@ class Reducible:
 
     @cached_property
     def digest(self) -> bytes:
+        """A hash of all that its answers depend on."""
         hasher = hashlib.sha256(self.elastic.digest())
         for part in (self.fixed, self.hats, self.surface.vertices, self.surface.triangles):
             hasher.update(np.ascontiguousarray(part).tobytes())

@@ -69,6 +69,7 @@ def organ_touches(body: Reducible, count: int, seed: int = SEED) -> list[LoadPat
 def organ_pressed(
     body: Reducible, report: Report = unheard, folder: Path | None = None
 ) -> tuple[list[PressSolution], list[PressSolution]]:
+    """Full solutions of an organ's touches; and of those that are held out."""
     presses = snapshots.press_from_rest(body, organ_touches(body, ORGAN_TOUCHES + ORGAN_HELD, SEED), report, folder)
     seen, held = ([p for p in part if len(p.solutions)] for part in (presses[:ORGAN_TOUCHES], presses[ORGAN_TOUCHES:]))
     return seen, held

@@ -59,6 +59,7 @@ class ElasticBody:
 
     @cached_property
     def pattern(self) -> Pattern:
+        """Sparsity pattern of the tangent."""
         sparsity = pattern(len(self.mesh.points), self.mesh.elements)
         self.couple(sparsity)
         return sparsity
@@ -96,6 +97,7 @@ class ElasticBody:
         return energy + 0.5 * float(np.sum(springs * u)), force + springs
 
     def tangent(self, u: np.ndarray) -> np.ndarray:
+        """Blocks (B,3,3) of the tangent at displacements [m] (N,3), springs included."""
         data = np.zeros((len(self.pattern.indices), 3, 3))
         self.balance(u, data)
         return data
@@ -133,6 +135,7 @@ class ElasticBody:
         return 0.5 * (full + full.T)
 
     def digest(self) -> bytes:
+        """A hash of all that its forces depend on."""
         hasher = hashlib.sha256()
         for law, own, slope, weight in self.groups:
             hasher.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())

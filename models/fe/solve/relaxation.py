@@ -146,6 +146,7 @@ class Relaxation(ContactPair):
             )  # fmt: skip
 
     def state(self) -> dict[str, Any]:
+        """Time, stress and history of each region."""
         arrays = {f"{name}{k}": part[5 + i] for k, part in enumerate(self._parts) for i, name in enumerate(("s", "h"))}
         return {"time": np.array(self._time), **arrays}
 

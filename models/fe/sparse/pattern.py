@@ -29,6 +29,7 @@ class Pattern:
         return places
 
     def matrix(self, data: np.ndarray) -> bsr_array:
+        """The sparse matrix with these blocks (B,3,3)."""
         size = 3 * (len(self.indptr) - 1)
         return bsr_array((data, self.indices, self.indptr), shape=(size, size))
 

@@ -103,6 +103,7 @@ class PressRun:
         pressing.solver.save(self.folder / "state.npz")
 
     def settings(self) -> dict[str, Any]:
+        """What was run. ArgumentError: no run."""
         try:
             settings = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError) as error:
@@ -119,6 +120,7 @@ class PressRun:
         return rows
 
     def record(self) -> Record:
+        """What was found so far. ArgumentError: no run."""
         return as_record(self.table().tolist())
 
     def mesh(self) -> tuple[TetMesh, float]:
@@ -130,6 +132,7 @@ class PressRun:
             raise self._damaged("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
+        """Displacement [m] (N,3) of a row of the table. ArgumentError: no such step."""
         if row == 0:
             return np.zeros_like(self.mesh()[0].points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
@@ -143,9 +146,11 @@ class PressRun:
         return arrays["corners"], arrays["pressure"]
 
     def displacement_at(self, force: float) -> np.ndarray:
+        """Displacement [m] (N,3) at a force [N], between the steps. ArgumentError: not reached."""
         return self._between(self.record().force, force, "N")
 
     def displacement_at_depth(self, indentation: float) -> np.ndarray:
+        """Displacement [m] (N,3) at an indentation [m], between the steps. ArgumentError: not reached."""
         return self._between(self.record().indentation, indentation, "m")
 
     def _between(self, marks: np.ndarray, mark: float, unit: str) -> np.ndarray:

@@ -83,6 +83,7 @@ class Pressing:
         return quadratic(points, tets, np.full(len(tets), PLATE))
 
     def settings(self) -> dict[str, Any]:
+        """What tells this pressing from another, as plain data."""
         divisor, bone = divisor_and_bone(self.material)
         return {
             "plate": self.plate, "divisor": divisor, "bone": bone, "friction": self.friction,
@@ -105,6 +106,7 @@ class Pressing:
         return self.sides * self.touch.contact_area(self.solver.displacement)
 
     def strain(self) -> np.ndarray:
+        """Equivalent strain at the corners of the finger's elements [1] (E,4)."""
         return strain(self.finger.mesh, self.solver.displacement[: len(self.finger.mesh.points)])
 
     def volumes(self, levels: np.ndarray) -> np.ndarray:

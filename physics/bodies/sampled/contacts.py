@@ -50,6 +50,7 @@ class SampledContacts(NamedTuple):
 
     @classmethod
     def of(cls, count: int, vertices: int, modes: int) -> SampledContacts:
+        """Of so many contacts, of a body of so many vertices and modes."""
         return cls(
             np.zeros(count, np.int64), np.zeros(count), np.zeros((count, 3)), np.zeros(count),
             np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
@@ -57,6 +58,7 @@ class SampledContacts(NamedTuple):
         )  # fmt: skip
 
     def take(self, normals: Sequence[tuple], patches: Sequence[Patch]) -> None:
+        """What the next step reads."""
         self.normals[:] = normals
         self.shares[:] = [share for _, _, share in patches]
         self.ends[:] = np.cumsum([len(nodes) for nodes, _, _ in patches])
@@ -69,10 +71,12 @@ def laws_of(compliance: np.ndarray, depths: np.ndarray) -> list[tuple[float, flo
 
 
 def coupling_of(compliance: np.ndarray) -> np.ndarray:
+    """[1] (c,c) O, see `physics.contact.joint`."""
     return compliance / np.diagonal(compliance)[:, None]
 
 
 def together(patches: Sequence[Patch]) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and forces of all patches in one list."""
     return np.concatenate([nodes for nodes, _, _ in patches]), np.concatenate([pull for _, pull, _ in patches])
 
 

@@ -86,6 +86,7 @@ def residual_displacement(residual_compliance, x, active, count, v):
 
 @kernel(error_model="numpy")
 def apply_residual_compliance(residual_compliance, x, active, count, out):
+    """R x (V,3) at the vertices where the measure or the load is."""
     for k in range(count):
         v = active[k]
         out[v, 0], out[v, 1], out[v, 2] = residual_displacement(residual_compliance, x, active, count, v)
@@ -93,6 +94,7 @@ def apply_residual_compliance(residual_compliance, x, active, count, out):
 
 @kernel(error_model="numpy")
 def project(modes, x, active, count, out):
+    """Phi'x (r,)."""
     out[:] = 0.0
     for k in range(count):
         v = active[k]
