@@ -3,6 +3,7 @@
 from typing import Annotated
 
 from palpate.messages.base import Message, Vector, Vector3
+from palpate.messages.fields import OneOf
 
 
 class DeviceState(Message):
@@ -55,7 +56,7 @@ class Force(Message):
     """
 
     force: Annotated[Vector3, "N"]
-    state: Annotated[str, "1"]
+    state: Annotated[str, "1", OneOf("free", "contact")]
     energy: Annotated[float, "J"]
 
 

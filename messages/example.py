@@ -35,6 +35,8 @@ def _value(field: Field, loaded: bool) -> Any:
         return np.full(shape, number if field.dtype.kind == "f" else 0, field.dtype)
     if field.type is float:
         return number
+    if field.words:
+        return field.words[int(loaded) % len(field.words)]
     if field.type in (int, bool, str):
         return field.type(loaded) if field.type is bool else field.type()
     if not _plain(field):

@@ -19,15 +19,24 @@ class MessageError(ValueError):
     """A message that does not hold what its type declares; says which field, what was found, what is expected."""
 
 
+class OneOf:
+    """Mark of a text field that holds one of these words."""
+
+    def __init__(self, *words: str) -> None:
+        self.words = words
+
+
 @dataclass(frozen=True)
 class Field:
-    """One field of a message: name, SI unit, shape (letters are lengths found at run time), Python type, dtype."""
+    """One field of a message: name, SI unit, shape (letters are lengths found at run time), Python type, dtype, and the
+    words that a text may be where they are known."""
 
     name: str
     unit: str
     shape: Shape
     type: Any
     dtype: np.dtype | None
+    words: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -65,4 +74,5 @@ def _field(kind: type, name: str, hint: Any) -> Field:
         if plain is np.ndarray or typing.get_origin(plain) is tuple:
             raise TypeError(f"{kind.__name__}.{name}: no shape; write Annotated[type, unit, shape]")
         shape = ()
-    return Field(name, unit, shape, plain, dtype)
+    words = next((m.words for m in marks if isinstance(m, OneOf)), ())
+    return Field(name, unit, shape, plain, dtype, words)

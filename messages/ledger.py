@@ -3,6 +3,7 @@
 from typing import Annotated
 
 from palpate.messages.base import Message
+from palpate.messages.fields import OneOf
 
 
 class Ledger(Message):
@@ -40,5 +41,5 @@ class Ledger(Message):
     balance: Annotated[float, "J"]
     unexplained: Annotated[float, "J"]
     generated: Annotated[float, "J"]
-    generated_by: Annotated[str, "1"] = ""
+    generated_by: Annotated[str, "1", OneOf("", "fingertip", "tissue", "friction", "display")] = ""
     tripped: Annotated[bool, "1"] = False

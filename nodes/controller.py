@@ -3,16 +3,27 @@
 from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
-from palpate.nodes.base import Node, Wants
-from palpate.nodes.base.absence import FADE, FALL, Faded, Gain, Lost, Pace
-from palpate.physics.device.controller import BRAKE, ENERGY, FORCE, LIMIT, MODE, SLEW, WALL, WITHHELD, buffers, haptic
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Wants
+from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, PACE, begin, faded, paced, shared
+from palpate.physics.device.controller import (
+    BRAKE,
+    ENERGY,
+    FORCE,
+    LIMIT,
+    MODE,
+    SLEW,
+    WALL,
+    WITHHELD,
+    buffers,
+    fresh,
+    haptic,
+)
 from palpate.physics.device.rendered import stiffest
-from palpate.physics.entry_point import entry_point
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, put, vector
 
-ZERO = (0.0, 0.0, 0.0)
 GENTLE = 500.0  # [N/s] by which the force of the added damping rises at most after an outage, until contact ends
 SETTLE = 1.0  # [s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`
 LENT = 0.5e-3  # [J] of debt that the display may make after an outage before the force stops rising
@@ -22,8 +33,73 @@ YIELD = 25e-3  # [s] in which the force falls to zero again while the display gi
 PATIENCE = 0.5  # [s] of withheld force after which the debt may grow, and a note says so
 POWER = 10e-3  # [W] by which the debt may grow then, until all of the force is back
 
+FREE, CONTACT = 0, 1  # words of `Force.state`
 
-class Haptic(Node):
+
+@kernel
+def lost(had, present):
+    """Whether a message was computed without an input that earlier ones of its sender had, and which had been there:
+    bit masks."""
+    return present != had | present, had | present
+
+
+@kernel
+def come_back(own):
+    """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
+    state, past = floats(own.state), floats(own.past)
+    fx, fy, fz, f3 = state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3]
+    energy, brake, mode = state[ENERGY, 0], state[ENERGY, BRAKE], state[MODE, 0]
+    fresh(state, past)
+    state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3] = fx, fy, fz, f3
+    state[ENERGY, 0], state[ENERGY, BRAKE], state[ENERGY, BRAKE + 1], state[MODE, 0] = energy, brake, GENTLE, mode
+    own.least = min(energy, 0.0) - LENT
+
+
+@kernel(error_model="numpy")
+def share_of(own, lacks, pausing, released, touching, dt):
+    """The share of force and limit in this step [1].
+
+    lacks     an input was missing
+    pausing   the node stood still before
+    released  the device worked without torque, or does not say
+    """
+    state = floats(own.state)
+    missing = own.whole and lacks
+    if not lacks and (pausing or own.lost):
+        come_back(own)
+    own.whole, own.lost = own.whole or not lacks, missing
+    gain, energy, before = own.gain, state[ENERGY, 0], own.before
+    own.before = energy
+    if pausing and released:
+        gain.value = 0.0
+        for i in range(4):
+            state[FORCE, i] = 0.0
+    elif missing or not touching or energy > before or own.ramp == 0.0 or not own.passivity:
+        shared(gain, not missing, dt)
+    elif energy > own.least:
+        gain.value = min(gain.value + dt / SETTLE, 1.0)
+    elif energy < before and gain.value < 1.0:
+        gain.value = max(gain.value - dt / YIELD, 0.0)
+    own.outage = own.outage + dt if gain.value < 1.0 and touching else 0.0
+    if own.outage > PATIENCE:
+        own.least -= POWER * dt
+        own.withheld = True
+    own.gains[LIMIT] = gain.value * own.limit
+    return gain.value
+
+
+@kernel(error_model="numpy")
+def weigh(own, state, dt):
+    """Average the contact's force and what is withheld of it, and keep whether that is too much."""
+    line, law, cut = state[WALL, 0], state[WALL, 1], state[WALL, 2]
+    kept = (law, max(law - line, 0.0) if cut != 0.0 else 0.0)
+    for i in range(2):
+        own.steep[i] += (kept[i] - own.steep[i]) * dt / STEEP
+    if own.steep[1] > MOST_WITHHELD * own.steep[0]:
+        own.too_steep, own.steep_dt = True, dt
+
+
+class Haptic(CompiledNode):
     """Force on the hand: free motion or contact, kept passive and within the device's limits.
 
     stiffness, damping   of the spring-damper of free motion (none by default: the hand moves freely)
@@ -62,126 +138,100 @@ class Haptic(Node):
     slew: Annotated[float, "N/s", msgspec.Meta(gt=0)] = 5000.0
     ramp: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.1
 
+    State = {
+        "gains": (11,), "state": TABLE, "past": TABLE,  # of `physics.device.controller.haptic`
+        "whole": bool, "lost": bool, "had": int, "had_device": int,  # what came before; inputs as bit masks
+        "pace": PACE, "gain": GAIN, "friction": FADED,
+        "before": (), "least": (),  # [J] of the display: at the last step, and the least at which the force comes back
+        "outage": (), "withheld": bool,  # [s] with less than the full force of a contact; whether it was long
+        "open": (), "tripped": bool,  # share of the force that is left since the ledger tripped
+        "steep": (2,), "too_steep": bool, "steep_dt": (),  # [N] averages of the contact's force and what is withheld
+    }  # fmt: skip
+
     def start(self) -> None:
+        super().start()
         observe = self.passivity or self.wants("energy")
         given = self.stiffness, self.damping, self.contact_damping, self.hysteresis, self.mass, self.drag
-        bounds = self.limit, self.slew, self.resolution
-        self.gains = np.array([*given, *bounds, observe, self.passivity], dtype=float)
-        self._whole = self._lost = False
-        self._contact, self._device = Lost(), Lost()
-        self._pace = Pace()
-        self._gain, self._friction = Gain(FALL, self.ramp), Faded(FADE)
-        self._energy, self._least = 0.0, -LENT
-        """[J] Of the display: at the last step, and the least at which the force still comes back."""
-        self._outage = 0.0
-        """[s] For which less than the full force of a contact has been given."""
-        self._open, self._tripped = 1.0, False
-        self._steep = [0.0, 0.0]  # [N] averages of the contact's force and of what is withheld of it
-        self._cautioned = self._reported = False
-        self._notes = []
+        self.own["gains"] = *given, self.limit, self.slew, self.resolution, observe, self.passivity
         self.state, self.past = buffers(self.delay)
-        self._haptic = entry_point(haptic, self.gains, self.state, self.past, 0.0, *2 * (ZERO,), 0.0, *2 * (ZERO,), 0.0)
+        self.hold("state", self.state)
+        self.hold("past", self.past)
+        begin(self.own["gain"], FALL, self.ramp)
+        begin(self.own["friction"]["gain"], FADE, FADE)
+        self.own["least"], self.own["open"] = -LENT, 1.0
+        self._told: set[str] = set()
 
-    def _come_back(self) -> None:
-        """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
-        old = self.state
-        self.state, self.past = buffers(self.delay)
-        self.state[FORCE], self.state[ENERGY, 0], self.state[MODE, 0] = old[FORCE], old[ENERGY, 0], old[MODE, 0]
-        self.state[ENERGY, BRAKE:] = old[ENERGY, BRAKE], GENTLE, 0.0
-        self._least = min(old[ENERGY, 0], 0.0) - LENT
-
-    def _share(self, lacks: bool, paused: bool, released: bool, touching: bool, dt: float) -> float:
-        """The share of force and limit in this step [1].
-
-        lacks     an input was missing
-        paused    the node stood still before
-        released  the device worked without torque, or does not say
-        """
-        missing = self._whole and lacks
-        if not lacks and (paused or self._lost):
-            self._come_back()
-        self._whole, self._lost = self._whole or not lacks, missing
-        gain, energy, before = self._gain, self.state[ENERGY, 0], self._energy
-        self._energy = energy
-        if paused and released:
-            gain.value = 0.0
-            self.state[FORCE] = 0.0
-        elif missing or not touching or energy > before or self.ramp == 0.0 or not self.passivity:
-            gain.update(not missing, dt)
-        elif energy > self._least:
-            gain.value = min(gain.value + dt / SETTLE, 1.0)
-        elif energy < before and gain.value < 1.0:
-            gain.value = max(gain.value - dt / YIELD, 0.0)
-        self._outage = self._outage + dt if gain.value < 1.0 and touching else 0.0
-        if self._outage > PATIENCE:
-            self._least -= POWER * dt
-            if not self._reported:
-                self._report()
-        self.gains[LIMIT] = gain.value * self.limit
-        return gain.value
-
-    def _report(self) -> None:
-        self._reported = True
-        self._notes.append(
-            f"Haptic: the force on the hand was withheld for more than {PATIENCE:g} s after messages of the contact, "
-            "the pose or the device were missing; it comes back slowly, so that it does not push the hand"
-        )
-
-    def _closed(self, dt: float) -> float:
-        """The share of the force that is left since the ledger tripped [1]: none after `ramp`."""
-        self._open = max(self._open - dt / self.ramp, 0.0) if self.ramp > 0.0 else 0.0
-        self.gains[LIMIT] = min(self.gains[LIMIT], self._open * self.limit)
-        return self._open
-
-    def _caution(self, dt: float) -> None:
-        self._cautioned = True
-        most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
-        self._notes.append(
-            f"Haptic: the contact rises by more than {most:.0f} N/m, the stiffest that this device can show at this "
-            "rate and delay, so the hand feels a softer one, and may swing by some tenths of a millimetre where it "
-            "presses hard. `palpate bench stability` computes the bounds"
-        )
-
-    def step(
-        self,
+    @kernel(error_model="numpy")
+    def compute(
+        own,
         contact: Annotated[Contact | None, Wants("normal", "force", "compression", "indentation", "lateral_force")],
         friction: Annotated[Friction | None, Wants("force")],
         pose: Annotated[Pose | None, Wants("position", "velocity")],
-        ledger: Annotated[Ledger | None, Wants("tripped")] = None,
-        device: Annotated[DeviceState | None, Wants("homed")] = None,
-        *,
-        dt: float,
-    ) -> Force:
-        before = self._gain.value
-        lacks = contact is None or pose is None or self._contact.update(contact.used)
-        without = device is not None and self._device.update(device.used)
-        lacks = lacks or without
-        touching = contact is None or contact.force > 0.0
-        p = self._friction.update(friction.force if friction is not None else None, dt)
-        paused, usual = self._pace.update(dt), self._pace.usual
-        share = self._share(lacks, paused, without or device is None, touching, usual)
-        if paused:
+        ledger: Annotated[Ledger | None, Wants("tripped")],
+        device: Annotated[DeviceState | None, Wants("homed")],
+        out: Out[Force],
+        dt,
+    ):
+        state, before = floats(own.state), own.gain.value
+        lacks = not contact.there or not pose.there
+        if not lacks:
+            lacks, own.had = lost(own.had, contact.present)
+        if device.there:
+            without, own.had_device = lost(own.had_device, device.present)
+            lacks = lacks or without
+        else:
+            without = True
+        touching = not contact.there or contact.force > 0.0
+        p = faded(own.friction, friction.there, friction.force, dt)
+        pausing = paced(own.pace, dt)
+        usual = own.pace.usual
+        share = share_of(own, lacks, pausing, without, touching, usual)
+        if pausing:
             dt = usual  # what was before the pause is forgotten
-        self.gains[SLEW] = self.slew * (usual / dt) if dt > usual else self.slew
-        if contact is None or pose is None:
+        own.gains[SLEW] = own.slew * (usual / dt) if dt > usual else own.slew
+        if not contact.there or not pose.there:
             left = share / before if before > 0.0 else 0.0
-            fx, fy, fz = (left * self.state[FORCE, :3]).tolist()
-            self.state[FORCE, :3] = fx, fy, fz
-            return Force(force=(fx, fy, fz), state="free", energy=0.0)
-        self._tripped = self._tripped or (ledger is not None and ledger.tripped)
-        if self._tripped:
-            share *= self._closed(dt)
-        self.state[MODE, WITHHELD] = 1.0 - share
+            for i in range(3):
+                state[FORCE, i] = left * state[FORCE, i]
+                out.force[i] = state[FORCE, i]
+            out.state, out.energy = FREE, 0.0
+            return
+        own.tripped = own.tripped or (ledger.there and ledger.tripped)
+        if own.tripped:  # no force is left after `ramp`
+            own.open = max(own.open - dt / own.ramp, 0.0) if own.ramp > 0.0 else 0.0
+            own.gains[LIMIT] = min(own.gains[LIMIT], own.open * own.limit)
+            share *= own.open
+        state[MODE, WITHHELD] = 1.0 - share
         a, approach = contact.lateral_force, contact.compression + contact.indentation
-        rubbing = p[0] - a[0], p[1] - a[1], p[2] - a[2]
-        fx, fy, fz, touching, energy = self._haptic(
-            self.gains, self.state, self.past, contact.force, contact.normal, rubbing, approach, pose.position,
-            pose.velocity, dt,
+        rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
+        fx, fy, fz, held, energy = haptic(
+            own.gains, state, floats(own.past), contact.force, vector(contact.normal), rubbing, approach,
+            vector(pose.position), vector(pose.velocity), dt,
         )  # fmt: skip
-        if touching and not self._cautioned:
-            line, law, cut, _ = self.state[WALL].tolist()
-            for i, now in enumerate((law, max(law - line, 0.0) if cut else 0.0)):
-                self._steep[i] += (now - self._steep[i]) * usual / STEEP
-            if self._steep[1] > MOST_WITHHELD * self._steep[0]:
-                self._caution(usual)
-        return Force(force=(fx, fy, fz), state="contact" if touching else "free", energy=energy)
+        put(out.force, (fx, fy, fz))
+        out.state, out.energy = CONTACT if held else FREE, energy
+        if held and not own.too_steep:
+            weigh(own, state, usual)
+
+    def notes(self) -> list[str]:
+        if hasattr(self, "own"):
+            if self.own["withheld"]:
+                self._tell(
+                    f"the force on the hand was withheld for more than {PATIENCE:g} s after messages of the contact, "
+                    "the pose or the device were missing; it comes back slowly, so that it does not push the hand"
+                )
+            if self.own["too_steep"]:
+                dt = float(self.own["steep_dt"])
+                most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
+                self._tell(
+                    f"the contact rises by more than {most:.0f} N/m, the stiffest that this device can show at this "
+                    "rate and delay, so the hand feels a softer one, and may swing by some tenths of a millimetre "
+                    "where it presses hard. `palpate bench stability` computes the bounds"
+                )
+        return super().notes()
+
+    def _tell(self, text: str) -> None:
+        """Add a note, once."""
+        if text not in self._told:
+            self._told.add(text)
+            self._notes.append(f"Haptic: {text}")

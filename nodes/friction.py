@@ -5,47 +5,71 @@ from typing import Annotated, Any, ClassVar
 
 import msgspec
 
-from palpate.messages import Contact, Friction, Proximity, Vector
-from palpate.nodes.base import Node, Wants, part
+from palpate.messages import Contact, Friction, Proximity
+from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 from palpate.physics import friction
 from palpate.physics.friction import bristle
+from palpate.physics.kernel import Kernel, kernel
+from palpate.physics.records import one, put, vector
 from palpate.registry import classes
 
 SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
-class _Sliding(Node):
+class _Sliding(CompiledNode):
     """Shared by all laws: the state and the form of the output."""
 
     effect = "friction"
     law: ClassVar[Any]
+    energy = Part("energy", "stored", about="The energy that the bristles hold; a law without `stored` does not tell.")
+    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,)}
+    """Deflection [m], and normal [1] and normal force [N] that it was found under; the finger's place from the point
+    that it drags [m]."""
 
     def start(self) -> None:
+        super().start()
         law = self.law(**{name: getattr(self, name) for name in self.law._fields})
-        self._kernel, self._bristles = bristle.kernel_form(law), bristle.Bristles()
         caution = law.caution() if hasattr(law, "caution") else ""
         self._notes = [caution] if caution else []
+        self.own["normal"] = bristle.UP
 
-    def rests(self, contact: Contact, proximity: Proximity) -> bool:
-        return not contact.force > 0.0 and not self._bristles.load > 0.0
+    @kernel
+    def idle(own, contact, proximity, out, dt):
+        return not contact.force > 0.0 and not own.load > 0.0
 
-    def step(
-        self,
+
+def _compute(law: type) -> Kernel:
+    """The kernel of a law's node."""
+    step, stored = bristle.stepper(law), getattr(law, "stored", _untold)
+    tells = hasattr(law, "stored")
+
+    @kernel(error_model="numpy")
+    def compute(
+        own,
         contact: Annotated[Contact, Wants("normal", "force")],
         proximity: Annotated[Proximity, Wants("slip")],
-        *,
-        dt: float,
-    ) -> Friction:
-        self._bristles, force, stick = bristle.step(
-            self._kernel, self._bristles, contact.normal, proximity.slip, contact.force, dt
-        )
-        return Friction(force=force, bristle=self._bristles.z, stick=stick, stored=self._stored())
+        out: Out[Friction],
+        dt,
+    ):
+        z, normal, own.load, slack, force, stick = step(
+            own, vector(own.z), vector(own.normal), own.load, vector(own.slack), vector(contact.normal),
+            vector(proximity.slip), contact.force, dt,
+        )  # fmt: skip
+        put(own.z, z)
+        put(own.normal, normal)
+        put(own.slack, slack)
+        put(out.force, force)
+        put(out.bristle, z)
+        out.stick = stick
+        if tells and own.energy:
+            one(out.stored, stored(own, z, own.load))
 
-    @part("energy", "stored", otherwise=())
-    def _stored(self) -> Vector:
-        """The energy that the bristles hold; a law without `stored` does not tell."""
-        stored = self._kernel.stored
-        return (stored(self._bristles.z, self._bristles.load),) if stored is not None else ()
+    return compute
+
+
+@kernel
+def _untold(law, z, load):
+    return 0.0
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
@@ -53,7 +77,8 @@ def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
     a module of another package with the law `Dahl` says `Sliding = node_of(Dahl, "Sliding", __name__)`."""
     settings = {name: _setting(hint) for name, hint in typing.get_type_hints(law, include_extras=True).items()}
     own = {"__doc__": law.__doc__, "__module__": module, "__annotations__": settings, "law": law}
-    return type(name or law.__name__, (_Sliding,), own | law._field_defaults)  # type: ignore[attr-defined]
+    own |= law._field_defaults | {"compute": _compute(law)}  # type: ignore[attr-defined]
+    return type(name or law.__name__, (_Sliding,), own)
 
 
 def _setting(hint: Any) -> Any:

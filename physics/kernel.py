@@ -8,6 +8,7 @@ touched. A kernel may be called by functions of `numba.njit`, but calls none of 
 
 import contextlib
 import gc
+import hashlib
 import os
 import signal
 import threading
@@ -136,9 +137,24 @@ class _Cache(FunctionCache):
 
     _impl_class = _Files
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Under which the code of a kernel is kept. numba tells functions within functions apart by their free
+        variables; a kernel among these, which it would find new in each process, counts with its name."""
+        code = hashlib.sha256(self._py_func.__code__.co_code).hexdigest()
+        return sig, codegen.magic_tuple(), (code, hashlib.sha256(repr(_free(self._py_func)).encode()).hexdigest())
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         with _signals_later():
             return super().load_overload(sig, target_context)
+
+
+def _free(function: Any) -> list[Any]:
+    """The free variables of a function, kernels among them by name."""
+    found = [cell.cell_contents for cell in function.__closure__ or ()]
+    return [
+        (each.py_func.__module__, each.py_func.__qualname__, _free(each.py_func)) if isinstance(each, Kept) else each
+        for each in found
+    ]
 
 
 @contextlib.contextmanager
@@ -172,7 +188,9 @@ class Kernel(Kept):
     def bare(self) -> Kept:
         """For other kernels, whose own code holds it then."""
         function = self.py_func
-        bare = FunctionType(function.__code__, function.__globals__, function.__name__, function.__defaults__)
+        bare = FunctionType(
+            function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
+        )
         bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.bare"
         return Kept(bare, {**self.targetoptions, "no_cpython_wrapper": True})
 

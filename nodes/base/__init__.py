@@ -1,10 +1,12 @@
 """What every node is made of: settings, ports, state; and what several of them share."""
 
+from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode, Part
 from palpate.nodes.base.effect import Calibrated, Effect, Switch, effects, part
 from palpate.nodes.base.node import (
     InputError,
     Node,
     Observer,
+    Out,
     Port,
     Setting,
     SettingError,
@@ -17,6 +19,6 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "Calibrated", "Effect", "InputError", "Node", "Observer", "Port", "Setting", "SettingError", "Stream", "Switch",
+    "ARRAY", "TABLE", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer", "Out", "Part", "Port", "Setting", "SettingError", "Stream", "Switch",
     "Wants", "convert", "effects", "inputs", "outputs", "part", "settings",
 ]  # fmt: skip

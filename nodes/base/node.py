@@ -32,6 +32,16 @@ class InputError(PalpateError, ValueError):
         self.source = message.source
 
 
+OUT = "output"
+
+
+class Out:
+    """Mark of an argument of a compiled node that is its output: `out: Out[Contact]`."""
+
+    def __class_getitem__(cls, kind: Any) -> Any:
+        return Annotated[kind, OUT]
+
+
 class Wants:
     """Mark of an input port that reads only some fields of its message, so that the sender may leave out the others:
 
@@ -132,6 +142,11 @@ class Node:
 
     step: Any
 
+    @classmethod
+    def wiring(cls) -> Callable[..., Any]:
+        """The function whose signature names inputs and outputs."""
+        return cls.step
+
     def rests(self, *inputs: Any) -> bool:
         """Whether a step on these inputs, those of `step`, would leave the state as it is and answer what was answered
         last: then the node sleeps, and the runner sends that answer again. Never asked before the first step."""
@@ -222,12 +237,13 @@ def convert(setting: Setting, value: Any) -> Any:
 def inputs(kind: type[Node]) -> tuple[Port, ...]:
     """The input ports of a node class, the driving one first. TypeError: an argument of `step` that is not a
     message."""
-    hints = typing.get_type_hints(kind.step, include_extras=True)
+    wiring = kind.wiring()
+    hints = typing.get_type_hints(wiring, include_extras=True)
     ports = []
-    for name, parameter in list(inspect.signature(kind.step).parameters.items())[1:]:
-        if parameter.kind is inspect.Parameter.KEYWORD_ONLY:
-            continue
+    for name, parameter in list(inspect.signature(wiring).parameters.items())[1:]:
         hint = hints.get(name)
+        if name == "dt" or parameter.kind is inspect.Parameter.KEYWORD_ONLY or OUT in getattr(hint, "__metadata__", ()):
+            continue
         wants: frozenset[str] = frozenset()
         optional = False
         for mark in getattr(hint, "__metadata__", ()):
@@ -252,7 +268,9 @@ def inputs(kind: type[Node]) -> tuple[Port, ...]:
 def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
     """The message types that a node class sends, in order. TypeError: a return annotation that is not a message, a
     tuple of messages or None."""
-    hint = typing.get_type_hints(kind.step).get("return")
+    hints = typing.get_type_hints(kind.wiring(), include_extras=True)
+    given = [typing.get_args(hint)[0] for hint in hints.values() if OUT in getattr(hint, "__metadata__", ())]
+    hint = tuple[*given] if given else hints.get("return")
     kinds = typing.get_args(hint) if typing.get_origin(hint) is tuple else () if hint in (None, type(None)) else (hint,)
     for returned in kinds:
         if not (isinstance(returned, type) and issubclass(returned, Message)):

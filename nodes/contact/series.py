@@ -1,35 +1,31 @@
 """Normal contact of fingertip and tissue."""
 
-import math
 from typing import Annotated, Literal
 
 import msgspec
 
-from palpate.messages import Contact, Proximity, Surface, Vector, Vector3
-from palpate.messages.tissue import SeenSurface
-from palpate.nodes.base import InputError, Node, Switch, Wants, part
-from palpate.nodes.base.absence import FALL
-from palpate.physics.bodies.place_energy import on_hand
+from palpate.messages import Contact, Proximity, Surface
+from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Wants
+from palpate.nodes.contact import finger
+from palpate.nodes.contact.finger import FINGER
 from palpate.physics.contact import series as laws
-from palpate.physics.contact.terminal import LEAST_FREE, Terminal, check_law, free_recovery, law_at
-from palpate.physics.entry_point import entry_point
+from palpate.physics.contact.terminal import Terminal, check_law
+from palpate.physics.kernel import kernel
+from palpate.physics.records import one, put, vector
 
-FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
-STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
-LATE = 1.5  # [1] steps of the contact after which a law is an old one, and usual steps after which a step spans a gap
-AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
-GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
-REST = 1e3  # [s] a step after which any body is at rest
-RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
-NOWHERE = 0.0, 0.0, -1  # compression [m], force [N] and time [ns] of what never was
 Positive = msgspec.Meta(gt=0)
-Law = tuple[float, float, float, float, float]
-Heard = Surface | SeenSurface
 LAW = ("stiffness", "exponent", "damping", "rest_indentation", "previous_indentation")
 BODY = Wants(*LAW, "step", "relaxation", "tangential_gradient", "shape_operator")
+BAD_LAW = 1  # fault: the body's law is out of its range
 
 
-class Series(Node):
+@kernel
+def law_of(body):
+    """K, n, c, s_free and s_prev of a body's message."""
+    return body.stiffness, body.exponent, body.damping, body.rest_indentation, body.previous_indentation
+
+
+class Series(CompiledNode):
     """Fingertip and tissue in series: they share the approach and press on each other with one force
     (docs/equations/contact.md).
 
@@ -58,25 +54,17 @@ class Series(Node):
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
     """Of the soft tissue before the bone: a compression beyond it is reported, as no law is valid there; 0: unknown."""
 
-    compression = 0.0
-    _beyond, _reported = NOWHERE, False  # of a node that never started, too: notes are collected from all
+    energy = Part("energy", "stored", about="The energy that the fingertip holds.")
+    State = {"finger": FINGER, "law": (5,)}
+    """The fingertip; its elastic law and its damping (`physics.contact.series.kernel_form`)."""
 
     def start(self) -> None:
-        self._notes, self._beyond, self._reported = [], NOWHERE, False
-        self.compression = 0.0
-        self.indentation: float | None = None
-        self._idle = False
-        self._previous = 0.0
-        self._in_step = True
-        self._withheld = 0.0
-        self._heard: Heard | None = None
-        self._usual, self._depth, self._motion = math.inf, 0.0, (0.0, 0.0)
-        self._finger_law = self._finger()
-        self._law = laws.kernel_form(self._finger_law, self.finger_damping)
-        self._series = entry_point(laws.series_step, 0.0, 0.0, 0.0, self._law, 0.0, 0.0, 0.0, 0.0, 0.0)
-        free_recovery(0.0, 0.0, self.finger_damping, 1e-3)  # compiled by the time that a body is missing
+        super().start()
+        self._told = False
+        finger.begin(self.own["finger"])
+        self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
 
-    def _finger(self) -> laws.ElasticLaw:
+    def _elastic(self) -> laws.ElasticLaw:
         if self.finger_law == "power":
             return laws.power(self.finger_power_stiffness, self.finger_power_exponent)
         if self.finger_law == "hertz":
@@ -85,148 +73,61 @@ class Series(Node):
             )
         return laws.exponential(self.finger_stiffness, self.finger_hardening)
 
-    def _length(self, proximity: Proximity, dt: float) -> float:
-        """Length [s] of the step over which the damping takes the motion: `dt`, except after a gap in which the finger
-        came nearer.
+    @kernel
+    def idle(own, proximity, body, out, dt):
+        return finger.at_rest(own.finger, proximity, body.there, law_of(body), body.step, body.relaxation)
 
-        An implicit step over a gap meets its mean rate at its full depth, although a finger that hits the tissue in it
-        may rest by now. So the rate at its end is extrapolated from the mean rates v, v_0 of this step and the one
-        before, of lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step is as long as the same
-        motion takes at v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends
-        at rest.
-        """
-        depth = proximity.approach - proximity.separation
-        rate, (rate_before, dt_before) = (depth - self._depth) / dt, self._motion
-        self._usual, self._depth, self._motion = min(self._usual, dt), depth, (rate, dt)
-        if dt <= LATE * self._usual or not rate > 0.0:
-            return dt
-        end = 0.0 if self._idle else min(rate + (rate - rate_before) * dt / (dt + dt_before), rate)
-        return min(dt * rate / end, REST) if end > 0.0 else REST
-
-    def _law_now(self, body: Heard, time: int, dt: float, length: float) -> Law:
-        """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] that ends at `time` [ns], taken as `length`.
-        InputError: a law out of its range."""
-        k, n, c, free, previous = law = _law(body)
-        step, own = body.step, self.indentation
-        if not _in_range(body):
-            try:
-                check_law(Terminal(*law), step, body.relaxation)
-            except ValueError as error:
-                raise InputError(body, str(error)) from None
-        age = (time - body.time) * 1e-9 if time >= 0 and body.time >= 0 else dt
-        fresh = age <= LATE * dt and step <= LATE * dt and (dt <= LATE * step or step == 0.0)
-        self._in_step = fresh and (self._in_step or own is None or abs(own - previous) <= AGREE)
-        if own is None or (self._in_step and length == dt):
-            return law
-        k, free = law_at(length, own, Terminal(*law), step, body.relaxation)
-        return k, n, c, free, own
-
-    def _feel(self, proximity: Proximity, previous: float, dt: float) -> float:
-        """The approach [m] that fingertip and body feel: all of it, but for a while after the body was missing."""
-        if self.indentation is None and proximity.tick > 0:
-            self._withheld = proximity.approach - self.compression - previous
-        elif self._withheld > 0.0:
-            self._withheld = (self._withheld - CATCH_UP * dt) / (1.0 + dt / RETURN)
-        self._withheld = max(self._withheld, 0.0)
-        return proximity.approach - self._withheld
-
-    def rests(self, proximity: Proximity, body: Heard | None) -> bool:
-        if not self._idle or body is None or not proximity.separation > FAR:
-            return False
-        return abs(body.rest_indentation) < STILL and abs(body.previous_indentation) < STILL and _in_range(body)
-
-    def step(self, proximity: Proximity, body: Annotated[Surface | None, BODY], *, dt: float) -> Contact:
-        pressing = self.pressing(proximity, body, dt)
-        solved = None
-        if pressing is not None:
-            approach, length, law = pressing
-            solved = self._series(approach, length, self.compression, self._law, *law)
-        return self.contact(proximity, body, solved, dt)
-
-    def pressing(self, proximity: Proximity, body: Heard | None, dt: float) -> tuple[float, float, Law] | None:
-        """Approach [m], length of the step [s] and the body's law, which determine the force of this step; None where
-        there is nothing to press on."""
-        length = self._length(proximity, dt)
-        if body is not None:
-            self._heard = body
-            law = self._law_now(body, proximity.time, dt, length)
-            self._previous = law[-1]
-            return self._feel(proximity, self._previous, dt), length, law
-        self.indentation, self._in_step = None, True
-        self._withheld += max(proximity.approach, 0.0) * dt / GONE
-        felt = proximity.approach - self._withheld
-        if self._heard is None or not felt > STILL:
-            return None
-        k, n, c, free, previous = law = _law(self._heard)
-        k, free = law_at(REST, previous, Terminal(*law), self._heard.step, self._heard.relaxation)
-        return felt, math.inf, (k, n, c, free, previous)
-
-    def contact(
-        self, proximity: Proximity, body: Heard | None, solved: tuple[float, float, float] | None, dt: float
-    ) -> Contact:
-        """The contact of this step, of which force, compression and indentation are solved."""
-        before = self.compression
-        lateral: Vector3 = (0.0, 0.0, 0.0)
-        force = indentation = indentation_rate = 0.0
-        if solved is None:
-            self.compression = free_recovery(before, 0.0, self.finger_damping, dt)
-        else:
-            force, self.compression, indentation = solved
-        if body is not None:
-            indentation_rate = (indentation - self._previous) / dt
-            self.indentation = indentation
-            if force > 0.0 and len(body.shape_operator) == 9:
-                lateral = on_hand(body.tangential_gradient, body.shape_operator, proximity.approach, proximity.normal)
-        rate = (self.compression - before) / dt
-        if self.compression > self.thickness > 0.0:
-            self._beyond = max(self._beyond, (self.compression, force, proximity.time))
-        self._idle = force == 0.0 and before == self.compression and abs(indentation) < STILL
-        return Contact(
-            foot=proximity.foot,
-            normal=proximity.normal,
-            force=force,
-            compression=self.compression,
-            indentation=indentation,
-            compression_rate=rate,
-            indentation_rate=indentation_rate,
-            lateral_force=lateral,
-            stored=self._stored(),
+    @kernel(error_model="numpy")
+    def compute(own, proximity: Proximity, body: Annotated[Surface | None, BODY], out: Out[Contact], dt):
+        law = law_of(body)
+        if body.there and not finger.in_range(law, body.step, body.relaxation):
+            own.fault = BAD_LAW
+            return
+        pressed, approach, length, law = finger.pressing(
+            own.finger, proximity, body.there, law, body.step, body.relaxation, body.time, dt
         )
+        solved = (0.0, 0.0, 0.0)
+        if pressed:
+            k, n, c, free, previous = law
+            solved = laws.series_step(approach, length, own.finger.compression, own.law, k, n, c, free, previous)
+        sloped = body.shape_operator.count == 9
+        out.force, out.indentation, out.compression_rate, out.indentation_rate, lateral = finger.settle(
+            own.finger, proximity, body.there, body.tangential_gradient, body.shape_operator.values, sloped,
+            own.finger_damping, own.thickness, pressed, solved, dt,
+        )  # fmt: skip
+        out.compression = own.finger.compression
+        put(out.foot, vector(proximity.foot))
+        put(out.normal, vector(proximity.normal))
+        put(out.lateral_force, lateral)
+        if own.energy:
+            one(out.stored, laws.energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]))
+
+    def explain(self, fault: int, *messages: Surface) -> Exception:
+        """Why the body's law was refused."""
+        body = messages[1]
+        try:
+            check_law(Terminal(*(getattr(body, name) for name in LAW)), body.step, body.relaxation)
+        except ValueError as error:
+            return InputError(body, str(error))
+        return super().explain(fault, *messages)
 
     def condition(self) -> str:
-        return "beyond its law" if self.compression > self.thickness > 0.0 else ""
+        started = getattr(self, "own", None)
+        deep = started is not None and self.own["finger"]["compression"] > self.thickness > 0.0
+        return "beyond its law" if deep else ""
 
     def notes(self) -> list[str]:
-        deepest, force, time = self._beyond
-        if deepest > 0.0 and not self._reported:
-            self._reported = True
-            when = f" at {time * 1e-9:.3f} s" if time >= 0 else ""
-            self._notes.append(
-                f"{type(self).__name__}: the fingertip is compressed by {1e3 * deepest:.3g} mm{when}, its soft tissue "
-                f"is {1e3 * self.thickness:.3g} mm thick. Its law is not valid there: the force, {force:.3g} N, is "
-                "meaningless"
-            )
+        if hasattr(self, "own") and not self._told and self.own["finger"]["deepest"][0] > 0.0:
+            self._told = True
+            self._notes.append(self._beyond(self.own["finger"]))
         return super().notes()
 
-    @part("energy", "stored", otherwise=())
-    def _stored(self) -> Vector:
-        """The energy that the fingertip holds."""
-        return (float(laws.energy(self._finger_law, self.compression)),)
-
-
-def _law(body: Heard) -> Law:
-    return body.stiffness, body.exponent, body.damping, body.rest_indentation, body.previous_indentation
-
-
-def _in_range(body: Heard) -> bool:
-    """Whether a body's law passes `check_law`, which tells why it does not: asked every tick."""
-    k, c, free, step, relaxation = body.stiffness, body.damping, body.rest_indentation, body.step, body.relaxation
-    return (
-        k > 0.0
-        and 1.0 <= body.exponent <= 3.0
-        and c >= 0.0
-        and free >= LEAST_FREE
-        and step >= 0.0
-        and relaxation >= 0.0
-        and -math.inf < k + c + free + body.previous_indentation + step + relaxation < math.inf
-    )
+    def _beyond(self, state) -> str:
+        """The note of a fingertip that was compressed beyond its tissue."""
+        (deepest, force, _), time = state["deepest"], state["deepest_time"]
+        when = f" at {time * 1e-9:.3f} s" if time >= 0 else ""
+        return (
+            f"{type(self).__name__}: the fingertip is compressed by {1e3 * deepest:.3g} mm{when}, its soft tissue "
+            f"is {1e3 * self.thickness:.3g} mm thick. Its law is not valid there: the force, {force:.3g} N, is "
+            "meaningless"
+        )

@@ -10,13 +10,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from palpate.physics import exact
 from palpate.physics.contact.terminal import free_recovery, indentation, power_of, terminal_force
 from palpate.physics.kernel import kernel
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
+GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(64)
 MOST_FORCE = 1e300  # [N] What a force beyond the range of numbers counts as
 
 
@@ -70,22 +69,23 @@ def elastic(s, kind, first, second, radius):
     return scale * grown * s, scale * (second * (1.0 + grown) * s + 1.5 * grown)
 
 
-def energy(law: ElasticLaw, s: ArrayLike) -> np.ndarray:
-    """Stored energy V(s) [J], the integral of g from 0 to s [m] (...); zero where s <= 0."""
-    depth = np.maximum(np.asarray(s, float), 0.0)
-    if law.kind == POWER:
-        return law.first * exact.power(depth, law.second + 1.0) / (law.second + 1.0)
-    if law.kind == EXPONENTIAL:
-        x = law.second * depth
+@kernel(error_model="numpy")
+def energy(s, kind, first, second, radius):
+    """Stored energy V(s) [J], the integral of g from 0 to s [m]; zero where s <= 0."""
+    depth = max(s, 0.0)
+    if kind == 0:
+        return first * depth ** (second + 1.0) / (second + 1.0)
+    if kind == 1:
+        x = second * depth
         # expm1(x) - x cancels below about 1e-2; six terms of its series reach rounding there.
         series = x * x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7)))))
-        return law.first / law.second**2 * np.where(x < 1e-2, series, exact.expm1(x) - x)
+        return first / second**2 * (series if x < 1e-2 else math.expm1(x) - x)
     # s = t^2 takes the square root out of the integrand; 64 points resolve e^{ms} up to ms of some hundreds.
-    points, weights = np.polynomial.legendre.leggauss(64)
-    t = np.sqrt(depth)[..., None] * (points + 1) / 2
-    grown = exact.expm1(law.second * t * t)
-    force = 8.0 * law.first / (3.0 * law.second) * math.sqrt(law.radius) * grown * t * t * t
-    return np.sum(force * t * weights, axis=-1) * np.sqrt(depth)
+    root, total = math.sqrt(depth), 0.0
+    for i in range(len(GAUSS_POINTS)):
+        t = root * (GAUSS_POINTS[i] + 1) / 2
+        total += math.expm1(second * t * t) * t * t * t * t * GAUSS_WEIGHTS[i]
+    return 8.0 * first / (3.0 * second) * math.sqrt(radius) * total * root
 
 
 @kernel(error_model="numpy")

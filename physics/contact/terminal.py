@@ -170,7 +170,8 @@ def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None
             )
 
 
-def law_at(length: float, start: float, law: Terminal, step: float, relaxation: float) -> tuple[float, float]:
+@kernel(error_model="numpy")
+def law_at(length, start, law, step, relaxation):
     """K [N/m^n] and s_free [m] for a step of `length` > 0 [s] from the indentation `start` [m], of a law that was given
     for a step of length `step` [s] from s_prev.
 
@@ -182,9 +183,10 @@ def law_at(length: float, start: float, law: Terminal, step: float, relaxation: 
 
     Exact for a Kelvin-Voigt body. Without `step` or `relaxation` the law is the same for all lengths.
     """
+    stiffness, exponent, _, rest, previous = law
     if not (step > 0.0 and relaxation > 0.0):
-        return law.stiffness, law.rest_indentation
+        return stiffness, rest
     share = (length / step) * (step + relaxation) / (length + relaxation)
     own = length / (length + relaxation)
-    free = start + share * (law.rest_indentation - law.previous_indentation) + own * (law.previous_indentation - start)
-    return law.stiffness / share**law.exponent, free
+    free = start + share * (rest - previous) + own * (previous - start)
+    return stiffness / share**exponent, free

@@ -53,6 +53,13 @@ def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
+def fresh(state, past):
+    """Make a state and rings those before the first step."""
+    state[:, :] = 0.0
+    past[:, :] = 0.0
+
+
+@kernel
 def remember(state, past, dt):
     """Take the last step into the rings `past` (d + 1, columns `PUSH` ... `WHEN`); row of the one d steps before it."""
     newest = (int(state[MODE, HEAD]) + 1) % len(past)

@@ -1,41 +1,28 @@
 """What all bristle laws share: the deflection z lies in the tangent plane of a surface that turns under the finger.
 
 A law is a NamedTuple in a file of its own: its fields are its settings, `Annotated[type, unit, limit]` with a default,
-and its property `advance` is a compiled function
+and its attribute `advance` is a kernel
 
     advance(law, z, v, load, dt) -> (z [m] (3), force [N] (3), stick)
 
 of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
-[s] > 0. A law may have
+[s] > 0. `law` has the settings; one that is a word is its place among the words. A law may have
 
-    play             a setting [m]; `advance` then takes a sixth argument, the path [m] that wears the bristles: that of
-                     a point which the finger drags on a string of this length. A finger that wanders by less, as one
-                     that is measured by an encoder does, strains the bristles but does not wear them
-    stored(z, load)  the energy [J] that the bristles hold: the ledger then reports what is dissipated
-    rescale          a setting; True: a load that rises gives the bristles no energy (needs `stored`)
-    caution()        which settings let it generate energy, a line that the user sees; "" where none does
+    play                  a setting [m]; `advance` then takes a sixth argument, the path [m] that wears the bristles:
+                          that of a point which the finger drags on a string of this length. A finger that wanders by
+                          less, as one that is measured by an encoder does, strains the bristles but does not wear them
+    stored(law, z, load)  a kernel: the energy [J] that the bristles hold; the ledger then reports what is dissipated
+    rescale               a setting; True: a load that rises gives the bristles no energy (needs `stored`)
+    caution()             which settings let it generate energy, a line that the user sees; "" where none does
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple, get_args, get_type_hints
+from functools import cache
+from typing import Any
 
-from palpate.physics.entry_point import entry_point
-from palpate.physics.kernel import kernel
+from palpate.physics.kernel import Kernel, kernel
 
-Vector = tuple[float, float, float]
-NOTHING = (0.0, 0.0, 0.0)
-
-
-class Bristles(NamedTuple):
-    """Deflection [m] (3), and normal [1] (3) and normal force [N] that it was found under; the finger's place from the
-    point that it drags [m] (3)."""
-
-    z: Vector = NOTHING
-    normal: Vector = (0.0, 0.0, 1.0)
-    load: float = 0.0
-    slack: Vector = NOTHING
+NOTHING, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 @kernel(error_model="numpy")
@@ -81,70 +68,57 @@ def drag(slack, a, b, v, dt, play):
     return (keep * x, keep * y, keep * z), length - play
 
 
-@dataclass(frozen=True, slots=True)
-class Kernel:
-    """A law as `step` takes it.
-
-    carry, advance  compiled
-    """
-
-    law: Any  # with each choice of words as its place among them: numbers are all that `advance` takes
-    carry: Callable[..., tuple[Vector, Vector]]
-    advance: Callable[..., tuple[Vector, Vector, bool]]
-    stored: Callable[[Vector, float], float] | None  # of the law, None where it has none
-    rescale: bool  # whether a load that rises gives the bristles no energy
-    drag: Callable[..., tuple[Vector, float]] | None  # compiled; None for a law without play
-    play: float  # [m]
+@kernel
+def _taut(law, slack, a, b, v, dt):
+    """`drag` for a law without play: nothing is worn by it."""
+    return NOTHING, 0.0
 
 
-def kernel_form(law: Any) -> Kernel:
-    """The law as `step` takes it."""
-    hints = get_type_hints(type(law))
-    law = law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
-    worn = hasattr(law, "play")
-    return Kernel(
-        law,
-        entry_point(carry, NOTHING, NOTHING, NOTHING, NOTHING),
-        entry_point(law.advance, law, NOTHING, NOTHING, 1.0, 1.0, *(1.0,) * worn),
-        getattr(law, "stored", None),
-        getattr(law, "rescale", False),
-        entry_point(drag, NOTHING, NOTHING, NOTHING, NOTHING, 1.0, 1.0) if worn else None,
-        law.play if worn else 0.0,
-    )
+@kernel
+def _played(law, slack, a, b, v, dt):
+    return drag(slack, a, b, v, dt, law.play)
 
 
-def step(kernel: Kernel, before: Bristles, normal: Vector, slip: Vector, load: float, dt: float):
-    """One step of a law: (bristles, force [N] (3), whether it sticks).
+@cache
+def stepper(kind: type[Any]) -> Kernel:
+    """The kernel of one step of a law:
+
+        step(law, z, a, last, slack, b, slip, load, dt) -> (z, b, load, slack, force [N] (3), whether it sticks)
+
+    z      [m]   (3)  deflection;  a [1] (3), last [N]: normal and load that it was found under
+    slack  [m]   (3)  the finger's place from the point that it drags
+    b      [1]   (3)  normal now;  slip [m/s] (3);  load [N];  dt [s]
 
     Without load the bristles are forgotten and the force is zero; such a contact does not stick.
     """
-    if not load > 0.0:
-        return Bristles(), NOTHING, False
-    z, v = kernel.carry(before.z, before.normal, normal, slip)
-    slack: Vector = NOTHING
-    wear: tuple[float, ...] = ()
-    if kernel.drag is not None:
-        slack, path = kernel.drag(before.slack, before.normal, normal, v, dt, kernel.play)
-        wear = (path,)
-    answer = kernel.advance(kernel.law, z, v, load, dt, *wear)
-    last = before.load
-    if load > last > 0.0 and kernel.rescale:
-        here = _dissipated(kernel, answer, z, last, v, load, dt)
-        if here < 0.0:
-            answer = _without_gain(kernel, answer, here, z, last, v, load, dt, wear)
-    z, force, stick = answer
-    return Bristles(z, normal, load, slack), force, stick
+    worn, rescales = "play" in kind._fields, "rescale" in kind._fields
+    advanced, dragged, unrising = kind.advance, _played if worn else _taut, _rescaled(kind) if rescales else None
+
+    @kernel(error_model="numpy")
+    def plain(law, z, v, last, load, dt, path):
+        return advanced(law, z, v, load, dt)
+
+    @kernel(error_model="numpy")
+    def wearing(law, z, v, last, load, dt, path):
+        return advanced(law, z, v, load, dt, path)
+
+    answer = unrising or (wearing if worn else plain)
+
+    @kernel(error_model="numpy")
+    def step(law, z, a, last, slack, b, slip, load, dt):
+        if not load > 0.0:
+            return NOTHING, UP, 0.0, NOTHING, NOTHING, False
+        z, v = carry(z, a, b, slip)
+        slack, path = dragged(law, slack, a, b, v, dt)
+        z, force, stick = answer(law, z, v, last, load, dt, path)
+        return z, b, load, slack, force, stick
+
+    return step
 
 
-def _dissipated(kernel, answer, z, last, v, load, dt):
-    """D = f.v T + V(z, f_last) - V(z+, f_n) [J], of an answer of `advance`, where the load was `last` [N] before."""
-    after, force, _ = answer
-    work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
-    return work + kernel.stored(z, last) - kernel.stored(after, load)
-
-
-def _without_gain(kernel, answer, here, z, last, v, load, dt, wear):
-    """The answer for bristles s z, s < 1, where that of `advance` gives more energy than it takes, D(1) = `here` < 0:
+def _rescaled(kind: type[Any]) -> Kernel:
+    """`advance` of a law whose bristles shrink where a load that rises would give them energy: where it gives more
+    energy than it takes, D(1) < 0, the answer for bristles s z, s < 1:
 
         D(s) = f(s).v T + V(z, f_last) - V(z+(s), f_n) >= 0
 
@@ -152,14 +126,37 @@ def _without_gain(kernel, answer, here, z, last, v, load, dt, wear):
     law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of its chord has
     D >= 0 too.
     """
+    advance, stored, worn = kind.advance, kind.stored, "play" in kind._fields
 
-    def scaled(s):
-        answer = kernel.advance(kernel.law, (s * z[0], s * z[1], s * z[2]), v, load, dt, *wear)
-        return answer, _dissipated(kernel, answer, z, last, v, load, dt)
+    @kernel(error_model="numpy")
+    def plain(law, z, v, load, dt, path):
+        return advance(law, z, v, load, dt)
 
-    least = math.sqrt(last / load)
-    lowest, there = scaled(least)
-    if not there > 0.0:
-        return lowest
-    chord, dissipated = scaled(least + (1.0 - least) * there / (there - here))
-    return chord if dissipated >= 0.0 else lowest
+    @kernel(error_model="numpy")
+    def wearing(law, z, v, load, dt, path):
+        return advance(law, z, v, load, dt, path)
+
+    answer = wearing if worn else plain
+
+    @kernel(error_model="numpy")
+    def scaled(law, s, z, v, last, load, dt, path):
+        """The answer for s z, and D of it."""
+        after, force, stick = answer(law, (s * z[0], s * z[1], s * z[2]), v, load, dt, path)
+        work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
+        return after, force, stick, work + stored(law, z, last) - stored(law, after, load)
+
+    @kernel(error_model="numpy")
+    def rescaled(law, z, v, last, load, dt, path):
+        after, force, stick, here = scaled(law, 1.0, z, v, last, load, dt, path)
+        if not (load > last > 0.0 and law.rescale and here < 0.0):
+            return after, force, stick
+        least = math.sqrt(last / load)
+        lowest, pushed, stuck, there = scaled(law, least, z, v, last, load, dt, path)
+        if there > 0.0:
+            s = least + (1.0 - least) * there / (there - here)
+            after, force, stick, dissipated = scaled(law, s, z, v, last, load, dt, path)
+            if dissipated >= 0.0:
+                return after, force, stick
+        return lowest, pushed, stuck
+
+    return rescaled

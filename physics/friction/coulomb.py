@@ -20,6 +20,12 @@ def coulomb(law, z, v, load, dt):
     return (x * scale, y * scale, w * scale), (k * x, k * y, k * w), stick
 
 
+@kernel
+def energy(law, z, load):
+    """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
+    return 0.5 * law.stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+
+
 class Coulomb(NamedTuple):
     """Coulomb friction with an elastic stick: a spring that slips at mu times the normal force.
 
@@ -29,10 +35,4 @@ class Coulomb(NamedTuple):
     mu: Annotated[float, "1", ">= 0"] = 0.5
     stiffness: Annotated[float, "N/m", "> 0"] = 1500.0
 
-    @property
-    def advance(self):
-        return coulomb
-
-    def stored(self, z, load):
-        """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
-        return 0.5 * self.stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+    advance, stored = coulomb, energy

@@ -10,7 +10,7 @@ Control 47 (2002) 787-792. With LuGre's bound on sigma2 it is passive.
 import math
 from typing import Annotated, NamedTuple
 
-from palpate.physics.friction.lugre import active, force, stribeck
+from palpate.physics.friction.lugre import active, energy, force, stribeck
 from palpate.physics.kernel import kernel
 
 
@@ -58,14 +58,8 @@ class ElastoPlastic(NamedTuple):
     elastic: Annotated[float, "1", ">= 0", "< 1"] = 0.9
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
 
-    @property
-    def advance(self):
-        return elastoplastic
+    advance, stored = elastoplastic, energy
 
     def caution(self):
         """What of its settings lets the law generate energy; "" where nothing does."""
         return active(self)
-
-    def stored(self, z, load):
-        """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
-        return 0.5 * load * self.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])

@@ -53,6 +53,12 @@ def lugre(law, z, v, load, dt, path):
     return u, force(law, z, u, v, load, dt), speed == 0.0 or along < 0.5 * g * speed
 
 
+@kernel
+def energy(law, z, load):
+    """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
+    return 0.5 * load * law.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
+
+
 class LuGre(NamedTuple):
     """LuGre friction: presliding, Stribeck dip and viscous rise, in proportion to the normal force.
 
@@ -71,17 +77,11 @@ class LuGre(NamedTuple):
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
     play: Annotated[float, "m", ">= 0"] = 0.0  # wandering by less does not wear the bristles: half an encoder count
 
-    @property
-    def advance(self):
-        return lugre
+    advance, stored = lugre, energy
 
     def caution(self):
         """What of its settings lets the law generate energy; "" where nothing does."""
         return active(self)
-
-    def stored(self, z, load):
-        """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
-        return 0.5 * load * self.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
 
 def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:

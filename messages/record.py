@@ -1,0 +1,164 @@
+"""Messages as records: the fixed layout in which compiled nodes read and write them.
+
+A record begins with the header:
+
+    there    whether there is a message; the rest tells nothing where there is none
+    tick     as in the message
+    time     as in the message [ns]
+    present  which inputs its sender had, as a bit mask in port order: the n-th bit for the n-th of `used`
+
+Then come the fields by name: numbers, flags and vectors of fixed length as they are; a word as its place among those
+that the field may hold (`OneOf`); a vector of open length, of at most `ROOM` numbers, as `count` and `values`; an array
+as `address` and `shape`, its memory being the sender's.
+"""
+
+import ctypes
+import math
+import struct
+import typing
+from collections.abc import Callable, Collection
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palpate.messages.base import Message
+from palpate.messages.fields import Field, fields
+
+ROOM = 16
+"""Numbers in a vector of open length: what travels as a msgpack array of numbers."""
+HEAD = [("there", "?"), ("tick", "<i8"), ("time", "<i8"), ("present", "<i8")]
+KINDS = {float: "<f8", int: "<i8", bool: "?"}
+CODES = {"f": "d", "i": "q", "b": "?"}
+
+
+@cache
+def layout(kind: type[Message]) -> np.dtype:
+    """The record of a message type. TypeError: a field that a record cannot hold; says which, and what would do."""
+    return np.dtype(HEAD + [(field.name, _kind(kind, field)) for field in fields(kind)], align=True)
+
+
+def array_handle(ndim: int) -> np.dtype:
+    """How a record holds an array of so many axes."""
+    return np.dtype([("address", "<i8"), ("shape", "<i8", (ndim,))])
+
+
+def _kind(kind: type, field: Field) -> Any:
+    if field.dtype is not None:
+        return array_handle(len(field.shape))
+    if field.shape:
+        element = KINDS[_element(field)]
+        if isinstance(field.shape[0], int):
+            return element, field.shape
+        return np.dtype([("count", "<i8"), ("values", element, (ROOM,))])
+    if field.words:
+        return KINDS[int]
+    if field.type in KINDS:
+        return KINDS[field.type]
+    raise TypeError(
+        f"{kind.__name__}.{field.name}: a compiled node cannot hold {field.type.__name__}. Numbers, flags, vectors and "
+        'arrays can be held, and words from a list: Annotated[str, "1", OneOf("free", "contact")]'
+    )
+
+
+def _element(field: Field) -> type:
+    return next(t for t in typing.get_args(field.type) if t is not Ellipsis)
+
+
+@cache
+def writer(kind: type[Message], names: Collection[str]) -> Callable[[Message, Any], None]:
+    """What writes the fields `names` of a message into a record, which is given as its memory."""
+    record = layout(kind)
+    given = ["True", "m.tick", "m.time", "present(m.used)"]
+    format_, filled = "=?7xqqq", 32
+    known: dict[str, Any] = {"address": _address, "present": _present}
+    for field in fields(kind):
+        if field.name not in names:
+            continue
+        dtype, offset = record.fields[field.name][:2]  # type: ignore[index]
+        format_ += f"{offset - filled}x{_codes(dtype)}"
+        filled = offset + dtype.itemsize
+        given += _values(field, known)
+    packed = struct.Struct(format_)
+    assert packed.size <= record.itemsize
+    known["pack_into"] = packed.pack_into
+    exec(f"def write(m, memory):\n    pack_into(memory, 0, {', '.join(given)})", known)
+    return known["write"]
+
+
+def _values(field: Field, known: dict[str, Any]) -> list[str]:
+    """Expressions of the numbers of a field; `known` gets the names in them."""
+    value = f"m.{field.name}"
+    if field.dtype is not None:
+        return [f"address({value})", f"*{value}.shape"]
+    if field.words:
+        known[f"words_{field.name}"] = {word: place for place, word in enumerate(field.words)}
+        return [f"words_{field.name}[{value}]"]
+    if field.shape and not isinstance(field.shape[0], int):
+        known["rest"] = (0,) * ROOM
+        return [f"len({value})", f"*({value} + rest)[:{ROOM}]"]
+    return [f"*{value}" if field.shape else value]
+
+
+@cache
+def reader(kind: type[Message]) -> Callable[[Any], Message]:
+    """What makes a message, without its header but for tick and time, of a record, which is given as its memory.
+    Arrays are copied."""
+    record = layout(kind)
+    format_, filled, at, given = "=?7xqqq", 32, 4, ["tick=v[1]", "time=v[2]"]
+    known: dict[str, Any] = {"kind": kind, "copied": _copied}
+    for field in fields(kind):
+        dtype, offset = record.fields[field.name][:2]  # type: ignore[index]
+        codes = _codes(dtype)
+        format_ += f"{offset - filled}x{codes}"
+        filled = offset + dtype.itemsize
+        count = len(struct.unpack(f"={codes}", bytes(struct.calcsize(f"={codes}"))))
+        if field.dtype is not None:
+            known[f"empty_{field.name}"] = _empty(kind, field)
+            value = f"copied(v[{at}], v[{at + 1}:{at + count}], empty_{field.name})"
+        elif field.words:
+            known[f"words_{field.name}"] = field.words
+            value = f"words_{field.name}[v[{at}]]"
+        elif field.shape and not isinstance(field.shape[0], int):
+            value = f"v[{at + 1}:{at + 1} + v[{at}]]"
+        else:
+            value = f"v[{at}:{at + count}]" if field.shape else f"v[{at}]"
+        given.append(f"{field.name}={value}")
+        at += count
+    known["unpack_from"] = struct.Struct(format_).unpack_from
+    exec(f"def read(memory):\n    v = unpack_from(memory)\n    return kind({', '.join(given)})", known)
+    return known["read"]
+
+
+def _codes(dtype: np.dtype) -> str:
+    """Of a field's numbers, for `struct`."""
+    if dtype.fields is not None:
+        return "".join(_codes(dtype.fields[name][0]) for name in dtype.names or ())
+    base, shape = dtype.subdtype or (dtype, ())
+    return f"{math.prod(shape)}{CODES[base.kind]}"
+
+
+def _address(array: np.ndarray) -> int:
+    return array.__array_interface__["data"][0]
+
+
+def _present(used: tuple[int, ...]) -> int:
+    return (1 << len(used)) - 1 if -1 not in used else sum(1 << place for place, tick in enumerate(used) if tick >= 0)
+
+
+def _empty(kind: type, field: Field) -> np.ndarray:
+    """What an empty array is in a message: its default, by which it is left out on the wire, or one of no rows."""
+    default = msgspec.structs.fields(kind)[kind.__struct_fields__.index(field.name)].default
+    if isinstance(default, np.ndarray):
+        return default
+    empty = np.zeros([0 if isinstance(length, str) else length for length in field.shape], field.dtype)
+    empty.setflags(write=False)
+    return empty
+
+
+def _copied(address: int, shape: tuple[int, ...], empty: np.ndarray) -> np.ndarray:
+    count = math.prod(shape)
+    if not count:
+        return empty
+    return np.frombuffer(ctypes.string_at(address, count * empty.itemsize), empty.dtype).reshape(shape)

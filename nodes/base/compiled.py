@@ -1,0 +1,239 @@
+"""Nodes on the force path: settings, a state of fixed size, and one kernel on records.
+
+    class Spring(CompiledNode):
+        stiffness: Annotated[float, "N/m"] = 300.0
+        State = {"longest": ()}                              # (): a number; (3,): a vector; int, bool; {...}: a group
+
+        @kernel
+        def compute(own, proximity: Proximity, out: Out[Force], dt):
+            own.longest = max(own.longest, proximity.approach)
+            for i in range(3):
+                out.force[i] = own.stiffness * proximity.approach * proximity.normal[i]
+
+The arguments of `compute` are the wiring, as those of `step` are of a node in Python. `own` holds settings that are
+numbers, parts that are wanted, and the state; a setting that is one of some words is its place among them. Messages are
+records (messages/record.py). An input of type `X | None` is there where `x.there` says so. The answer stands in `out`,
+which holds the last answer before. A kernel that cannot go on sets `own.fault` to a number of its own and returns;
+`explain` then says what is wrong.
+"""
+
+import functools
+import math
+import typing
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from palpate.messages import Message, MessageError
+from palpate.messages.record import KINDS, ROOM, array_handle, layout, reader, writer
+from palpate.nodes.base.effect import Effect
+from palpate.nodes.base.node import Node, Port, inputs, outputs, settings
+from palpate.physics.entry_point import entry_point
+from palpate.physics.kernel import Kernel
+from palpate.physics.records import address, call
+
+ARRAY, TABLE = array_handle(1), array_handle(2)
+"""In a state: an array of one or two axes that `CompiledNode.hold` keeps."""
+
+
+class Part:
+    """What a compiled node computes where somebody reads one of `fields`: in its kernel, the flag of this name.
+
+    effect  that it is; about: a sentence;  also: fields of other effects that need it
+    """
+
+    def __init__(self, effect: str, *fields: str, about: str, also: tuple[str, ...] = ()) -> None:
+        self.part = Effect(effect, "part", fields, about=about, also=also)
+
+    def wanted(self, node: Node) -> bool:
+        """Whether somebody reads it."""
+        return node.wanted is None or not node.wanted.isdisjoint((*self.part.fields, *self.part.also))
+
+
+class CompiledNode(Node):
+    """A node whose step is a kernel on records.
+
+    State    fields of its state and their shapes
+    compute  the kernel: own record, inputs, outputs, dt [s]
+    idle     a kernel of the same arguments: whether a step on these inputs would leave state and answers as they are
+    """
+
+    State: ClassVar[dict[str, Any]] = {}
+    compute: ClassVar[Kernel]
+    idle: ClassVar[Kernel | None] = None
+
+    @classmethod
+    def wiring(cls) -> Callable[..., Any]:
+        """The kernel, before it is compiled."""
+        return getattr(cls.compute, "py_func", cls.compute)
+
+    def start(self) -> None:
+        """Make the record of the node: settings, wanted parts, a state of zeros. What needs more calls this first."""
+        self._notes = []
+        self.own = np.zeros(1, record(type(self)))[0]
+        self._held: dict[str, np.ndarray] = {}
+        for name in self.own.dtype.names or ():
+            if name in settings(type(self)):
+                self.own[name] = _number(settings(type(self))[name].type, getattr(self, name))
+            elif isinstance(part := getattr(type(self), name, None), Part):
+                self.own[name] = part.wanted(self)
+        self._records: Records | None = None
+
+    def hold(self, name: str, array: np.ndarray) -> None:
+        """Let a field of the state stand for an array: contiguous, of 8-byte floats or 4-byte integers."""
+        assert array.flags.c_contiguous and array.dtype.str in ("<f8", "<i4"), (name, array.dtype)
+        self._held[name] = array
+        self.own[name]["address"], self.own[name]["shape"] = array.ctypes.data, array.shape
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        """What the kernel's fault was; `messages`: its inputs."""
+        return MessageError(f"{type(self).__name__}: fault {fault} in its kernel")
+
+    def records(self, messages: Sequence[Any]) -> "Records":
+        """The node with records of its own that hold these messages."""
+        counts = [len(m) if isinstance(m, list) else 1 for m in messages]
+        if self._records is None or self._records.counts != counts:
+            self._records = Records(self, counts)
+        self._records.write(messages)
+        return self._records
+
+    def rests(self, *messages: Any) -> bool:
+        return self.idle is not None and self.records(messages).idle()
+
+    def step(self, *messages: Any, dt: float = math.inf) -> Any:
+        """One step on messages; the answer, several as a tuple."""
+        records = self.records(messages)
+        records.compute(messages, dt)
+        answers = records.read()
+        return answers[0] if len(answers) == 1 else answers
+
+
+@functools.cache
+def record(kind: type[CompiledNode]) -> np.dtype:
+    """The record `own` of a node class: `fault`, settings that are numbers, parts, state. TypeError: a state that a
+    record cannot hold."""
+    own: list[tuple[Any, ...]] = [("fault", "<i8")]
+    for name, setting in settings(kind).items():
+        if (form := _setting(setting.type)) is not None:
+            own.append((name, *form))
+    own += [(name, "?") for name in dir(kind) if isinstance(getattr(kind, name), Part)]
+    return np.dtype(own + _state(kind.__name__, kind.State), align=True)
+
+
+def _setting(hint: Any) -> tuple[Any, ...] | None:
+    """How a record holds a setting; None: it does not."""
+    if hasattr(hint, "__metadata__"):
+        hint = typing.get_args(hint)[0]
+    if hint in KINDS:
+        return (KINDS[hint],)
+    given = typing.get_args(hint)
+    if typing.get_origin(hint) is typing.Literal:
+        return (KINDS[int],)
+    if typing.get_origin(hint) is tuple and Ellipsis not in given and set(given) <= set(KINDS):
+        return KINDS[given[0]], (len(given),)
+    return None
+
+
+def _number(hint: Any, value: Any) -> Any:
+    if hasattr(hint, "__metadata__"):
+        hint = typing.get_args(hint)[0]
+    return typing.get_args(hint).index(value) if typing.get_origin(hint) is typing.Literal else value
+
+
+def _state(name: str, fields: dict[str, Any]) -> list[tuple[Any, ...]]:
+    return [(field, *_form(f"{name}.State[{field!r}]", form)) for field, form in fields.items()]
+
+
+def _form(name: str, form: Any) -> tuple[Any, ...]:
+    if isinstance(form, dict):
+        return (np.dtype(_state(name, form), align=True),)
+    if isinstance(form, np.dtype):
+        return (form,)
+    if form in KINDS:
+        return (KINDS[form],)
+    if isinstance(form, tuple) and all(isinstance(length, int) for length in form):
+        return ("<f8", form) if form else ("<f8",)
+    raise TypeError(f"{name}: found {form!r}, expected a shape like () or (3,), int, bool, a dict of these, or ARRAY")
+
+
+def several(kind: type[Message]) -> np.dtype:
+    """The record of an input that takes many: how many there are, and where. `records.nth` finds them."""
+    return np.dtype([("count", "<i8"), ("at", "<i8", (ROOM,)), ("like", layout(kind))], align=True)
+
+
+@functools.cache
+def code(kind: type[CompiledNode], name: str) -> int:
+    """Address of the machine code of a kernel of a node class: `compute` or `idle`."""
+    ports = [several(port.type) if port.many else layout(port.type) for port in inputs(kind)]
+    return address(getattr(kind, name), record(kind), *ports, *map(layout, outputs(kind)))
+
+
+class Records:
+    """A node with a record for each of its messages, as a step from Python needs them.
+
+    counts  of messages of each port
+    """
+
+    def __init__(self, node: CompiledNode, counts: list[int]) -> None:
+        self.node, self.counts = node, counts
+        kind = type(node)
+        ports = inputs(kind)
+        self._fill = [
+            [_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)
+        ]
+        self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
+        self._out = [np.zeros(1, layout(output)) for output in outputs(kind)]
+        self._read = [(reader(k), out.view(np.uint8).data) for k, out in zip(outputs(kind), self._out, strict=True)]
+        own = node.own.__array_interface__["data"][0]
+        self._table = np.array([own, *(r.ctypes.data for r in (*self._ports, *self._out))], np.int64)
+        self._call = entry_point(call, 0, 0, 0, 0.0)
+        self._where = self._table.ctypes.data, len(self._table)
+        self._compute = code(kind, "compute")
+        self._idle = code(kind, "idle") if kind.idle is not None else 0
+        self._messages: Sequence[Any] = ()
+
+    def write(self, messages: Sequence[Any]) -> None:
+        """Take these inputs."""
+        self._messages = messages
+        for fill, given in zip(self._fill, messages, strict=True):
+            for (write, memory, there), message in zip(fill, given if isinstance(given, list) else (given,), strict=True):
+                if message is None:
+                    there[0] = False
+                else:
+                    write(message, memory)
+
+    def idle(self) -> bool:
+        """Whether the node rests on these inputs."""
+        return self._call(self._idle, *self._where, 0.0)[1]
+
+    def compute(self, messages: Sequence[Any], dt: float) -> None:
+        """Run the kernel. Its exception, or that of its fault, is raised."""
+        raised, _ = self._call(self._compute, *self._where, dt)
+        own = self.node.own
+        if raised or own["fault"]:
+            fault, own["fault"] = int(own["fault"]), 0
+            if raised:
+                self.node.compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
+            raise self.node.explain(fault, *messages)
+
+    def read(self) -> tuple[Message, ...]:
+        """The answers."""
+        return tuple([read(memory) for read, memory in self._read])
+
+
+def _inlet(port: Port) -> tuple[Any, Any, np.ndarray]:
+    """How a message of a port gets into a record: writer, memory, flag."""
+    one = np.zeros(1, layout(port.type))
+    return writer(port.type, port.wants), one.view(np.uint8).data, one["there"]
+
+
+def _gathered(port: Port, fill: list[Any]) -> np.ndarray:
+    """What the kernel is handed for a port."""
+    records = [there.base for _, _, there in fill]
+    if not port.many:
+        return records[0]
+    table = np.zeros(1, several(port.type))
+    table["count"] = len(records)
+    table["at"][0, : len(records)] = [r.ctypes.data for r in records]
+    return table

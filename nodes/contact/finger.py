@@ -1,0 +1,153 @@
+"""One fingertip in series with a body, as kernels on its state: what `Series` has once and `Joint` for each finger."""
+
+import math
+
+from palpate.nodes.base.absence import FALL
+from palpate.physics.bodies.place_energy import on_hand
+from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
+from palpate.physics.kernel import kernel
+from palpate.physics.records import vector
+
+FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
+STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
+LATE = 1.5  # [1] steps of the contact after which a law is an old one, and usual steps after which a step spans a gap
+AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
+GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
+REST = 1e3  # [s] a step after which any body is at rest
+RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
+NOTHING = (0.0, 0.0, 0.0)
+
+FINGER = {
+    "compression": (), "indentation": (), "settled": bool,  # [m]; whether the indentation is known
+    "idle": bool, "previous": (), "in_step": bool, "withheld": (),  # previous [m] of the body's law; withheld [m]
+    "heard": (7,), "hears": bool,  # the body's last law, step and relaxation; whether there was one
+    "usual": (), "depth": (), "rate": (), "length": (),  # [s] [m] [m/s] [s] of the motion so far
+    "deepest": (3,), "deepest_time": int,  # greatest compression [m], force [N] then; time [ns]
+}  # fmt: skip
+"""State of a fingertip."""
+
+
+def begin(finger) -> None:
+    """The state before the first step."""
+    finger["in_step"], finger["usual"], finger["deepest_time"] = True, math.inf, -1
+
+
+@kernel
+def in_range(law, step, relaxation):
+    """Whether a body's law passes `check_law`, which tells why it does not."""
+    k, n, c, free, previous = law
+    return (
+        k > 0.0
+        and 1.0 <= n <= 3.0
+        and c >= 0.0
+        and free >= LEAST_FREE
+        and step >= 0.0
+        and relaxation >= 0.0
+        and -math.inf < k + c + free + previous + step + relaxation < math.inf
+    )
+
+
+@kernel(error_model="numpy")
+def step_length(finger, proximity, dt):
+    """Length [s] of the step over which the damping takes the motion: `dt`, except after a gap in which the finger came
+    nearer.
+
+    An implicit step over a gap meets its mean rate at its full depth, although a finger that hits the tissue in it may
+    rest by now. So the rate at its end is extrapolated from the mean rates v, v_0 of this step and the one before, of
+    lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step is as long as the same motion takes at
+    v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends at rest.
+    """
+    depth = proximity.approach - proximity.separation
+    rate = (depth - finger.depth) / dt
+    rate_before, dt_before = finger.rate, finger.length
+    finger.usual = min(finger.usual, dt)
+    finger.depth, finger.rate, finger.length = depth, rate, dt
+    if dt <= LATE * finger.usual or not rate > 0.0:
+        return dt
+    end = 0.0 if finger.idle else min(rate + (rate - rate_before) * dt / (dt + dt_before), rate)
+    return min(dt * rate / end, REST) if end > 0.0 else REST
+
+
+@kernel(error_model="numpy")
+def law_now(finger, law, step, relaxation, age, dt, length):
+    """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s], taken as `length` [s].
+
+    law  of a message that is `age` [s] old, for a step of `step` [s]; 0: for any
+    """
+    k, n, c, free, previous = law
+    own = finger.indentation
+    fresh = age <= LATE * dt and step <= LATE * dt and (dt <= LATE * step or step == 0.0)
+    finger.in_step = fresh and (finger.in_step or not finger.settled or abs(own - previous) <= AGREE)
+    if not finger.settled or (finger.in_step and length == dt):
+        return law
+    k, free = law_at(length, own, law, step, relaxation)
+    return k, n, c, free, own
+
+
+@kernel(error_model="numpy")
+def pressing(finger, proximity, there, law, step, relaxation, time, dt):
+    """Whether there is something to press on; then approach [m], length of the step [s] and the body's law, which
+    determine the force of this step.
+
+    there  whether the body has sent its law; law, step [s], relaxation [s] and time [ns] of that message
+    """
+    length = step_length(finger, proximity, dt)
+    if there:
+        for i in range(5):
+            finger.heard[i] = law[i]
+        finger.heard[5], finger.heard[6], finger.hears = step, relaxation, True
+        age = (proximity.time - time) * 1e-9 if proximity.time >= 0 and time >= 0 else dt
+        law = law_now(finger, law, step, relaxation, age, dt, length)
+        finger.previous = law[4]
+        # the approach that is felt: all of it, but for a while after the body was missing
+        if not finger.settled and proximity.tick > 0:
+            finger.withheld = proximity.approach - finger.compression - finger.previous
+        elif finger.withheld > 0.0:
+            finger.withheld = (finger.withheld - CATCH_UP * dt) / (1.0 + dt / RETURN)
+        finger.withheld = max(finger.withheld, 0.0)
+        return True, proximity.approach - finger.withheld, length, law
+    finger.settled, finger.in_step = False, True
+    finger.withheld += max(proximity.approach, 0.0) * dt / GONE
+    felt = proximity.approach - finger.withheld
+    if not (finger.hears and felt > STILL):
+        return False, 0.0, length, law
+    heard = finger.heard
+    k, n, c, free, previous = heard[0], heard[1], heard[2], heard[3], heard[4]
+    k, free = law_at(REST, previous, (k, n, c, free, previous), heard[5], heard[6])
+    return True, felt, math.inf, (k, n, c, free, previous)
+
+
+@kernel(error_model="numpy")
+def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness, pressed, solved, dt):
+    """The contact of this step: force [N], indentation [m], rates of compression and indentation [m/s], force along
+    the surface [N] (3).
+
+    gradient [N] (3), shape [1/m] (9)  of the body's energy along the surface, where it knows: `sloped`
+    damping    [s/m] of the fingertip;  thickness [m] of its soft tissue
+    pressed    whether `solved`, force, compression and indentation, is of this step
+    """
+    before, lateral = finger.compression, NOTHING
+    force = indentation = rate = 0.0
+    if pressed:
+        force, finger.compression, indentation = solved
+    else:
+        finger.compression = free_recovery(before, 0.0, damping, dt)
+    if there:
+        rate = (indentation - finger.previous) / dt
+        finger.indentation, finger.settled = indentation, True
+        if force > 0.0 and sloped:
+            lateral = on_hand(gradient, shape, proximity.approach, vector(proximity.normal))
+    if finger.compression > thickness > 0.0:
+        deepest = finger.deepest
+        if (finger.compression, force, proximity.time) > (deepest[0], deepest[1], finger.deepest_time):
+            deepest[0], deepest[1], finger.deepest_time = finger.compression, force, proximity.time
+    finger.idle = force == 0.0 and before == finger.compression and abs(indentation) < STILL
+    return force, indentation, (finger.compression - before) / dt, rate, lateral
+
+
+@kernel
+def at_rest(finger, proximity, there, law, step, relaxation):
+    """Whether a step would change nothing: idle and farther than `FAR` from touching a body that is at rest."""
+    if not finger.idle or not there or not proximity.separation > FAR:
+        return False
+    return abs(law[3]) < STILL and abs(law[4]) < STILL and in_range(law, step, relaxation)
