@@ -138,3 +138,48 @@ def one(values, number):
     """Make a number the only one of a vector of open length."""
     values.count = 1
     values.values[0] = number
+
+
+def pointer(dtype: np.dtype) -> Any:
+    """A function for kernels: the record of this form at an address."""
+    form = from_dtype(dtype)
+
+    @intrinsic
+    def at(typing: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return form(types.int64), generate
+
+    return at
+
+
+@intrinsic
+def word(typing: Any, address: Any) -> Any:
+    """The whole number at an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def number(typing: Any, address: Any) -> Any:
+    """The floating-point number at an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], ir.DoubleType().as_pointer()))
+
+    return types.float64(types.int64), generate
+
+
+@intrinsic
+def set_word(typing: Any, address: Any, value: Any) -> Any:
+    """Write a whole number to an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.store(arguments[1], builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), generate

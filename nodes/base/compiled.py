@@ -71,7 +71,10 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, wanted parts, a state of zeros. What needs more calls this first."""
         self._notes = []
-        self.own = np.zeros(1, record(type(self)))[0]
+        if not hasattr(self, "own"):
+            self._record = np.zeros(1, record(type(self)))
+            self.own = self._record[0]  # stays where it is: others know its address
+        self._record[:] = np.zeros(1, self._record.dtype)
         self._held: dict[str, np.ndarray] = {}
         for name in self.own.dtype.names or ():
             if name in settings(type(self)):

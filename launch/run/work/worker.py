@@ -12,11 +12,13 @@ from functools import partial
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
+from palpate.engine.segment import Segment, segments
 from palpate.engine.slot import NodeError, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
+from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Node
@@ -49,6 +51,8 @@ class Worker:
         for slot in self.slots:
             slot.wire(self.outputs)
             self._feed(slot)
+        self.parts: list[Slot | Segment] = list(self.slots)
+        """What runs, in order: once it has begun, compiled nodes that follow one another are a segment."""
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
         self.stopping = False
@@ -143,6 +147,12 @@ class Worker:
             for stream in self.job.external:
                 self.outputs[stream].send = self.bus.sender(stream, self.poll).send
         self._mark_heard()
+        for slot in self.slots:
+            slot.follows = self._real and slot.driver is not None
+        job = self.job
+        self.parts = segments(
+            self.slots, lambda own: Segment(own, job.rate, self._real, lambda slot, port: permitted(job, slot, port))
+        )
         for observer in self.audience.begun:
             observer.node.begun(origin)
         if self._real:
@@ -287,6 +297,9 @@ class Worker:
                     port.dead = not back
                     port.queue.clear()
                     port.message = None
+        for part in self.parts:
+            if isinstance(part, Segment):
+                part.refresh()
 
     def _overhear_some(self) -> None:
         if self.bus is not None and self.audience.slots:
@@ -339,6 +352,9 @@ class Worker:
     def sign_of_life(self) -> None:
         """Tell the launcher and the observers how the nodes are doing."""
         self._reported = now()
+        for part in self.parts:
+            if isinstance(part, Segment):
+                part.count()
         for slot in self.slots:
             slot.health.state = slot.node.condition() or "ready"
         nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
