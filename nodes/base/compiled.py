@@ -105,7 +105,8 @@ class CompiledNode(Node):
         return self.idle is not None and self.records(messages).idle()
 
     def step(self, *messages: Any, dt: float = math.inf) -> Any:
-        """One step on messages; the answer, several as a tuple."""
+        """One step on messages, None where there is none; the answer, several as a tuple."""
+        messages += (None,) * (len(inputs(type(self))) - len(messages))
         records = self.records(messages)
         records.compute(messages, dt)
         answers = records.read()
