@@ -12,8 +12,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.engine.slot import Input, NodeError, Output, Slot
-from palpate.engine.table import CLOCK, INPUT, RAISED, ROW, run_table
+from palpate.engine.encode import wire_plan
+from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
+from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW, run_table
 from palpate.messages import Message, check_finite
 from palpate.messages.record import layout, reader, writer
 from palpate.nodes.base import InputError, inputs
@@ -27,17 +28,29 @@ class Segment:
     """Slots of compiled nodes, in their order.
 
     permitted  age [s] up to which a slot may hold an input on the real clock
+    deliver    takes an output, a tick and the wire form of the message, for outputs that somebody listens to
     """
 
     def __init__(
-        self, slots: Sequence[Slot], rate: float, real: bool, permitted: Callable[[Slot, Input], float]
+        self,
+        slots: Sequence[Slot],
+        rate: float,
+        real: bool,
+        permitted: Callable[[Slot, Input], float],
+        deliver: Callable[[Output, int, bytes], None],
     ) -> None:
         self.slots = list(slots)
+        self._deliver = deliver
+        self._outputs: list[RecordOutput] = []
+        self._out_lines: list[np.ndarray] = []
         self._kept: list[Any] = []
         self._rows = np.zeros(len(slots), ROW)
         self._clock = np.zeros(1, CLOCK)
         self._clock["rate"], self._clock["real"] = rate, real
-        self._clock["last"] = len(slots)
+        self._clock["last"], self._clock["resume"] = len(slots), -1
+        self._journal, self._entries = np.zeros(1 << 20, np.uint8), np.zeros(1 << 14, ENTRY)
+        self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
+        self._clock["entry"], self._clock["most"] = self._entries.ctypes.data, len(self._entries)
         streams = {output.stream: output for slot in slots for output in slot.outputs}
         for slot in slots:
             for port in slot.inputs:
@@ -52,7 +65,8 @@ class Segment:
         self._stepped, self._failed = self._rows["stepped"], self._clock["failed"]
         self._times = self._rows["time"]
         for slot in slots:
-            slot.renewed = self.refresh
+            slot.renewed, slot.joined = self.refresh, True
+        self.listen()
 
     def _fill(self, place: int, slot: Slot, rate: float, permitted: Callable[[Slot, Input], float]) -> np.ndarray:
         """The row of a slot, and the lines of its inputs."""
@@ -88,7 +102,6 @@ class Segment:
             if nth >= 0:
                 put = ports[argument - 1].ctypes.data + 8 + 8 * nth
             line["record"], line["absent"], line["put"] = record.ctypes.data, absent.ctypes.data, put
-            line["used"] = used.ctypes.data + 8 * n
             line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
             line["given"], line["optional"] = not port.inside, port.port.optional
             line["drives"] = port is slot.driver
@@ -97,12 +110,26 @@ class Segment:
         row["compute"] = code(kind, "compute")
         row["idle"] = code(kind, "idle") if kind.idle is not None and slot.sleeps else 0
         row["records"], row["count"] = records.ctypes.data, len(records)
-        row["inputs"], row["input"] = len(lines), lines.ctypes.data
-        row["outputs"], row["numbers"], row["numbered"] = len(outputs), numbers.ctypes.data, len(numbers)
+        row["inputs"], row["input"], row["used"] = len(lines), lines.ctypes.data, used.ctypes.data
+        row["outputs"], row["output"] = len(outputs), self._lines_of(slot).ctypes.data
+        row["numbers"], row["numbered"] = numbers.ctypes.data, len(numbers)
         row["every"], row["nominal"], row["missed"] = slot.every, slot.every / rate, -1
         row["follows"], row["hardware"] = slot.follows, node.hardware
         for output in slot.outputs:
             output.used, output.source = used[: len(lines)], slot.name
+        return lines
+
+    def _lines_of(self, slot: Slot) -> np.ndarray:
+        """Lines of a slot's outputs."""
+        lines = self._keep(np.zeros(len(slot.outputs), OUTPUT))
+        for line, output in zip(lines, slot.outputs, strict=True):
+            assert isinstance(output, RecordOutput)
+            plan = wire_plan(output.kind, slot.name)
+            line["record"], line["number"] = output.record.ctypes.data, len(self._outputs)
+            line["steps"], line["count"] = plan.steps.ctypes.data, len(plan.steps)
+            line["literals"], line["most"] = plan.literals.ctypes.data, plan.most
+            self._outputs.append(output)
+        self._out_lines.append(lines)
         return lines
 
     def _keep(self, array: np.ndarray) -> np.ndarray:
@@ -119,6 +146,15 @@ class Segment:
             if slot.time is None:
                 row["begun"], row["due"], row["missed"] = False, 0, -1
             row["follows"] = slot.follows
+        self.listen()
+
+    def listen(self) -> None:
+        """Take over which outputs somebody listens to."""
+        for slot, lines in zip(self.slots, self._out_lines, strict=True):
+            lines["period"] = [
+                output.period if output.external or output.observed or output.listeners else 0
+                for output in slot.outputs
+            ]
 
     def run(self, tick: int, host: Any) -> None:
         """Run the nodes that step at a tick. NodeError: one failed."""
@@ -163,9 +199,27 @@ class Segment:
                 write(message, memory)
 
     def _call(self, tick: int, ticks: int) -> None:
-        self._run(*self._where, tick, ticks)
-        if self._failed[0] >= 0:
-            self._fail(int(self._failed[0]))
+        end = tick + ticks
+        while True:
+            self._run(*self._where, tick, end - tick)
+            emptied = self._clock["entries"][0] > 0
+            if emptied:
+                self._hand_over()
+            if self._failed[0] >= 0:
+                self._fail(int(self._failed[0]))
+            if self._clock["resume"][0] < 0:
+                return
+            tick = int(self._clock["tick"][0])
+            if not emptied:  # one message alone has no room
+                self._journal = np.zeros(2 * len(self._journal), np.uint8)
+                self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
+
+    def _hand_over(self) -> None:
+        """Deliver what is in the journal, and empty it."""
+        memory, outputs, deliver = self._journal.data, self._outputs, self._deliver
+        for number, tick, begin, end in self._entries[: int(self._clock["entries"][0])].tolist():
+            deliver(outputs[number], tick, bytes(memory[begin:end]))
+        self._clock["entries"] = self._clock["length"] = 0
 
     def _timed(self, tick: int) -> None:
         """One tick, node by node, for the durations of their steps."""
@@ -174,10 +228,8 @@ class Segment:
             before = self._rows["steps"][place]
             clock["first"], clock["last"] = place, place + 1
             begun = perf_counter_ns()
-            self._run(*self._where, tick, 1)
+            self._call(tick, 1)
             duration = perf_counter_ns() - begun
-            if self._failed[0] >= 0:
-                self._fail(int(self._failed[0]))
             if self._rows["steps"][place] > before:
                 slot.health.step.add(duration)
                 self._rows["steps"][place] -= 1

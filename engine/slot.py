@@ -206,6 +206,7 @@ class Slot:
         """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
         self.sends = 0  # tick from which on somebody takes what it sends next
         self.time: int | None = None  # [ns] of the last step; None: there was none since the start
+        self.joined = False  # whether a segment runs it, and delivers what it sends
         self.renewed: Callable[[], None] | None = None  # called when it has been started anew
         self._single = len(self.outputs) == 1
         self.takes(counts(type(node), [port.name for port in inputs(type(node))]))

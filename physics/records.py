@@ -183,3 +183,27 @@ def set_word(typing: Any, address: Any, value: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64), generate
+
+
+@intrinsic
+def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
+    """Copy bytes from one address to another; the address after the copy."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        to, source, count = arguments
+        cgutils.raw_memcpy(builder, builder.inttoptr(to, _BYTE), builder.inttoptr(source, _BYTE), count, 1)
+        return builder.add(to, count)
+
+    return types.int64(types.int64, types.int64, types.int64), generate
+
+
+@intrinsic
+def set_big(typing: Any, to: Any, value: Any) -> Any:
+    """Write the eight bytes of a whole number to an address, the highest first; the address after it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        store = builder.store(builder.bswap(arguments[1]), builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        store.align = 1
+        return builder.add(arguments[0], ir.Constant(_INTEGER, 8))
+
+    return types.int64(types.int64, types.int64), generate
