@@ -57,7 +57,7 @@ class FalconGeometry:
 
 
 FALCON = FalconGeometry()
-ZERO, LIMIT = 12, 14  # places in the geometry array
+ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
 
 
 @kernel

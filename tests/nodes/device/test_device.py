@@ -279,7 +279,7 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account(coun
     previous, place, records = np.zeros(3), np.array((0.0, 0.0, 0.115)), []
     for _ in range(600):
         before, after, force, energy = loop.step()
-        place, last = np.array(loop.nodes[1].last), place
+        place, last = loop.nodes[1].own["last"].copy(), place
         # The force sent a tick ago acted during this one, along the true way and along the one told.
         records.append((after[2], force[2], -previous @ (after - before), -previous @ (place - last), energy, place[2]))
         previous = force
