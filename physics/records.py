@@ -1,7 +1,7 @@
 """Records in kernels: what a compiled node and its messages look like to compiled code.
 
 A record is a numpy structure of fixed size that kernels read and write by name. An array of any length is in it as an
-address and a shape, the memory being somebody else's: `floats`, `vectors` and `integers` make an array of that.
+address and a shape, the memory being somebody else's: `floats`, `integers` and `longs` make an array of that.
 """
 
 from typing import Any
@@ -107,6 +107,12 @@ def floats(typing: Any, handle: Any) -> Any:
 def integers(typing: Any, handle: Any) -> Any:
     """The array of whole numbers (n,) or (n,m), 4 bytes each, that a field of a record stands for."""
     return _array_of(types.int32, handle.typeof("shape").nitems, handle)
+
+
+@intrinsic
+def longs(typing: Any, handle: Any) -> Any:
+    """The array of whole numbers (n,) or (n,m), 8 bytes each, that a field of a record stands for."""
+    return _array_of(types.int64, handle.typeof("shape").nitems, handle)
 
 
 @intrinsic

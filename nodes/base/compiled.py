@@ -84,8 +84,8 @@ class CompiledNode(Node):
         self._records: Records | None = None
 
     def hold(self, name: str, array: np.ndarray) -> None:
-        """Let a field of the state stand for an array: contiguous, of 8-byte floats or 4-byte integers."""
-        assert array.flags.c_contiguous and array.dtype.str in ("<f8", "<i4"), (name, array.dtype)
+        """Let a field of the state stand for an array: contiguous, of 8-byte floats, or integers of 4 or 8 bytes."""
+        assert array.flags.c_contiguous and array.dtype.str in ("<f8", "<i4", "<i8"), (name, array.dtype)
         self._held[name] = array
         self.own[name]["address"], self.own[name]["shape"] = array.ctypes.data, array.shape
 
