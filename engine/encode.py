@@ -14,7 +14,7 @@ from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.record import layout
 from palpate.physics.kernel import kernel
-from palpate.physics.records import copy, pointer, set_big, word
+from palpate.physics.memory import copy, pointer, set_big, word
 
 MAP, FLOATS, INTEGER, FLAG, VECTOR, ARRAY, WORD, SOURCE, USED = range(9)
 STEP = np.dtype([(name, "<i8") for name in ("kind", "at", "count", "first", "length", "size", "more")])

@@ -9,7 +9,8 @@ import numpy as np
 from palpate.engine.encode import encode, encoded_size
 from palpate.messages.record import HEAD
 from palpate.physics.kernel import kernel
-from palpate.physics.records import call, number, pointer, set_word, word
+from palpate.physics.memory import number, pointer, set_word, word
+from palpate.physics.records import call
 
 ROW = np.dtype([
     ("compute", "<i8"), ("idle", "<i8"),  # addresses of machine code; idle 0: the node does not sleep
