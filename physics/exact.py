@@ -71,6 +71,37 @@ def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
 
 
 @kernel(error_model="numpy")
+def hypot(x, y, z):
+    """Euclidean norm of three numbers, to the bit that of `math.hypot`: squares and their sum without loss, and one
+    correction of the root. The sum of their sizes where all are below 1e-300."""
+    most = max(abs(x), abs(y), abs(z))
+    if not 1e-300 < most < math.inf:
+        return abs(x) + abs(y) + abs(z)
+    scale = math.ldexp(1.0, -math.frexp(most)[1])
+    total, lost, rounded = 1.0, 0.0, 0.0
+    for each in (x * scale, y * scale, z * scale):
+        square, rest = squared(each)
+        before, total = total, total + square
+        lost, rounded = lost + rest, rounded + ((before - total) + square)
+    root = math.sqrt(total - 1.0 + (lost + rounded))
+    square, rest = squared(root)
+    before, total = total, total - square
+    lost, rounded = lost - rest, rounded + ((before - total) - square)
+    root += (total - 1.0 + (lost + rounded)) / (2.0 * root)
+    return root / scale
+
+
+@kernel
+def squared(x):
+    """x^2 and its rounding error, without loss (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
+    large = 134217729.0 * x  # 2^27 + 1
+    high = large - (large - x)
+    low = x - high
+    square = x * x
+    return square, (high * high - square + 2.0 * high * low) + low * low
+
+
+@kernel(error_model="numpy")
 def _fill(which, x, y, out):
     for i in range(len(out)):
         if which == 0:

@@ -175,8 +175,10 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
         return (np.dtype(_state(name, form), align=True),)
     if isinstance(form, np.dtype):
         return (form,)
-    if form in KINDS:
+    if isinstance(form, type) and form in KINDS:
         return (KINDS[form],)
+    if isinstance(form, tuple) and form and isinstance(form[-1], dict):
+        return np.dtype(_state(name, form[-1]), align=True), form[:-1]
     if isinstance(form, tuple) and all(isinstance(length, int) for length in form):
         return ("<f8", form) if form else ("<f8",)
     raise TypeError(f"{name}: found {form!r}, expected a shape like () or (3,), int, bool, a dict of these, or ARRAY")
