@@ -18,6 +18,21 @@ def product(a: Any, b: Any) -> np.ndarray:
     return np.einsum("ik,k...->i...", a, b)
 
 
+@kernel(error_model="numpy")
+def row_times(a, b):
+    """Sum of a_k b_k in a kernel, up to 16 of them, in the order of `product`."""
+    even = odd = 0.0
+    whole = len(a) // 8 * 8
+    for start in range(0, whole, 8):
+        for k in range(start + 6, start - 2, -2):
+            even += a[k] * b[k]
+            odd += a[k + 1] * b[k + 1]
+    for k in range(whole, len(a), 2):
+        even += a[k] * b[k]
+        odd += a[k + 1] * b[k + 1] if k + 1 < len(a) else 0.0
+    return even + odd
+
+
 def length(x: np.ndarray) -> float:
     """Euclidean norm of all numbers of an array."""
     return float(np.sqrt(np.sum(np.square(x))))
@@ -53,6 +68,37 @@ def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
     out = np.empty(first.shape)
     _fill(which, first.ravel().copy(), second.ravel().copy(), out.reshape(-1))
     return out
+
+
+@kernel(error_model="numpy")
+def hypot(x, y, z):
+    """Euclidean norm of three numbers, to the bit that of `math.hypot`: squares and their sum without loss, and one
+    correction of the root. The sum of their sizes where all are below 1e-300."""
+    most = max(abs(x), abs(y), abs(z))
+    if not 1e-300 < most < math.inf:
+        return abs(x) + abs(y) + abs(z)
+    scale = math.ldexp(1.0, -math.frexp(most)[1])
+    total, lost, rounded = 1.0, 0.0, 0.0
+    for each in (x * scale, y * scale, z * scale):
+        square, rest = squared(each)
+        before, total = total, total + square
+        lost, rounded = lost + rest, rounded + ((before - total) + square)
+    root = math.sqrt(total - 1.0 + (lost + rounded))
+    square, rest = squared(root)
+    before, total = total, total - square
+    lost, rounded = lost - rest, rounded + ((before - total) - square)
+    root += (total - 1.0 + (lost + rounded)) / (2.0 * root)
+    return root / scale
+
+
+@kernel
+def squared(x):
+    """x^2 and its rounding error, without loss (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
+    large = 134217729.0 * x  # 2^27 + 1
+    high = large - (large - x)
+    low = x - high
+    square = x * x
+    return square, (high * high - square + 2.0 * high * low) + low * low
 
 
 @kernel(error_model="numpy")

@@ -71,7 +71,10 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, wanted parts, a state of zeros. What needs more calls this first."""
         self._notes = []
-        self.own = np.zeros(1, record(type(self)))[0]
+        if not hasattr(self, "own"):
+            self._record = np.zeros(1, record(type(self)))
+            self.own = self._record[0]  # stays where it is: others know its address
+        self._record[:] = np.zeros(1, self._record.dtype)
         self._held: dict[str, np.ndarray] = {}
         for name in self.own.dtype.names or ():
             if name in settings(type(self)):
@@ -80,11 +83,25 @@ class CompiledNode(Node):
                 self.own[name] = part.wanted(self)
         self._records: Records | None = None
 
-    def hold(self, name: str, array: np.ndarray) -> None:
-        """Let a field of the state stand for an array: contiguous, of 8-byte floats, or integers of 4 or 8 bytes."""
-        assert array.flags.c_contiguous and array.dtype.str in ("<f8", "<i4", "<i8"), (name, array.dtype)
-        self._held[name] = array
-        self.own[name]["address"], self.own[name]["shape"] = array.ctypes.data, array.shape
+    def hold(self, name: str, value: Any) -> None:
+        """Let a field of the state stand for an array, which is contiguous; or a group for all that a NamedTuple of its
+        form holds (`physics.records.form`)."""
+        self._hold(self.own, name, value, name)
+
+    def _hold(self, record: Any, name: str, value: Any, path: str) -> None:
+        if hasattr(value, "_fields"):
+            for field, each in value._asdict().items():
+                self._hold(record[name], field, each, f"{path}.{field}")
+        elif isinstance(value, np.ndarray):
+            assert value.flags.c_contiguous and record[name]["shape"].shape == (value.ndim,), (path, value.shape)
+            self._held[path] = value
+            record[name]["address"], record[name]["shape"] = value.ctypes.data, value.shape
+        else:
+            record[name] = value
+
+    def resize(self, counts: list[int]) -> None:
+        """Make the state fit these numbers of messages at each input; called before the first step, and where they
+        change."""
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         """What the kernel's fault was; `messages`: its inputs."""
@@ -92,21 +109,29 @@ class CompiledNode(Node):
 
     def records(self, messages: Sequence[Any]) -> "Records":
         """The node with records of its own that hold these messages."""
-        counts = [len(m) if isinstance(m, list) else 1 for m in messages]
+        counts = _counts(messages)
         if self._records is None or self._records.counts != counts:
+            self.resize(counts)
             self._records = Records(self, counts)
         self._records.write(messages)
         return self._records
 
     def rests(self, *messages: Any) -> bool:
-        return self.idle is not None and self.records(messages).idle()
+        if self.idle is None or (self._records is not None and self._records.counts != _counts(messages)):
+            return False
+        return self.records(messages).idle()
 
     def step(self, *messages: Any, dt: float = math.inf) -> Any:
-        """One step on messages; the answer, several as a tuple."""
+        """One step on messages, None where there is none; the answer, several as a tuple."""
+        messages += (None,) * (len(inputs(type(self))) - len(messages))
         records = self.records(messages)
         records.compute(messages, dt)
         answers = records.read()
         return answers[0] if len(answers) == 1 else answers
+
+
+def _counts(messages: Sequence[Any]) -> list[int]:
+    return [len(m) if isinstance(m, list) else 1 for m in messages]
 
 
 @functools.cache
@@ -150,8 +175,10 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
         return (np.dtype(_state(name, form), align=True),)
     if isinstance(form, np.dtype):
         return (form,)
-    if form in KINDS:
+    if isinstance(form, type) and form in KINDS:
         return (KINDS[form],)
+    if isinstance(form, tuple) and form and isinstance(form[-1], dict):
+        return np.dtype(_state(name, form[-1]), align=True), form[:-1]
     if isinstance(form, tuple) and all(isinstance(length, int) for length in form):
         return ("<f8", form) if form else ("<f8",)
     raise TypeError(f"{name}: found {form!r}, expected a shape like () or (3,), int, bool, a dict of these, or ARRAY")
@@ -179,9 +206,7 @@ class Records:
         self.node, self.counts = node, counts
         kind = type(node)
         ports = inputs(kind)
-        self._fill = [
-            [_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)
-        ]
+        self._fill = [[_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)]
         self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
         self._out = [np.zeros(1, layout(output)) for output in outputs(kind)]
         self._read = [(reader(k), out.view(np.uint8).data) for k, out in zip(outputs(kind), self._out, strict=True)]
@@ -197,7 +222,9 @@ class Records:
         """Take these inputs."""
         self._messages = messages
         for fill, given in zip(self._fill, messages, strict=True):
-            for (write, memory, there), message in zip(fill, given if isinstance(given, list) else (given,), strict=True):
+            for (write, memory, there), message in zip(
+                fill, given if isinstance(given, list) else (given,), strict=True
+            ):
                 if message is None:
                     there[0] = False
                 else:

@@ -288,7 +288,7 @@ def test_after_an_outage_the_force_comes_back_to_a_hand_that_rests(chain, stream
     assert min(force[-100:]) > 0.95 * 2.19
     low = max(sum(f < 0.9 * 2.19 for f in force[250:]) - 30, 0)
     controller = next(slot.node for slot in run.slots if slot.name == "controller")
-    assert low < 600 or any("withheld for more than 0.5 s" in note for note in controller._notes)
+    assert low < 600 or any("withheld for more than 0.5 s" in note for note in controller.notes())
 
 
 @pytest.mark.long
