@@ -241,7 +241,7 @@ class Records:
         if raised or own["fault"]:
             fault, own["fault"] = int(own["fault"]), 0
             if raised:
-                self.node.compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
+                type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
             raise self.node.explain(fault, *messages)
 
     def read(self) -> tuple[Message, ...]:
