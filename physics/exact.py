@@ -33,6 +33,43 @@ def row_times(a, b):
     return even + odd
 
 
+@kernel
+def distance(a, b):
+    """Between two points (3) in a kernel, to the bit that of `math.dist`."""
+    return hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@kernel(error_model="numpy")
+def sum_of_squares(x):
+    """Of a vector (n,) in a kernel, in the order of `np.sum`: eight sums beside each other, in halves above 128."""
+    n = len(x)
+    if n <= 128:
+        return _eight_sums(x)
+    half = n // 2 - n // 2 % 8
+    return _eight_sums(x[:half]) + _eight_sums(x[half:])
+
+
+@kernel(error_model="numpy")
+def _eight_sums(x):
+    whole, total = len(x) // 8 * 8, 0.0
+    if whole > 0:
+        a, b, c, d = x[0] * x[0], x[1] * x[1], x[2] * x[2], x[3] * x[3]
+        e, f, g, h = x[4] * x[4], x[5] * x[5], x[6] * x[6], x[7] * x[7]
+        for k in range(8, whole, 8):
+            a += x[k] * x[k]
+            b += x[k + 1] * x[k + 1]
+            c += x[k + 2] * x[k + 2]
+            d += x[k + 3] * x[k + 3]
+            e += x[k + 4] * x[k + 4]
+            f += x[k + 5] * x[k + 5]
+            g += x[k + 6] * x[k + 6]
+            h += x[k + 7] * x[k + 7]
+        total = ((a + b) + (c + d)) + ((e + f) + (g + h))
+    for k in range(whole, len(x)):
+        total += x[k] * x[k]
+    return total
+
+
 def length(x: np.ndarray) -> float:
     """Euclidean norm of all numbers of an array."""
     return float(np.sqrt(np.sum(np.square(x))))
