@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.spread import spread, spreader
 from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.peers.continuum import POISSON, SIDE, YOUNG, Block, press
 
@@ -28,9 +28,9 @@ VERTICES = 10000
 
 def indentation(body: CondensedBody, place: float, radius: float, force: float) -> float:
     """[m] under a force at rest."""
-    spreader, foot = Spreader(body.mesh, radius), (place, 0.0, 0.0)
-    count = spreader.spread(foot, UP, (0.0, 0.0, -force))
-    return body.step(spreader.nodes[:count], spreader.forces[:count], foot, UP, 1.0)[2]
+    patch, foot = spreader(body.mesh, radius), (place, 0.0, 0.0)
+    count = spread(patch, foot, UP, (0.0, 0.0, -force))
+    return body.step(patch.nodes[:count], patch.forces[:count], foot, UP, 1.0)[2]
 
 
 def main() -> None:

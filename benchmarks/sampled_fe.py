@@ -30,7 +30,7 @@ from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
 from palpate.physics.contact.series import exponential
-from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.spread import spread, spreader
 
 YOUNG = SUBCUTIS_MODULUS / 36.4
 Row = dict[str, object]
@@ -97,7 +97,7 @@ def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[flo
     """Steps of the node along one way."""
     node.start()
     mesh = node.mesh()
-    spread = Spreader(mesh, 5e-3, "biweight")
+    patch = spreader(mesh, 5e-3)
     spent, busy, evaluations, done = [], [], [], 0
     for k in range(3000):
         force, y = way((k + 0.5) * 1e-3)
@@ -108,8 +108,8 @@ def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[flo
         ]
         foot = (float(node.position[0]), float(node.position[1]) + y, float(top[2]))
         normal = (0.0, 0.0, 1.0)
-        count = spread.spread(foot, normal, (0.0, 0.0, -force)) if force > 0 else 0
-        load = Load(nodes=spread.nodes[:count].copy(), forces=spread.forces[:count].copy(), foot=foot, normal=normal)
+        count = spread(patch, foot, normal, (0.0, 0.0, -force)) if force > 0 else 0
+        load = Load(nodes=patch.nodes[:count].copy(), forces=patch.forces[:count].copy(), foot=foot, normal=normal)
         begun, worked = time.perf_counter(), time.thread_time()
         node.step([load], dt=1e-3)
         spent.append(time.perf_counter() - begun)

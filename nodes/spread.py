@@ -1,22 +1,24 @@
 """Spreading of the contact force over the surface (docs/equations/spread.md)."""
 
-import math
 from typing import Annotated, Literal
 
 import msgspec
 
-from palpate.messages import Contact, Friction, Load, Vector3
-from palpate.nodes.base import Wants
-from palpate.nodes.base.absence import FADE, Faded
+from palpate.messages import Contact, Friction, Load
+from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base.absence import FADE, FADED, begin, faded
 from palpate.nodes.base.surface import OnSurface
-from palpate.physics.contact.spread import Spreader
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS
+from palpate.physics.contact.spread import Spreader, spread, spreader
+from palpate.physics.kernel import kernel as compiled
+from palpate.physics.records import form, lend_first, put, unpacking, vector
 
 RIGID = 5e4
 """[N/m] Force over compression from which on a finger counts as rigid; a fingertip that bears 10 N has some 3e3."""
 
+_spreader_of = unpacking(Spreader)
 
-class Kernel(OnSurface):
+
+class Kernel(CompiledNode, OnSurface):
     """Spreads the contact force over the nodes round the foot point with a smooth kernel.
 
     The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes. A friction
@@ -27,48 +29,59 @@ class Kernel(OnSurface):
     kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
 
+    State = {
+        "spreader": form(Spreader), "friction": FADED,
+        "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and where it was
+        "rigid": bool, "gives": (2,), "cautioned": bool,  # [m] of finger and body where the finger is a rigid tip
+    }  # fmt: skip
+
     def start(self) -> None:
-        self._spreader = Spreader(self.mesh(), self.radius, self.kernel)
-        self._friction = Faded(FADE)
-        self._idle_at: tuple[Vector3, Vector3] | None = None
-        self._rigid = self._cautioned = False
-        self._notes = []
+        super().start()
+        self.hold("spreader", spreader(self.mesh(), self.radius, self.kernel))
+        begin(self.own["friction"]["gain"], FADE, FADE)
+        self._told = False
 
-    _rigid = False
+    @compiled
+    def idle(own, contact, friction, out, dt):
+        if contact.force > 0.0 or not own.idles:
+            return False
+        return vector(own.foot) == vector(contact.foot) and vector(own.normal) == vector(contact.normal)
 
-    def condition(self) -> str:
-        return "outside its range" if self._rigid else ""
-
-    def rests(self, contact: Contact, friction: Friction | None) -> bool:
-        return not contact.force > 0.0 and self._idle_at == (contact.foot, contact.normal)
-
-    def step(
-        self,
+    @compiled(error_model="numpy")
+    def compute(
+        own,
         contact: Annotated[Contact, Wants("foot", "normal", "force", "compression", "indentation")],
         friction: Annotated[Friction | None, Wants("force")],
-        *,
-        dt: float = math.inf,
-    ) -> Load:
-        nodes, forces, self._rigid = NO_NODES, NO_VECTORS, False
-        t = self._friction.update(None if friction is None else friction.force, dt)
-        self._idle_at = (contact.foot, contact.normal)
-        if contact.force > 0.0:
-            self._idle_at = None
-            self._rigid = contact.force > RIGID * contact.compression
-            if self._rigid and not self._cautioned:
-                self._caution(contact)
-            f, n = contact.force, contact.normal
+        out: Out[Load],
+        dt,
+    ):
+        count, f, n = 0, contact.force, vector(contact.normal)
+        t = faded(own.friction, friction.there, friction.force, dt)
+        own.idles, own.rigid = not f > 0.0, f > 0.0 and f > RIGID * contact.compression
+        if f > 0.0:
             force = (t[0] - f * n[0], t[1] - f * n[1], t[2] - f * n[2])
-            count = self._spreader.spread(contact.foot, n, force)
-            nodes, forces = self._spreader.nodes[:count], self._spreader.forces[:count]
-        return Load(nodes=nodes, forces=forces, foot=contact.foot, normal=contact.normal)
+            count = spread(_spreader_of(own.spreader), vector(contact.foot), n, force)
+        if own.rigid and not own.cautioned:
+            own.cautioned = True
+            own.gives[0], own.gives[1] = contact.compression, contact.indentation
+        lend_first(out.nodes, own.spreader.nodes, count)
+        lend_first(out.forces, own.spreader.forces, count)
+        for place, normal in ((own.foot, own.normal), (out.foot, out.normal)):
+            put(place, vector(contact.foot))
+            put(normal, n)
 
-    def _caution(self, contact: Contact) -> None:
-        self._cautioned = True
-        give, deep, width = 1e3 * contact.compression, 1e3 * contact.indentation, 1e3 * self.radius
-        self._notes.append(
-            f"Kernel: the finger gives {give:.2g} mm where the body gives {deep:.2g} mm, as a rigid tip does. The "
-            f"contact of a rigid ball of radius r widens with the depth s, to sqrt(r s); this patch keeps {width:.2g} "
-            f"mm. A body that answers to its load (ReducedFE) takes {width:.2g} mm/sqrt(r s) times the force: "
-            f"{0.5 * width:.2g} times for r = 8 mm at s = 0.5 mm. MassSpring with Hertz's constant takes the right one"
-        )
+    def condition(self) -> str:
+        return "outside its range" if hasattr(self, "own") and self.own["rigid"] else ""
+
+    def notes(self) -> list[str]:
+        if hasattr(self, "own") and self.own["cautioned"] and not self._told:
+            self._told = True
+            (give, deep), width = 1e3 * self.own["gives"], 1e3 * self.radius
+            self._notes.append(
+                f"Kernel: the finger gives {give:.2g} mm where the body gives {deep:.2g} mm, as a rigid tip does. The "
+                f"contact of a rigid ball of radius r widens with the depth s, to sqrt(r s); this patch keeps "
+                f"{width:.2g} mm. A body that answers to its load (ReducedFE) takes {width:.2g} mm/sqrt(r s) times the "
+                f"force: {0.5 * width:.2g} times for r = 8 mm at s = 0.5 mm. MassSpring with Hertz's constant takes "
+                "the right one"
+            )
+        return super().notes()

@@ -18,6 +18,21 @@ def product(a: Any, b: Any) -> np.ndarray:
     return np.einsum("ik,k...->i...", a, b)
 
 
+@kernel(error_model="numpy")
+def row_times(a, b):
+    """Sum of a_k b_k in a kernel, up to 16 of them, in the order of `product`."""
+    even = odd = 0.0
+    whole = len(a) // 8 * 8
+    for start in range(0, whole, 8):
+        for k in range(start + 6, start - 2, -2):
+            even += a[k] * b[k]
+            odd += a[k + 1] * b[k + 1]
+    for k in range(whole, len(a), 2):
+        even += a[k] * b[k]
+        odd += a[k + 1] * b[k + 1] if k + 1 < len(a) else 0.0
+    return even + odd
+
+
 def length(x: np.ndarray) -> float:
     """Euclidean norm of all numbers of an array."""
     return float(np.sqrt(np.sum(np.square(x))))

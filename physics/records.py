@@ -1,10 +1,11 @@
 """Records in kernels: what a compiled node and its messages look like to compiled code.
 
 A record is a numpy structure of fixed size that kernels read and write by name. An array of any length is in it as an
-address and a shape, the memory being somebody else's: `floats`, `vectors` and `integers` make an array of that.
+address and a shape, the memory being somebody else's: `floats`, `integers` and `longs` make an array of that. A NamedTuple of
+arrays and numbers, in which a part of `physics` keeps what it works on, can lie in a record, too: `form`, `unpacking`.
 """
 
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 from llvmlite import ir
@@ -19,6 +20,7 @@ MOST = 20
 """Records that a kernel takes at most."""
 RAISED = 1
 """Answer of `call` where the kernel raised."""
+NUMBERS = {float: ("<f8", types.float64), int: ("<i8", types.int64), bool: ("?", types.boolean)}
 
 _BYTE = ir.IntType(8).as_pointer()
 _INTEGER = ir.IntType(64)
@@ -76,37 +78,109 @@ def call(function, records, count, dt):
     return status != 0, truth != 0
 
 
-def _array_of(dtype: Any, ndim: int, record: Any) -> Any:
+ELEMENTS = {
+    "<f8": types.float64, "<f4": types.float32, "<i8": types.int64, "<i4": types.int32, "|u1": types.uint8,
+    "|b1": types.boolean,
+}  # fmt: skip
+"""Numbers that an array can be of."""
+
+
+def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
+    """The array at an address that stands in memory with its shape."""
+    words = builder.bitcast(handle, _INTEGER.as_pointer())
+    word = [builder.load(builder.gep(words, [ir.Constant(_INTEGER, i)])) for i in range(1 + form.ndim)]
+    array, size = make_array(form)(context, builder), context.get_abi_sizeof(context.get_data_type(form.dtype))
+    steps = [ir.Constant(_INTEGER, size)]
+    for length in reversed(word[2:]):
+        steps.insert(0, builder.mul(steps[0], length))
+    populate_array(
+        array, data=builder.inttoptr(word[0], array.data.type), shape=word[1:], strides=steps,
+        itemsize=ir.Constant(_INTEGER, size), meminfo=None,
+    )  # fmt: skip
+    return array._getvalue()
+
+
+def _array_of(dtype: Any, record: Any) -> Any:
     """Form and generator of an array at an address that a record holds."""
-    form = types.Array(dtype, ndim, "C")
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        handle = arguments[0]
-        words = builder.bitcast(handle, _INTEGER.as_pointer())
-        word = [builder.load(builder.gep(words, [ir.Constant(_INTEGER, i)])) for i in range(1 + ndim)]
-        array, size = make_array(form)(context, builder), context.get_abi_sizeof(context.get_data_type(dtype))
-        steps = [ir.Constant(_INTEGER, size)]
-        for length in reversed(word[2:]):
-            steps.insert(0, builder.mul(steps[0], length))
-        populate_array(
-            array, data=builder.inttoptr(word[0], array.data.type), shape=word[1:], strides=steps,
-            itemsize=ir.Constant(_INTEGER, size), meminfo=None,
-        )  # fmt: skip
-        return array._getvalue()
-
-    return form(record), generate
+    form = types.Array(dtype, record.typeof("shape").nitems, "C")
+    return form(record), lambda context, builder, _, given: _array(context, builder, form, given[0])
 
 
 @intrinsic
 def floats(typing: Any, handle: Any) -> Any:
     """The array of numbers (n,) or (n,m) that a field of a record stands for."""
-    return _array_of(types.float64, handle.typeof("shape").nitems, handle)
+    return _array_of(types.float64, handle)
 
 
 @intrinsic
 def integers(typing: Any, handle: Any) -> Any:
     """The array of whole numbers (n,) or (n,m), 4 bytes each, that a field of a record stands for."""
-    return _array_of(types.int32, handle.typeof("shape").nitems, handle)
+    return _array_of(types.int32, handle)
+
+
+def form(kind: type) -> np.dtype:
+    """The record of a NamedTuple of numbers, tuples of numbers, others of its kind, and arrays, which say their
+    elements and axes: `Annotated[np.ndarray, "<f8", 2]`."""
+    return np.dtype([(name, *_member(hint)) for name, hint in _members(kind)], align=True)
+
+
+def _members(kind: type) -> list[tuple[str, Any]]:
+    return list(get_type_hints(kind, include_extras=True).items())
+
+
+def _member(hint: Any) -> tuple[Any, ...]:
+    if hasattr(hint, "__metadata__"):
+        return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))]),)
+    if get_origin(hint) is tuple:
+        return "<f8", (len(get_args(hint)),)
+    return (NUMBERS[hint][0],) if hint in NUMBERS else (form(hint),)
+
+
+def unpacking(kind: type) -> Any:
+    """What makes a NamedTuple of its record in a kernel; its arrays are those that the record stands for."""
+
+    @intrinsic
+    def unpack(typing: Any, record: Any) -> Any:
+        return _type(kind)(record), lambda context, builder, _, given: _unpacked(context, builder, kind, given[0])
+
+    return unpack
+
+
+def _type(hint: Any) -> Any:
+    if hasattr(hint, "__metadata__"):
+        element, ndim = hint.__metadata__
+        return types.Array(ELEMENTS[element], ndim, "C")
+    if get_origin(hint) is tuple:
+        return types.UniTuple(types.float64, len(get_args(hint)))
+    if hint in NUMBERS:
+        return NUMBERS[hint][1]
+    return types.BaseTuple.from_types([_type(member) for _, member in _members(hint)], hint)
+
+
+def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
+    """The value of a member of a record that lies there in memory."""
+    if hasattr(hint, "__metadata__"):
+        return _array(context, builder, _type(hint), at)
+    if hint in NUMBERS:
+        kind = NUMBERS[hint][1]
+        return context.unpack_value(builder, kind, builder.bitcast(at, context.get_data_type(kind).as_pointer()))
+    at = builder.bitcast(at, _BYTE)
+    if get_origin(hint) is tuple:
+        members = [(8 * place, float) for place in range(len(get_args(hint)))]
+    else:
+        record = form(hint)
+        members = [(record.fields[name][1], member) for name, member in _members(hint)]  # type: ignore[index]
+    values = [
+        _unpacked(context, builder, member, builder.gep(at, [ir.Constant(_INTEGER, offset)]))
+        for offset, member in members
+    ]
+    return context.make_tuple(builder, _type(hint), values)
+
+
+@intrinsic
+def longs(typing: Any, handle: Any) -> Any:
+    """The array of whole numbers (n,) or (n,m), 8 bytes each, that a field of a record stands for."""
+    return _array_of(types.int64, handle)
 
 
 @intrinsic
@@ -138,3 +212,19 @@ def one(values, number):
     """Make a number the only one of a vector of open length."""
     values.count = 1
     values.values[0] = number
+
+
+@kernel
+def lend(handle, array):
+    """Let a field of an answer stand for an array of the state."""
+    handle.address = array.address
+    for axis in range(len(handle.shape)):
+        handle.shape[axis] = array.shape[axis]
+
+
+@kernel
+def lend_first(handle, array, count):
+    """The same for the first rows of an array, or of the first of several."""
+    handle.address, handle.shape[0] = array.address, count
+    for axis in range(1, len(handle.shape)):
+        handle.shape[axis] = array.shape[len(array.shape) - len(handle.shape) + axis]

@@ -82,7 +82,10 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, wanted parts, a state of zeros. What needs more calls this first."""
         self._notes = []
-        self.own = np.zeros(1, record(type(self)))[0]
+        if not hasattr(self, "own"):
+            self._record = np.zeros(1, record(type(self)))
+            self.own = self._record[0]  # stays where it is: others know its address
+        self._record[:] = np.zeros(1, self._record.dtype)
         self._held: dict[str, np.ndarray] = {}
         for name in self.own.dtype.names or ():
             if name in settings(type(self)):
@@ -91,11 +94,25 @@ class CompiledNode(Node):
                 self.own[name] = part.wanted(self)
         self._records: Records | None = None
 
-    def hold(self, name: str, array: np.ndarray) -> None:
-        """Let a field of the state stand for an array: contiguous, of 8-byte floats or 4-byte integers."""
-        assert array.flags.c_contiguous and array.dtype.str in ("<f8", "<i4"), (name, array.dtype)
-        self._held[name] = array
-        self.own[name]["address"], self.own[name]["shape"] = array.ctypes.data, array.shape
+    def hold(self, name: str, value: Any) -> None:
+        """Let a field of the state stand for an array, which is contiguous; or a group for all that a NamedTuple of its
+        form holds (`physics.records.form`)."""
+        self._hold(self.own, name, value, name)
+
+    def _hold(self, record: Any, name: str, value: Any, path: str) -> None:
+        if hasattr(value, "_fields"):
+            for field, each in value._asdict().items():
+                self._hold(record[name], field, each, f"{path}.{field}")
+        elif isinstance(value, np.ndarray):
+            assert value.flags.c_contiguous and record[name]["shape"].shape == (value.ndim,), (path, value.shape)
+            self._held[path] = value
+            record[name]["address"], record[name]["shape"] = value.ctypes.data, value.shape
+        else:
+            record[name] = value
+
+    def resize(self, counts: list[int]) -> None:
+        """Make the state fit these numbers of messages at each input; called before the first step, and where they
+        change."""
 
     def explain(self, fault: int, *messages: Any) -> Exception:
         """What the kernel's fault was; `messages`: its inputs."""
@@ -103,17 +120,21 @@ class CompiledNode(Node):
 
     def records(self, messages: Sequence[Any]) -> "Records":
         """The node with records of its own that hold these messages."""
-        counts = [len(m) if isinstance(m, list) else 1 for m in messages]
+        counts = _counts(messages)
         if self._records is None or self._records.counts != counts:
+            self.resize(counts)
             self._records = Records(self, counts)
         self._records.write(messages)
         return self._records
 
     def rests(self, *messages: Any) -> bool:
-        return self.idle is not None and self.records(messages).idle()
+        if self.idle is None or (self._records is not None and self._records.counts != _counts(messages)):
+            return False
+        return self.records(messages).idle()
 
     def step(self, *messages: Any, dt: float = math.inf) -> Any:
-        """One step on messages; the answer, several as a tuple."""
+        """One step on messages, None where there is none; the answer, several as a tuple."""
+        messages += (None,) * (len(inputs(type(self))) - len(messages))
         records = self.records(messages)
         records.compute(messages, dt)
         answers = records.read()
@@ -139,6 +160,10 @@ def _check(kind: type[CompiledNode]) -> None:
     record(kind)
     for message in (*(port.type for port in inputs(kind)), *outputs(kind)):
         layout(message)
+
+
+def _counts(messages: Sequence[Any]) -> list[int]:
+    return [len(m) if isinstance(m, list) else 1 for m in messages]
 
 
 @functools.cache
@@ -219,9 +244,7 @@ class Records:
         self.node, self.counts = node, counts
         kind = type(node)
         ports = inputs(kind)
-        self._fill = [
-            [_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)
-        ]
+        self._fill = [[_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)]
         self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
         self._out = [np.zeros(1, layout(output)) for output in outputs(kind)]
         for out in self._out:
@@ -239,7 +262,9 @@ class Records:
         """Take these inputs."""
         self._messages = messages
         for fill, given in zip(self._fill, messages, strict=True):
-            for (write, memory, there), message in zip(fill, given if isinstance(given, list) else (given,), strict=True):
+            for (write, memory, there), message in zip(
+                fill, given if isinstance(given, list) else (given,), strict=True
+            ):
                 if message is None:
                     there[0] = False
                 else:
@@ -256,7 +281,9 @@ class Records:
         if raised or own["fault"]:
             fault, own["fault"] = int(own["fault"]), 0
             if raised:
-                type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
+                type(self.node).compute(
+                    own, *(r[0] for r in (*self._ports, *self._out)), dt
+                )  # raises as compiled code did
                 raise RuntimeError("the kernel raised, but not when it ran again on the state that it had left")
             raise self.node.explain(fault, *messages)
 

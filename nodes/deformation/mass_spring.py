@@ -5,20 +5,31 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector
-from palpate.nodes.base import Switch, part
-from palpate.nodes.base.contacts import several
+from palpate.messages import Load, Surface
+from palpate.nodes.base import ARRAY, CompiledNode, Out, Part, Switch
+from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
-from palpate.nodes.base.surface import LEVEL
-from palpate.physics.bodies.mass_spring import NodalBody, deeper, mean_hardness, normal_force, shared
-from palpate.physics.contact.terminal import Terminal, indentation
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
-from palpate.physics.exact import product
+from palpate.physics.bodies.mass_spring import (
+    NodalBody,
+    deeper,
+    mean_hardness,
+    move,
+    nodal_body,
+    normal_force,
+    shared,
+    shifted,
+)
+from palpate.physics.contact.terminal import indentation
+from palpate.physics.exact import row_times
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, form, integers, lend_first, nth, one, unpacking, vector
 
 NotNegative = msgspec.Meta(ge=0)
 
+_body_of = unpacking(NodalBody)
 
-class MassSpring(WithNodule):
+
+class MassSpring(CompiledNode, WithNodule):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
     The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
@@ -39,80 +50,92 @@ class MassSpring(WithNodule):
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch under a finger, where several press
 
+    energy = Part(
+        "energy", "stored",
+        about="The energy of the law that the normal force moves, K s^(n+1)/(n+1), of each contact its share.",
+    )  # fmt: skip
+    shape = Part(
+        "shape", "nodes", "displacement",
+        about="The vertices of the surface that are displaced, and how far [m]; each contact as deep as all forces "
+        "press it.",
+    )  # fmt: skip
+    State = SEVERAL | {"body": form(NodalBody), "hard": ARRAY, "forces": ARRAY, "acting": ARRAY}
+    """The surface; factor on K of each vertex where there is a nodule; normal forces [N] of contacts, alone and all."""
+
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
     def start(self) -> None:
-        law = Terminal(self.stiffness, self.exponent, self.damping)
-        self._normal_force = entry_point(normal_force, NO_VECTORS, LEVEL)
-        self._indentation = entry_point(indentation, 0.0, 0.0, *law)
+        super().start()
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
-        self._contacts(self._count)
+        if self._hardness is not None:
+            self.hold("hard", self._hardness)
+        self._make(self._count)
 
-    def _contacts(self, count: int) -> None:
+    def resize(self, counts: list[int]) -> None:
+        if counts[0] != self._count:
+            self._make(counts[0])
+
+    def _make(self, count: int) -> None:
         self._count = count
-        self._laws = [Terminal(self.stiffness, self.exponent, self.damping)] * count
-        self._bodies = [self._nodes() for _ in range(count)]
+        make_room(self, count)
+        self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
+        self.hold("forces", np.zeros(count))
+        self.hold("acting", np.zeros(count))
+        if self.own["shape"]:
+            law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
+            self.hold("body", nodal_body(self.mesh(), *law, self._hardness, count))
 
-    def rests(self, load: list[Load]) -> bool:
-        idle = not any([len(each.nodes) for each in load] + [law.previous_indentation for law in self._laws])
-        return idle and not any(body is not None and body.count for body in self._bodies)
+    @kernel
+    def idle(own, load, out, dt):
+        laws, counts = floats(own.laws), integers(own.body.counts)
+        for i in range(load.count):
+            if nth(load, i).nodes.shape[0] > 0 or laws[i, 4] != 0.0 or (own.shape and counts[i] > 0):
+                return False
+        return True
 
-    def step(self, load: list[Load], *, dt: float) -> Surface:
-        if len(load) != len(self._laws):
-            self._contacts(len(load))
-        forces = [self._normal_force(each.forces, each.normal) for each in load]
-        acting, coupled = forces, {}
-        if len(load) > 1:
-            overlap = shared([each.foot for each in load], [each.normal for each in load], self.radius)
-            acting = product(overlap, forces).tolist()
-        for i, (each, law) in enumerate(zip(load, self._laws, strict=True)):
-            stiffness = law.stiffness
-            if self._hardness is not None and len(each.nodes):
-                stiffness = self.stiffness * mean_hardness(each.nodes, each.forces, each.normal, self._hardness)
-            s = self._indentation(acting[i], dt, stiffness, self.exponent, self.damping, 0.0, law.previous_indentation)
-            self._laws[i] = Terminal(stiffness, self.exponent, self.damping, 0.0, s)
-        if len(load) > 1:
-            coupled = several(self._laws, overlap)
-        shares = [f / a if a > 0.0 else 1.0 for f, a in zip(forces, acting, strict=True)]
-        nodes, displacement = self._moved(load, shares, dt)
-        first = self._laws[0]
-        return Surface(
-            nodes=nodes,
-            displacement=displacement,
-            stiffness=first.stiffness,
-            exponent=self.exponent,
-            damping=self.damping,
-            rest_indentation=0.0,
-            previous_indentation=first.previous_indentation,
-            step=dt,
-            stored=self._stored(shares),
-            **coupled,
-        )
-
-    @part("energy", "stored", otherwise=())
-    def _stored(self, shares: list[float]) -> Vector:
-        """The energy of the law that the normal force moves, K s^(n+1)/(n+1), of each contact its share."""
-        grown = self.exponent + 1.0
-        stored = [law.stiffness * max(law.previous_indentation, 0.0) ** grown / grown for law in self._laws]
-        return (sum([share * energy for share, energy in zip(shares, stored, strict=True)]),)
-
-    @part("shape", "nodes", "displacement", otherwise=None)
-    def _nodes(self) -> NodalBody | None:
-        """What moves the surface."""
-        mesh = self.mesh()
-        law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
-        return NodalBody(mesh, *law, self._hardness)
-
-    @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
-    def _moved(self, load: list[Load], shares: list[float], dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """The vertices of the surface that are displaced, and how far [m]; each contact as deep as all forces press
-        it."""
-        dents = []
-        for body, each, share in zip(self._bodies, load, shares, strict=True):
-            assert body is not None
-            forces = each.forces
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load], out: Out[Surface], dt):
+        laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
+        several = load.count > 1
+        for i in range(load.count):
+            each = nth(load, i)
+            forces[i] = normal_force(floats(each.forces), vector(each.normal))
+            for j in range(i + 1 if several else 0):
+                other = nth(load, j)
+                coupling[i, j] = shared(each.foot, other.foot, each.normal, other.normal, own.radius)
+                coupling[j, i] = coupling[i, j]
+        stored = 0.0
+        for i in range(load.count):
+            each = nth(load, i)
+            acting[i] = row_times(coupling[i], forces) if several else forces[i]
+            stiffness = own.stiffness
+            if own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
+                normal, hardness = vector(each.normal), floats(own.hard)
+                stiffness *= mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
+            s = indentation(acting[i], dt, stiffness, own.exponent, own.damping, 0.0, laws[i, 4])
+            laws[i, 0], laws[i, 4] = stiffness, s
+            if own.energy:
+                grown = own.exponent + 1.0
+                share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
+                stored += share * (stiffness * max(s, 0.0) ** grown / grown)
+        if own.energy:
+            one(out.stored, stored)
+        send_laws(own, out)
+        out.step = dt
+        if not own.shape:
+            return
+        body, count = _body_of(own.body), 0
+        for i in range(load.count):
+            each = nth(load, i)
+            pull, normal = floats(each.forces), vector(each.normal)
+            share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
             if 0.0 < share < 1.0:
-                normal = np.array(each.normal)
-                forces = forces + np.outer((1.0 / share - 1.0) * product(forces, normal), normal)
-            dents.append(body.step(each.nodes, forces, each.normal, dt))
-        return dents[0] if len(dents) == 1 else deeper(dents)
+                pull = shifted(pull, normal, 1.0 / share - 1.0)
+            count = move(body, i, integers(each.nodes), pull, normal, dt)
+        if several:
+            count = deeper(body)
+            lend_first(out.nodes, own.body.nodes, count)
+            lend_first(out.displacement, own.body.deepest, count)
+        else:
+            lend_first(out.nodes, own.body.active, count)
+            lend_first(out.displacement, own.body.moved, count)

@@ -3,33 +3,34 @@
 from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from palpate.messages import Load, Surface
-from palpate.nodes.base import Node
-from palpate.nodes.base.contacts import several
+from palpate.nodes.base import CompiledNode, Out
+from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.physics.bodies.mass_spring import normal_force
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, nth, one, vector
 
 
-class Rigid(Node):
+class Rigid(CompiledNode):
     """A plate that is indented by force/stiffness, 10 nm at 10 N unless set otherwise, and sends no displacement: for
     scenes without tissue, and to see the fingertip alone. Several contacts do not feel one another."""
 
     plate_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e9
 
-    def step(self, load: list[Load], *, dt: float) -> Surface:
-        pushes = [normal_force(each.forces, each.normal) for each in load]
-        laws = [(self.plate_stiffness, 1.0, 0.0, 0.0, push / self.plate_stiffness) for push in pushes]
-        return Surface(
-            nodes=NO_NODES,
-            displacement=NO_VECTORS,
-            stiffness=self.plate_stiffness,
-            exponent=1.0,
-            damping=0.0,
-            rest_indentation=0.0,
-            previous_indentation=laws[0][-1],
-            step=dt,
-            stored=(sum([0.5 * push * push / self.plate_stiffness for push in pushes]),),
-            **several(laws, np.eye(len(laws))),
-        )
+    State = SEVERAL
+
+    def resize(self, counts: list[int]) -> None:
+        make_room(self, counts[0])
+
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load], out: Out[Surface], dt):
+        laws, stored = floats(own.laws), 0.0
+        for i in range(load.count):
+            each = nth(load, i)
+            push = normal_force(floats(each.forces), vector(each.normal))
+            laws[i, 0], laws[i, 1], laws[i, 4] = own.plate_stiffness, 1.0, push / own.plate_stiffness
+            stored += 0.5 * push * push / own.plate_stiffness
+        send_laws(own, out)
+        one(out.stored, stored)
+        out.step = dt

@@ -31,7 +31,7 @@ import numpy as np
 from palpate.physics.bodies.beam_bed_step import LEAST_COMPLIANCE, bed_step, held_together, loaded_patch, patch_between
 from palpate.physics.bodies.patch import Pressed
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, neighbours
-from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
@@ -158,7 +158,7 @@ class BeamFoundation:
         )  # fmt: skip
         self._skin = Skin(neighbours(mesh), np.zeros((count, 3)), StretchWorkspace.of(count))
         self.nodes, self.moved, self.count = self._moving.nodes, self._moving.moved, 0
-        self._spreader = Spreader(mesh, radius)
+        self._spreader = spreader(mesh, radius)
         self.limited = 0  # Elements and vertices held at their limit in the last step
         self._under(1)
         load, state = (NO_NODES, NO_VECTORS), (self.beams, self._moving)
@@ -219,7 +219,7 @@ class BeamFoundation:
         last, last_count = self._last[contact], self._last_counts[contact]
         near = math.dist(foot, self._last_feet[contact]) / self.radius if last_count else math.inf
         share = max(1.0 - near, 0.0)
-        count = self._spreader.spread(foot, normal, (0.0, 0.0, 0.0)) if share < 1.0 else 0
+        count = spread(self._spreader, foot, normal, (0.0, 0.0, 0.0)) if share < 1.0 else 0
         return patch_between(
             last, last_count, share, self._spreader.nodes[:count], self._spreader.weights[:count],
             self._between[contact], self._moving.weight,

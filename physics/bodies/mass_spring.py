@@ -11,12 +11,13 @@ under load or not yet recovered are touched; they are kept in a compact list.
 """
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.stretch import StretchWorkspace, hold_together, neighbours
+from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, hold_together, neighbours
 from palpate.physics.contact.terminal import indentation
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
+from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
@@ -33,40 +34,60 @@ def normal_force(forces, normal):
     return max(total, 0.0)
 
 
-def shared(feet, normals, radius):
-    """Share O [1] (c,c) of the force of one contact that acts on another, of patches of this radius R [m]:
+@kernel(error_model="numpy")
+def shared(foot, other_foot, normal, other_normal, radius):
+    """Share O [1] of the force of one contact that acts on another, of patches of this radius R [m]:
 
-        O_ij = (1 - q)^4 (4q + 1) n_i.n_j,    q = |x_i - x_j|/2R
+        O = (1 - q)^4 (4q + 1) n.n',    q = |x - x'|/2R
 
     1 at one place, 0 where the patches do not overlap or face away; positive definite over all places (H. Wendland,
-    Adv. Comput. Math. 4 (1995) 389-396), so contacts under it are passive. feet [m] (c,3), normals [1] (c,3)
+    Adv. Comput. Math. 4 (1995) 389-396), so contacts under it are passive. feet [m] (3), normals [1] (3)
     """
-    x, n = np.array(feet), np.array(normals)
-    away, facing = x[:, None] - x, (n[:, None] * n).sum(axis=2)
-    q = np.minimum(np.sqrt((away * away).sum(axis=2)) / (2.0 * radius), 1.0)
-    return np.square(np.square(1.0 - q)) * (4.0 * q + 1.0) * np.maximum(facing, 0.0)
-
-
-def deeper(dents):
-    """One surface of several dents, each of nodes (k) and their displacements [m] (k,3): of each node the larger."""
-    nodes = np.concatenate([nodes for nodes, _ in dents])
-    moved = np.concatenate([moved for _, moved in dents])
-    chosen = _deepest(nodes, moved, np.argsort(nodes, kind="stable"))
-    return nodes[chosen], moved[chosen]
+    away = facing = 0.0
+    for i in range(3):
+        away += (foot[i] - other_foot[i]) * (foot[i] - other_foot[i])
+        facing += normal[i] * other_normal[i]
+    q = min(math.sqrt(away) / (2.0 * radius), 1.0)
+    square = (1.0 - q) * (1.0 - q)
+    return square * square * (4.0 * q + 1.0) * max(facing, 0.0)
 
 
 @kernel(error_model="numpy")
-def _deepest(nodes, moved, order):
-    """Of the rows of each node, in the order of the nodes, the one with the largest displacement."""
-    chosen, count, most = np.empty(order.size, np.int64), 0, 0.0
-    for k in order:
-        size = moved[k, 0] * moved[k, 0] + moved[k, 1] * moved[k, 1] + moved[k, 2] * moved[k, 2]
-        if count == 0 or nodes[k] != nodes[chosen[count - 1]]:
-            chosen[count], most = k, size
-            count += 1
-        elif size > most:
-            chosen[count - 1], most = k, size
-    return chosen[:count]
+def shifted(forces, normal, share):
+    """Nodal forces [N] (k,3) with this share [1] of their normal parts added."""
+    out = np.empty_like(forces)
+    for i in range(len(forces)):
+        along = share * row_times(forces[i], normal)
+        for k in range(3):
+            out[i, k] = forces[i, k] + along * normal[k]
+    return out
+
+
+@kernel(error_model="numpy")
+def deeper(body):
+    """Make one surface of the dents of several contacts, of each node the larger, in the order of nodes; how many."""
+    nodes, chosen, count = body.nodes, body.chosen, 0
+    for c in range(len(body.counts)):
+        for slot in range(body.counts[c]):
+            node = body.active[c, slot]
+            if chosen[node, 0] < 0:
+                nodes[count] = node
+                count += 1
+            elif not _size(body.moved[c, slot]) > _size(body.moved[chosen[node, 0], chosen[node, 1]]):
+                continue
+            chosen[node, 0], chosen[node, 1] = c, slot
+    nodes[:count].sort()
+    for k in range(count):
+        c, slot = chosen[nodes[k], 0], chosen[nodes[k], 1]
+        chosen[nodes[k], 0] = -1
+        for i in range(3):
+            body.deepest[k, i] = body.moved[c, slot, i]
+    return count
+
+
+@kernel(error_model="numpy")
+def _size(x):
+    return x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
 
 
 @kernel(error_model="numpy")
@@ -121,20 +142,20 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
 
 
 @kernel(error_model="numpy")
-def nodal_step(nodes, forces, normal, dt, law, nodal, edges, slots, state, out, room, count):
+def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, state, out, room, count):
     """One step of the nodal law; returns how many nodes are displaced.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
     nodal    (2,V)   factor on K of each node, and inverse nodal areas [1/m²]
-    slots    (2,V)   slot of each node in the list, -1 outside, and node of each slot
+    where, active (V)  slot of each node in the list, -1 outside, and node of each slot
     state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
     out      (V,3)   displacement [m] by slot
     room             work space of `stretch.hold_together`
     count            length of the list before the step
     """
     stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
-    hardness, per_area, where, active = nodal[0], nodal[1], slots[0], slots[1]
+    hardness, per_area = nodal[0], nodal[1]
     nx, ny, nz = normal[0], normal[1], normal[2]
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     gain = 1.0 / (k_t + d_t / dt)
@@ -188,49 +209,61 @@ def drop_rested(where, active, state, count):
     return kept
 
 
-class NodalBody:
-    """The nodal law on a mesh.
+class NodalBody(NamedTuple):
+    """The nodal law on a mesh, under each of c contacts; see `nodal_step`."""
+
+    law: Annotated[np.ndarray, "<f8", 1]
+    nodal: Annotated[np.ndarray, "<f8", 2]
+    edges: Neighbours
+    where: Annotated[np.ndarray, "<i4", 2]  # (c,V)
+    active: Annotated[np.ndarray, "<i4", 2]  # (c,V)
+    state: Annotated[np.ndarray, "<f8", 3]  # (c,V,10)
+    moved: Annotated[np.ndarray, "<f8", 3]  # [m] (c,V,3) displacement by slot
+    counts: Annotated[np.ndarray, "<i4", 1]  # (c) displaced nodes
+    room: StretchWorkspace
+    nodes: Annotated[np.ndarray, "<i4", 1]  # one surface of several: its nodes, their displacement [m] (V,3)
+    deepest: Annotated[np.ndarray, "<f8", 2]
+    chosen: Annotated[np.ndarray, "<i4", 2]  # (V,2) contact and slot of each of its nodes, -1 outside
+
+
+def nodal_body(
+    mesh: Mesh,
+    stiffness: float,
+    exponent: float,
+    damping: float,
+    tangential_stiffness: float,
+    tangential_damping: float,
+    hardness: np.ndarray | None = None,
+    contacts: int = 1,
+) -> NodalBody:
+    """A body at rest.
 
     stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
     tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
 
     A node without area counts as a millionth of the mean.
     """
+    size, several = len(mesh.vertices), len(mesh.vertices) if contacts > 1 else 0
+    mean = float(mesh.areas.mean())
+    per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
+    nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
+    edges = neighbours(mesh)
+    shortest = float(edges.spans.min(initial=math.inf))
+    return NodalBody(
+        np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest]), nodal, edges,
+        np.full((contacts, size), -1, np.int32), np.zeros((contacts, size), np.int32),
+        np.zeros((contacts, size, 10)), np.zeros((contacts, size, 3)), np.zeros(contacts, np.int32),
+        StretchWorkspace.of(size), np.zeros(several, np.int32), np.zeros((several, 3)),
+        np.full((several, 2), -1, np.int32),
+    )  # fmt: skip
 
-    def __init__(
-        self,
-        mesh: Mesh,
-        stiffness: float,
-        exponent: float,
-        damping: float,
-        tangential_stiffness: float,
-        tangential_damping: float,
-        hardness: np.ndarray | None = None,
-    ) -> None:
-        size = len(mesh.vertices)
-        mean = float(mesh.areas.mean())
-        per_area = 1.0 / np.maximum(mesh.areas, 1e-6 * mean if mean > 0 else 1.0)
-        nodal = np.stack([np.ones(size) if hardness is None else np.asarray(hardness, float), per_area])
-        edges = neighbours(mesh)
-        shortest = float(edges.spans.min(initial=math.inf))
-        law = np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest])
-        self.slots = np.stack([np.full(size, -1, np.int32), np.zeros(size, np.int32)])
-        self.displacement = np.zeros((size, 3))
-        self.count = 0
-        self._fixed = (
-            law,
-            nodal,
-            edges,
-            self.slots,
-            np.zeros((size, 10)),
-            self.displacement,
-            StretchWorkspace.of(size),
-        )
-        self._step = entry_point(nodal_step, NO_NODES, NO_VECTORS, (0.0, 0.0, 0.0), 0.0, *self._fixed, 0)
 
-    def step(
-        self, nodes: np.ndarray, forces: np.ndarray, normal: tuple[float, float, float], dt: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Displaced nodes (k) and their displacement [m] (k,3) after a step dt > 0 [s] under nodal forces [N]."""
-        self.count = self._step(nodes, forces, normal, dt, *self._fixed, self.count)
-        return self.slots[1, : self.count], self.displacement[: self.count]
+@kernel(error_model="numpy")
+def move(body, contact, nodes, forces, normal, dt):
+    """Step dt > 0 [s] of the dent of a contact under nodal forces [N] (k,3); how many nodes are displaced: the first of
+    `active` and of `moved`."""
+    body.counts[contact] = nodal_step(
+        nodes, forces, normal, dt, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
+        body.state[contact], body.moved[contact], body.room, body.counts[contact],
+    )  # fmt: skip
+    return body.counts[contact]

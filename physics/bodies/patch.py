@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.spread import spread, spreader
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
@@ -85,7 +85,7 @@ class CoarseBody(ReducedBody):
         foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
         self.corners, self.weights = barycentric(coarse, triangle, foot)
         self.mesh = mesh
-        self._spreader = Spreader(mesh, radius, "biweight")
+        self._spreader = spreader(mesh, radius)
         self._reach, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
         self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
         self._moved = np.zeros((len(mesh.vertices), 3))
@@ -95,7 +95,7 @@ class CoarseBody(ReducedBody):
     ) -> tuple[np.ndarray, np.ndarray, float]:
         if len(nodes):
             return nodes, forces, 1.0
-        count = self._spreader.spread(foot, normal, (-normal[0], -normal[1], -normal[2]))
+        count = spread(self._spreader, tuple(foot), tuple(normal), (-normal[0], -normal[1], -normal[2]))
         return self._spreader.nodes[:count].copy(), self._spreader.forces[:count].copy(), 0.0
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
 from palpate.physics.bodies.true_patch import draw_together, gathered, patch_compliance
-from palpate.physics.contact.spread import Spreader
+from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.exact import length, log, product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
@@ -51,7 +51,7 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(9), np.zeros((3, 3))
     for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
         normal = n / length(n)
-        count = spreader.spread(tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
+        count = spread(spreader, tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
         nodes, forces = spreader.nodes[:count], spreader.forces[:count]
         if count:
             np.add.at(measure[:, 0], corners[nodes], weights[nodes] * product(forces, -normal)[:, None])

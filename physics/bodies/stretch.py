@@ -11,7 +11,7 @@ the order, and follows a moving load without a jump.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -25,9 +25,9 @@ ROUNDS = 60  # Most times that a node's length is looked at, on the mean
 class Neighbours(NamedTuple):
     """Who shares an edge with whom."""
 
-    first: np.ndarray  # [1] (V+1) place in `others` of the first neighbour of each node
-    others: np.ndarray  # [1] (E) nodes that share an edge with it
-    spans: np.ndarray  # [m] (E) length of that edge, > 0
+    first: Annotated[np.ndarray, "<i8", 1]  # [1] (V+1) place in `others` of the first neighbour of each node
+    others: Annotated[np.ndarray, "<i4", 1]  # [1] (E) nodes that share an edge with it
+    spans: Annotated[np.ndarray, "<f8", 1]  # [m] (E) length of that edge, > 0
 
 
 def neighbours(mesh: Mesh) -> Neighbours:
@@ -44,9 +44,9 @@ def neighbours(mesh: Mesh) -> Neighbours:
 class StretchWorkspace(NamedTuple):
     """Work space of `hold_together`: lengths [m] (V), a queue of slots (V) and which are in it (V)."""
 
-    lengths: np.ndarray
-    queue: np.ndarray
-    queued: np.ndarray
+    lengths: Annotated[np.ndarray, "<f8", 1]
+    queue: Annotated[np.ndarray, "<i8", 1]
+    queued: Annotated[np.ndarray, "|b1", 1]
 
     @classmethod
     def of(cls, size: int) -> StretchWorkspace:

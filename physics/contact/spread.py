@@ -9,16 +9,15 @@ or folded piece would be pushed from behind.
 """
 
 import math
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.physics.entry_point import entry_point
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 from palpate.physics.kernel import kernel
 
-Triple = tuple[float, float, float]
 KERNELS = ("biweight", "wendland", "cosine")
 
 
@@ -141,50 +140,64 @@ def nearest_triangle(point, normal, points, triangles, vectors):
     return best, v, w
 
 
-class Spreader:
-    """Spreads a force that acts at a foot point of a mesh.
+class Spreader(NamedTuple):
+    """What spreads a force that acts at a foot point of a mesh, and its last answer."""
 
-    mesh    surface
-    radius  [m] radius of influence R > 0
-    kernel  one of KERNELS
+    scalars: Annotated[np.ndarray, "<f8", 1]  # see `spread_kernel`; so are the next four
+    shape: Annotated[np.ndarray, "<i8", 1]
+    first: Annotated[np.ndarray, "<i4", 1]
+    order: Annotated[np.ndarray, "<i4", 1]
+    near: Annotated[np.ndarray, "<f8", 2]
+    vertices: Annotated[np.ndarray, "<f8", 2]  # [m] (V,3)
+    triangles: Annotated[np.ndarray, "<i4", 2]  # [1] (T,3)
+    vectors: Annotated[np.ndarray, "<f8", 2]  # [m²] (T,3) along the triangles' normals
+    box: Annotated[np.ndarray, "<f8", 2]  # [m] (2,3) from far outside of which only the direction matters
+    nodes: Annotated[np.ndarray, "<i4", 1]  # [1] (V)
+    weights: Annotated[np.ndarray, "<f8", 1]  # [1] (V)
+    forces: Annotated[np.ndarray, "<f8", 2]  # [N] (V,3)
 
-    ValueError: an unknown kernel, a radius that is not positive.
+
+def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
+    """Of a surface, a radius of influence R > 0 [m] and one of KERNELS. ValueError: an unknown kernel, a radius that is
+    not positive."""
+    if kernel not in KERNELS:
+        raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
+    if not 0.0 < radius < math.inf:
+        raise ValueError(f"radius {radius} m: expected a positive number")
+    origin, side, shape, first, order = cells(mesh.vertices, radius)
+    near = np.concatenate([mesh.vertices, mesh.normals, mesh.areas[:, None]], axis=1)[order]
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    margin, size = 20 * float(np.max(high - low)), max(len(near), 3)
+    return Spreader(
+        np.array([radius, KERNELS.index(kernel), *origin, side]), shape, first, order, near,
+        *(np.ascontiguousarray(array) for array in (mesh.vertices, mesh.triangles, mesh.face_vectors)),
+        np.stack([low - margin, high + margin]), np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)),
+    )  # fmt: skip
+
+
+@kernel(error_model="numpy")
+def spread(spreader, foot, normal, force):
+    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]; how many.
+
+    normal: outward unit normal [1] (3) of the surface at the foot point
+
+    With no node in range, the nodes of the nearest triangle share the force by the barycentric coordinates of its
+    point nearest to the foot.
     """
-
-    def __init__(self, mesh: Mesh, radius: float, kernel: str = "biweight") -> None:
-        if kernel not in KERNELS:
-            raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
-        if not 0.0 < radius < math.inf:
-            raise ValueError(f"radius {radius} m: expected a positive number")
-        self.mesh = mesh
-        origin, side, shape, first, order = cells(mesh.vertices, radius)
-        near = np.concatenate([mesh.vertices, mesh.normals, mesh.areas[:, None]], axis=1)[order]
-        size = max(len(near), 3)
-        self.nodes, self.weights, self.forces = np.empty(size, np.int32), np.empty(size), np.empty((size, 3))
-        scalars = np.array([radius, KERNELS.index(kernel), *origin, side])
-        self._fixed = (scalars, shape, first, order, near, self.nodes, self.weights, self.forces)
-        self._kernel = entry_point(spread_kernel, *3 * ((0.0, 0.0, 0.0),), *self._fixed)
-
-    def spread(self, foot: Triple, normal: Triple, force: Triple) -> int:
-        """Fill `nodes`, `weights` [1] and `forces` [N] for a `force` at `foot` [m]; returns how many.
-
-        normal: outward unit normal [1] (3) of the surface at the foot point
-
-        With no node in range, the nodes of the nearest triangle share the force by the barycentric coordinates of its
-        point nearest to the foot.
-        """
-        count = self._kernel(foot, normal, force, *self._fixed)
-        if count:
-            return count
-        # From far away only the direction matters; held near the mesh, squares of distances stay finite.
-        vertices, triangles = self.mesh.vertices, self.mesh.triangles
-        low, high = vertices.min(axis=0), vertices.max(axis=0)
-        margin = 20 * float(np.max(high - low))
-        point = np.clip(foot, low - margin, high + margin)
-        nearest, v, w = nearest_triangle(point, np.asarray(normal, float), vertices, triangles, self.mesh.face_vectors)
-        if nearest < 0:
-            return 0
-        shares = np.maximum((1.0 - v - w, v, w), 0.0)
-        self.nodes[:3], self.weights[:3] = triangles[nearest], shares / shares.sum()
-        self.forces[:3] = self.weights[:3, None] * np.asarray(force)
-        return 3
+    s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
+    count = spread_kernel(foot, normal, force, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces)
+    if count > 0:
+        return count
+    point = np.empty(3)  # held near the mesh, where squares of distances stay finite
+    for i in range(3):
+        point[i] = min(max(foot[i], s.box[0, i]), s.box[1, i])
+    nearest, v, w = nearest_triangle(point, normal, s.vertices, s.triangles, s.vectors)
+    if nearest < 0:
+        return 0
+    shares = (max(1.0 - v - w, 0.0), max(v, 0.0), max(w, 0.0))
+    total = shares[0] + shares[1] + shares[2]
+    for k in range(3):
+        nodes[k], weights[k] = s.triangles[nearest, k], shares[k] / total
+        for i in range(3):
+            forces[k, i] = weights[k] * force[i]
+    return 3

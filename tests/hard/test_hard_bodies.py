@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pressing import NodalBody, Spreader
 from pytest import approx
 
 from palpate.models.fe import Material, MeshError, Settings, Solver, box, linear, neo_hooke, quadratic
 from palpate.models.fe.element.mesh import bricks, grid
 from palpate.models.fe.solve.body import ElasticBody
-from palpate.physics.bodies.mass_spring import NodalBody
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.errors import PalpateError
 from palpate.physics.geometry.mesh import plane
 

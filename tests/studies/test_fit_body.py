@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from pressing import Spreader
 from pytest import approx
 from scipy.interpolate import RegularGridInterpolator
 from typer.testing import CliRunner
@@ -12,7 +13,6 @@ from palpate.cli.__main__ import app
 from palpate.launch.load.launchfile import find
 from palpate.messages import Load
 from palpate.nodes.deformation import BeamBundle
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy.places import stored
 from palpate.studies.fit_body import fit_body, power_law

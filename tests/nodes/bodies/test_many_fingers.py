@@ -6,6 +6,7 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
+from pressing import Spreader
 from pytest import approx
 from scipy.optimize import root
 
@@ -18,7 +19,6 @@ from palpate.nodes.contact import Series
 from palpate.nodes.contact.joint import Joint, Share
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE, Rigid
 from palpate.nodes.spread import Kernel
-from palpate.physics.contact.spread import Spreader
 
 BODIES = [MassSpring, BeamBundle, ReducedFE, Rigid]
 COUPLED = [MassSpring, BeamBundle, ReducedFE]

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from pressing import Spreader
 from pytest import approx
 from scipy.integrate import quad
 from scipy.special import j0, jv
@@ -19,7 +20,6 @@ from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import _mean_inverse, joint_profile
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum

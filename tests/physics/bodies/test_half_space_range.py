@@ -5,6 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from pressing import Spreader
 from pytest import approx
 from scipy.special import j0, jv
 
@@ -18,7 +19,6 @@ from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.patch import hat_moments, load_radius
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 
 YOUNG, RADIUS, UP = 19e3, 8e-3, (0.0, 0.0, 1.0)

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from pressing import Spreader
 from pytest import approx
 from scipy.sparse import csc_array, eye_array, kron
 from scipy.sparse.linalg import splu
@@ -22,7 +23,6 @@ from palpate.physics.bodies.large_displacement import (
     stored_energy,
 )  # fmt: skip
 from palpate.physics.bodies.true_patch import HELD, MEAN
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.neo_hooke import neo_hooke

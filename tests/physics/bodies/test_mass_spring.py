@@ -7,6 +7,7 @@ import pytest
 from formulas import series_path
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pressing import NodalBody, Spreader
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
@@ -14,9 +15,9 @@ from palpate.messages import Load, Proximity
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import MassSpring
 from palpate.nodes.spread import Kernel
-from palpate.physics.bodies.mass_spring import MOST_STRAIN, NodalBody
+from palpate.physics.bodies.mass_spring import MOST_STRAIN
 from palpate.physics.contact.series import exponential
-from palpate.physics.contact.spread import Spreader, kernel_values
+from palpate.physics.contact.spread import kernel_values
 from palpate.physics.contact.terminal import terminal_force
 from palpate.physics.geometry.mesh import plane
 
@@ -152,7 +153,7 @@ def test_only_the_zone_is_kept_in_the_list():
         nodes, _ = body.step(spreader.nodes[:count], spreader.forces[:count], UP, 1e-2)
         assert len(nodes) < 3 * count and len(set(nodes.tolist())) == len(nodes)
     outside = np.setdiff1d(np.arange(len(MESH.vertices)), nodes)
-    assert (body.slots[0, outside] == -1).all()
+    assert (body.own.where[0, outside] == -1).all()
 
 
 def test_the_zone_of_a_large_mesh_moves_as_that_of_a_small_one():

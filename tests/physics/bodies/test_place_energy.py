@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 from formulas import series
+from pressing import Spreader
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
@@ -16,7 +17,6 @@ from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.series import exponential
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pressing import Spreader
 from scipy.interpolate import CloughTocher2DInterpolator
 
 from palpate.messages import Load
@@ -10,7 +11,6 @@ from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import EDGES
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from pressing import Spreader
 
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled.energy import forces, scratch, tangent
 from palpate.physics.bodies.sampled.solve import settle
-from palpate.physics.contact.spread import Spreader
 
 TAP = 50
 FORCE = 0.5

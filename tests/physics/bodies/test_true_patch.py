@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from pressing import Spreader
 from pytest import approx
 from scipy.integrate import quad
 from scipy.special import ellipe, ellipk
@@ -16,7 +17,6 @@ from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody
-from palpate.physics.contact.spread import Spreader
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.places import stored

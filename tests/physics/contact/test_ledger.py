@@ -97,7 +97,7 @@ def test_fingertip_and_tissue_never_make_energy_whatever_the_path(approaches, dt
     f, s1, s2 = series_path([0.0, *approaches], dt, law, 8.0, 3e3, 1.5, 5.0)
     books = EnergyAccount()
     for force, a, b in zip(f, s1, s2, strict=True):
-        held = float(energy(law, a)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
+        held = float(energy(a, *law)), 3e3 * max(b, 0.0) ** 2.5 / 2.5, 0.0
         books.book(Moment((0, 0, -a - b), (0, 0, force), UP, force, a, b, NONE, NONE, held))
     scale = max(1e-9, float(f.max()) * 0.012)
     assert books.fingertip.generated <= 1e-9 * scale and books.tissue.generated <= 1e-9 * scale

@@ -7,13 +7,14 @@ import pytest
 from formulas import PLANE_INTEGRALS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pressing import Spreader
 from pytest import approx
 from scipy.integrate import quad
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
 from palpate.nodes.spread import Kernel
-from palpate.physics.contact.spread import KERNELS, Spreader, kernel_values, nearest_triangle
+from palpate.physics.contact.spread import KERNELS, kernel_values, nearest_triangle
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, nearest_weights
 
