@@ -71,7 +71,8 @@ class Segment:
     def _fill(self, place: int, slot: Slot, rate: float, permitted: Callable[[Slot, Input], float]) -> np.ndarray:
         """The row of a slot, and the lines of its inputs."""
         row, node, kind = self._rows[place], slot.node, type(slot.node)
-        assert isinstance(node, CompiledNode) and isinstance(kind, type)
+        assert isinstance(node, CompiledNode)
+        node.resize([abs(count) for count in slot.counts])
         lines = self._keep(np.zeros(len(slot.inputs), INPUT))
         used = self._keep(np.full(max(len(slot.inputs), 1), -1, np.int64))
         ports: list[np.ndarray | None] = []
@@ -144,6 +145,7 @@ class Segment:
             row["blocked"], row["skip"] = slot.blocked, False
             lines["dead"] = [port.dead for port in slot.inputs]
             if slot.time is None:
+                slot.node.resize([abs(count) for count in slot.counts])  # type: ignore[attr-defined]
                 row["begun"], row["due"], row["missed"] = False, 0, -1
             row["follows"] = slot.follows
         self.listen()
