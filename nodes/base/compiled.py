@@ -281,9 +281,8 @@ class Records:
         if raised or own["fault"]:
             fault, own["fault"] = int(own["fault"]), 0
             if raised:
-                type(self.node).compute(
-                    own, *(r[0] for r in (*self._ports, *self._out)), dt
-                )  # raises as compiled code did
+                # in Python it raises what compiled code did
+                type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)
                 raise RuntimeError("the kernel raised, but not when it ran again on the state that it had left")
             raise self.node.explain(fault, *messages)
 
