@@ -15,8 +15,10 @@ import argparse
 import numpy as np
 
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_body import CondensedBody, answer, bear, condensed_body
+from palpate.physics.bodies.condensed_step import NOW
 from palpate.physics.contact.spread import spread, spreader
+from palpate.physics.geometry.mesh import Mesh
 from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.peers.continuum import POISSON, SIDE, YOUNG, Block, press
 
@@ -26,11 +28,13 @@ LIGHT, DEEP = 0.01, 0.25
 VERTICES = 10000
 
 
-def indentation(body: CondensedBody, place: float, radius: float, force: float) -> float:
+def indentation(body: CondensedBody, mesh: Mesh, place: float, radius: float, force: float) -> float:
     """[m] under a force at rest."""
-    patch, foot = spreader(body.mesh, radius), (place, 0.0, 0.0)
+    patch, foot = spreader(mesh, radius), (place, 0.0, 0.0)
     count = spread(patch, foot, UP, (0.0, 0.0, -force))
-    return body.step(patch.nodes[:count], patch.forces[:count], foot, UP, 1.0)[2]
+    bear(body, 0, patch.nodes[:count], patch.forces[:count], foot, UP, 1.0)
+    answer(body, np.zeros((1, 5)), 1.0)
+    return float(body.numbers[0, NOW])
 
 
 def main() -> None:
@@ -47,13 +51,14 @@ def main() -> None:
         place = float(rng.uniform(0.0, SIDE / 2 - radius - 2e-3))
         node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=VERTICES, poisson=poisson)
         ready(node)
-        law = (node.basis(), node.mesh(), YOUNG, 0.0, radius, 0.02)
-        corrected, widened = CondensedBody(*law, poisson), CondensedBody(*law)
-        soft = indentation(corrected, place, radius, 1e-3) / 1e-3
+        mesh = node.mesh()
+        law = (node.basis(), mesh, YOUNG, 0.0, radius, 0.02)
+        corrected, widened = condensed_body(*law, poisson), condensed_body(*law)
+        soft = indentation(corrected, mesh, place, radius, 1e-3) / 1e-3
         levels = np.array([LIGHT, DEEP]) * radius / soft
         curve = press(Block(place, given.cells, radius=radius, poisson=poisson), levels)
         errors = [
-            indentation(body, place, radius, f) / s - 1.0
+            indentation(body, mesh, place, radius, f) / s - 1.0
             for body in (corrected, widened)
             for f, s in zip(levels, curve.indentation, strict=True)
         ]

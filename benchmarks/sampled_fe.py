@@ -114,8 +114,8 @@ def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[flo
         node.step([load], dt=1e-3)
         spent.append(time.perf_counter() - begun)
         busy.append(time.thread_time() - worked)
-        evaluations.append(node._body.evaluations)
-        done += node._body.settled
+        evaluations.append(int(node.own["evaluations"]))
+        done += bool(node.own["settled"])
     middle = float(np.percentile(spent, 50))
     return {
         "step p50 us": 1e6 * middle,

@@ -118,6 +118,12 @@ def integers(typing: Any, handle: Any) -> Any:
     return _array_of(types.int32, handle)
 
 
+@intrinsic
+def longs(typing: Any, handle: Any) -> Any:
+    """The array of whole numbers (n,) or (n,m), 8 bytes each, that a field of a record stands for."""
+    return _array_of(types.int64, handle)
+
+
 def form(kind: type) -> np.dtype:
     """The record of a NamedTuple of numbers, tuples of numbers, others of its kind, and arrays, which say their
     elements and axes: `Annotated[np.ndarray, "<f8", 2]`."""

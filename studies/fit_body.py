@@ -24,7 +24,7 @@ from scipy import optimize
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Contact, Load, Surface
 from palpate.nodes.deformation import BeamBundle, MassSpring
-from palpate.physics.bodies.patch import Pressed
+from palpate.physics.bodies import beam_bed
 from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 from palpate.records.changed import changed
@@ -36,6 +36,8 @@ from palpate.studies.search import Show, off_by, touched, write
 QUANTITIES = ("force", "indentation", "shape")
 LEAST = 20  # Instants of contact below which nothing is fitted
 SLOWER = (1e-4, 1e2)  # Factors of the relaxation times that are tried
+Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
+"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
 THICK = 1e6
 """Factor of the thickness of beams that are to stay below their strain limit; moduli times it keep their compliance."""
 
@@ -144,6 +146,14 @@ def _borne(player: Player, loaders: Sequence[str], body: str) -> tuple[list[Pres
     return [(load.nodes.copy(), load.forces.copy(), load.foot, load.normal) for load in loads], depths
 
 
+def _depths(bed: beam_bed.BeamFoundation, loads: list[Pressed], dt: float) -> np.ndarray:
+    """Indentations [m] of a bed under these loads after a step."""
+    for contact, (nodes, forces, foot, normal) in enumerate(loads):
+        beam_bed.bear(bed, contact, nodes, forces, foot, normal)
+    beam_bed.answer(bed, dt)
+    return bed.contacts.laws[:, 4].copy()
+
+
 def layer_constants(
     body: BeamBundle, borne: Sequence[tuple[list[Pressed], list[float]]], dt: float
 ) -> tuple[dict[str, Any], str]:
@@ -154,8 +164,8 @@ def layer_constants(
 
     def solved(logarithm: float) -> tuple[float, float]:
         """Squared error and the factor 1/a, for the logarithm of b."""
-        bed = body.foundation(THICK, math.exp(logarithm))
-        own = np.array([law[3] for loads, _ in steps for law in bed.step(loads, dt)])
+        bed = body.foundation(THICK, math.exp(logarithm), len(steps[0][0]))
+        own = np.concatenate([_depths(bed, loads, dt) for loads, _ in steps])
         softer = float(own @ right / (own @ own))
         return float(np.sum((softer * own - right) ** 2)), softer
 

@@ -1,24 +1,36 @@
 """The deformable body as a bed of viscoelastic beams under its surface."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector, Vector3
-from palpate.nodes.base import Calibrated, SettingError, Switch, part
-from palpate.nodes.base.contacts import several
+from palpate.messages import Load, Surface, Vector
+from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
+from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
-from palpate.physics.bodies.beam_bed import BeamFoundation
-from palpate.physics.bodies.beam_bed_step import LARGEST_FORCE
-from palpate.physics.contact.terminal import Terminal
-from palpate.physics.entry_point import NO_FLOATS, NO_NODES
+from palpate.physics.bodies.beam_bed import (
+    BeamFoundation,
+    answer,
+    beam_foundation,
+    bear,
+    foundation_contacts,
+    relaxation,
+)
+from palpate.physics.bodies.beam_bed_step import held_force
+from palpate.physics.exact import row_times
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
+from palpate.physics.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 
 OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 
 
-class BeamBundle(WithNodule):
+_bed_of = unpacking(BeamFoundation)
+NO_VERTEX = 1  # fault: a load on a vertex that the surface does not have
+
+
+class BeamBundle(CompiledNode, WithNodule):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
     Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure told
@@ -35,6 +47,15 @@ class BeamBundle(WithNodule):
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3  # Of the patch whose response is told before a force acts
+
+    shape = Part(
+        "shape", "nodes", "displacement", also=("pressure",), about="The vertices of the surface that are displaced."
+    )
+    pressure = Part("pressure", "pressure", about="Of the displaced nodes; 0 for those that still recover.")
+    State = SEVERAL | {
+        "bed": form(BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
+        "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # [1] [m²] of each vertex; room; [Pa]
+    }  # fmt: skip
 
     def start(self) -> None:
         if not len(self.layers) == len(self.moduli) == len(self.relaxations) > 0:
@@ -56,13 +77,27 @@ class BeamBundle(WithNodule):
                 f"layers: found {sum(self.layers) * 1e3:g} mm in all, the body is {thickness * 1e3:.1f} mm thick: its "
                 f"beams would end beyond the other side"
             )
-        self.bed = self.foundation()
-        self.facing = mesh.normals
-        self.areas = mesh.areas
-        self.push = np.zeros(len(mesh.areas))
-        self._places: list[tuple[Vector3, Vector3]] = []
+        super().start()
+        self.hold("facing", np.ascontiguousarray(mesh.normals))
+        self.hold("areas", np.ascontiguousarray(mesh.areas))
+        self.hold("push", np.zeros(len(mesh.areas)))
+        self.hold("pressures", np.zeros(len(mesh.areas)))
+        self._hold_bed(self.foundation())
 
-    def foundation(self, thicker: float = 1.0, slower: float = 1.0) -> BeamFoundation:
+    def resize(self, counts: list[int]) -> None:
+        count = counts[0]
+        if count != len(self._bed.contacts.forces):
+            self._hold_bed(self._bed._replace(contacts=foundation_contacts(count, len(self._bed.beams.areas))))
+
+    def _hold_bed(self, bed: BeamFoundation) -> None:
+        self._bed = bed
+        make_room(self, len(bed.contacts.forces))
+        self.hold("laws", bed.contacts.laws)
+        self.hold("coupling", bed.contacts.coupling)
+        self.hold("bed", bed)
+        self.hold("places", np.full((len(bed.contacts.forces), 6), np.nan))
+
+    def foundation(self, thicker: float = 1.0, slower: float = 1.0, contacts: int = 1) -> BeamFoundation:
         """The beams at rest; with layers and moduli times a factor, which keeps their compliance, and with relaxation
         times times another."""
         layers = tuple(thicker * layer for layer in self.layers)
@@ -70,52 +105,66 @@ class BeamBundle(WithNodule):
             ViscoelasticMaterial(thicker * modulus, slower * relaxation, self.poisson)
             for modulus, relaxation in zip(self.moduli, self.relaxations, strict=True)
         )
-        return BeamFoundation(self.mesh(), self.hardness(), layers, materials, self.radius)
+        return beam_foundation(self.mesh(), self.hardness(), layers, materials, self.radius, contacts)
 
-    def rests(self, load: list[Load]) -> bool:
-        still = not (self.bed.count or any(len(each.nodes) for each in load))
-        return still and self._places == [(each.foot, each.normal) for each in load]
+    @kernel
+    def idle(own, load, out, dt):
+        if longs(own.bed.moving.told)[0] > 0:
+            return False
+        for i in range(load.count):
+            each, place = nth(load, i), floats(own.places)[i]
+            if each.nodes.shape[0] > 0:
+                return False
+            for k in range(3):
+                if place[k] != each.foot[k] or place[3 + k] != each.normal[k]:
+                    return False
+        return True
 
-    def step(self, load: list[Load], *, dt: float) -> Surface:
-        """Step the beams under the loads; the indentation told is conjugate to the force."""
-        bed = self.bed
-        try:
-            found = bed.step([(each.nodes, each.forces, each.foot, each.normal) for each in load], dt)
-        except IndexError as error:
-            raise SettingError(
-                f"Load.nodes: {error} ({self.surface!r}); give the node that spreads the load the same surface"
-            ) from None
-        laws = [Terminal(stiffness, exponent, 0.0, free, now) for stiffness, exponent, free, now in found]
-        first = laws[0]
-        self._places = [(each.foot, each.normal) for each in load]
-        nodes = self._displaced()
-        return Surface(
-            nodes=nodes,
-            displacement=bed.moved[: len(nodes)],
-            pressure=self._pressure(load, nodes),
-            stiffness=first.stiffness,
-            exponent=first.exponent,
-            damping=0.0,
-            rest_indentation=first.rest_indentation,
-            previous_indentation=first.previous_indentation,
-            step=dt,
-            relaxation=bed.relaxation(dt),
-            limited=bed.limited,
-            **several(laws, bed.coupling),
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load], out: Out[Surface], dt):
+        bed, places = _bed_of(own.bed), floats(own.places)
+        if dt > 0.0:
+            for i in range(load.count):
+                for j in integers(nth(load, i).nodes):
+                    if not 0 <= j < len(bed.beams.areas):
+                        own.fault = NO_VERTEX
+                        return
+            for i in range(load.count):
+                each = nth(load, i)
+                bear(bed, i, integers(each.nodes), floats(each.forces), vector(each.foot), vector(each.normal))
+            answer(bed, dt)
+        for i in range(load.count):
+            each = nth(load, i)
+            for k in range(3):
+                places[i, k], places[i, 3 + k] = each.foot[k], each.normal[k]
+        send_laws(own, out)
+        out.step, out.relaxation, out.limited = dt, relaxation(bed.beams, dt), bed.moving.told[1]
+        if not own.shape:
+            return
+        count = bed.moving.told[0]
+        lend_first(out.nodes, own.bed.moving.nodes, count)
+        lend_first(out.displacement, own.bed.moving.moved, count)
+        if own.pressure:
+            push, pressures = floats(own.push), floats(own.pressures)
+            facing, areas = floats(own.facing), floats(own.areas)
+            for i in range(load.count):
+                each = nth(load, i)
+                nodes, forces = integers(each.nodes), floats(each.forces)
+                for k in range(len(nodes)):
+                    held = (held_force(forces[k, 0]), held_force(forces[k, 1]), held_force(forces[k, 2]))
+                    push[nodes[k]] -= row_times(held, facing[nodes[k]])
+            for k in range(count):
+                j = bed.moving.nodes[k]
+                pressures[k] = max(push[j], 0.0) / areas[j]
+            for i in range(load.count):
+                for j in integers(nth(load, i).nodes):
+                    push[j] = 0.0
+            lend_first(out.pressure, own.pressures, count)
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        count = len(self._bed.beams.areas)
+        nodes = next(n for each in messages[0] if len(n := each.nodes) and not 0 <= n.min() <= n.max() < count)
+        return SettingError(
+            f"Load.nodes: found nodes {nodes.min()} ... {nodes.max()}, the surface has {count} vertices "
+            f"({self.surface!r}); give the node that spreads the load the same surface"
         )
-
-    @part("shape", "nodes", "displacement", otherwise=NO_NODES, also=("pressure",))
-    def _displaced(self) -> np.ndarray:
-        """The vertices of the surface that are displaced."""
-        return self.bed.nodes[: self.bed.count]
-
-    @part("pressure", "pressure", otherwise=NO_FLOATS)
-    def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:
-        """Of the displaced nodes; 0 for those that still recover."""
-        for each in load:
-            held = np.clip(each.forces, -LARGEST_FORCE, LARGEST_FORCE)  # as the beams take it
-            np.add.at(self.push, each.nodes, -np.einsum("ka,ka->k", held, self.facing[each.nodes]))
-        pressure = np.maximum(self.push[nodes], 0.0) / self.areas[nodes]
-        for each in load:
-            self.push[each.nodes] = 0.0
-        return pressure

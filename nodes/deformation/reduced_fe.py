@@ -1,27 +1,33 @@
 """The reduced finite-element body (docs/equations/reduced-fe.md)."""
 
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from palpate.messages import Load, Surface, Vector, Vector3
-from palpate.nodes.base import SettingError, Switch, part
-from palpate.nodes.base.contacts import several
+from palpate.messages import Load, Surface, Vector3
+from palpate.nodes.base import ARRAY, CompiledNode, Out, Part, SettingError, Switch
+from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
 from palpate.nodes.deformation import basis_store
 from palpate.physics.archive import ArchiveError
+from palpate.physics.bodies import condensed_body as condensed
+from palpate.physics.bodies import sampled_body as sampled
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody
+from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body, under
+from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
+from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
-from palpate.physics.bodies.patch import ReducedBody, add_pressure
-from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
-from palpate.physics.contact.terminal import Terminal
-from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
+from palpate.physics.bodies.patch import add_pressure
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
+from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
 
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
@@ -33,7 +39,69 @@ GRID = 1e-6
 """[m] To which a nodule's place is rounded, as the same place in the world is not bit-equal in the surface's frame."""
 
 
-class ReducedFE(WithNodule):
+_condensed_of, _sampled_of = unpacking(CondensedBody), unpacking(SampledBody)
+PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; room, see `add_pressure`; [Pa]
+
+
+@kernel(error_model="numpy")
+def caution_once(own, numbers):
+    """Keep what there is to say of each cause that was not there before."""
+    for cause in range(len(own.cautions)):
+        known, worst, contact = False, 0.0, 0
+        for k in range(own.causes):
+            known = known or own.cautions[k, 0] == cause
+        for c in range(len(numbers)):
+            if numbers[c, DEEP + cause] > worst:
+                worst, contact = numbers[c, DEEP + cause], c
+        if worst > 0.0 and not known:
+            row = own.cautions[own.causes]
+            row[0], row[1], row[2], row[3] = cause, worst, numbers[contact, RADIUS], numbers[contact, WIDE]
+            own.causes += 1
+
+
+@kernel(error_model="numpy")
+def along_the_surface(own, body, load, out):
+    """Send how the body's energy changes along the surface under each contact that presses."""
+    slopes = floats(own.slopes)
+    out.shape_operator.count = 0
+    put(out.tangential_gradient, (0.0, 0.0, 0.0))
+    for i in range(load.count):
+        slopes[i, :] = 0.0
+        if nth(load, i).nodes.shape[0] == 0:
+            continue
+        condensed.slope(body, i)
+        for k in range(3):
+            slopes[i, k] = body.gradient[k]
+            for j in range(3):
+                slopes[i, 3 + 3 * k + j] = body.shape[k, j]
+        if i == 0:
+            out.shape_operator.count = 9
+            put(out.tangential_gradient, vector(body.gradient))
+            for k in range(9):
+                out.shape_operator.values[k] = slopes[0, 3 + k]
+
+
+@kernel(error_model="numpy")
+def send(own, load, count, out, dt):
+    """Send laws, and what is known of the vertices that are displaced, of which there are so many."""
+    send_laws(own, out)
+    out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.beyond
+    lend_first(out.nodes, own.body.fine.nodes, count)
+    lend_first(out.displacement, own.body.fine.moved, count)
+    if own.pressure:
+        pressures, nodes = floats(own.pressures), integers(own.body.fine.nodes)[:count]
+        for k in range(count):
+            pressures[k] = 0.0
+        for i in range(load.count):
+            each = nth(load, i)
+            pull, patch, normal = floats(each.forces), integers(each.nodes), vector(each.normal)
+            add_pressure(pull, patch, normal, floats(own.areas), nodes, floats(own.push), pressures)
+        for k in range(count):
+            pressures[k] = max(pressures[k], 0.0)
+        lend_first(out.pressure, own.pressures, count)
+
+
+class ReducedFE(CompiledNode, WithNodule):
     """A finite-element organ condensed to its surface, with what large displacement adds, on a soft bed; optionally
     with a hard nodule and a stiffer capsule.
 
@@ -68,40 +136,101 @@ class ReducedFE(WithNodule):
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
     """From the foot point within which the displacement of every vertex is sent; farther off of fewer and fewer."""
 
+    energy = Part("energy", "stored", about="The energy that the condensed organ holds; a sampled one does not tell.")
+    shape = Part(
+        "shape", "nodes", "displacement",
+        about="Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m].",
+    )  # fmt: skip
+    pressure = Part(
+        "pressure", "pressure",
+        about="Of the loads on the vertices that are sent [Pa]: their part against the normal over the area of each.",
+    )  # fmt: skip
+    slope = Part(
+        "slope", "tangential_gradient", "shape_operator",
+        about="How the body's energy changes along its surface, which pushes the finger to where it is softer.",
+    )  # fmt: skip
+    State = (
+        SEVERAL | PRESSURE | {"body": form(CondensedBody), "beyond": (), "cautions": (len(CAUSES), 4), "causes": int}
+    )
+    """How far the last step was outside of what the body can tell; of each cause that there was its number, how far,
+    and the radius [m] of the load, its own and on the coarse surface; how many."""
+
+    def __new__(cls, **given: Any) -> "ReducedFE":
+        sampled = given.get("model", cls.model) == "sampled"
+        return super().__new__(_sampled(cls) if sampled else cls)
+
     def start(self) -> None:
-        self._body = self._made(self._count)
+        super().start()
+        self._noted = 0
         mesh = self.mesh()
-        self._areas, self._push = mesh.areas, np.zeros(len(mesh.vertices))
-        self._places: list[tuple[Vector3, Vector3]] = []
-        self._cautioned: set[str] = set()
-        self._notes = []
+        self.hold("areas", np.ascontiguousarray(mesh.areas))
+        self.hold("push", np.zeros(len(mesh.vertices)))
+        self.hold("pressures", np.zeros(len(mesh.vertices)))
+        self._organ = self._made()
+        self._make(self._count)
 
     def check(self) -> None:
         self.basis()
 
     def condition(self) -> str:
-        body = getattr(self, "_body", None)  # none before its start
-        return "outside its range" if body is not None and body.extrapolation > 0.0 else ""
+        return "outside its range" if hasattr(self, "own") and self.own["beyond"] > 0.0 else ""
 
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
-    def _contacts(self, count: int) -> None:
+    def resize(self, counts: list[int]) -> None:
+        if counts[0] != self._count:
+            self._make(counts[0])
+
+    def _make(self, count: int) -> None:
         self._count = count
-        self._body = self._made(count)
+        make_room(self, count)
+        body = under(*self._organ[:3], count)
+        self.hold("body", body)
+        self.hold("coupling", body.coupling)
 
-    def rests(self, load: list[Load]) -> bool:
-        """The sampled body never rests quite: its modes fade for ever."""
-        still = self._body.still and not any(len(l.nodes) for l in load)
-        return still and self._places == [(l.foot, l.normal) for l in load]
-
-    def _made(self, count: int = 1) -> ReducedBody:
+    def _made(self) -> Any:
+        """What bodies under any number of contacts share."""
         basis, given = self._placed()
-        if isinstance(basis, SampledBasis):
-            return SampledBody(basis, *given)
         large = self.model == "nonlinear" and self.sticks  # a surface that slides is known under light loads only
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
-        body = CondensedBody(basis, *given, self.poisson, self.sticks, self._apart(), rho)
-        return body.under(count) if count > 1 else body
+        return condensed_body(basis, *given, self.poisson, self.sticks, self._apart(), rho)
+
+    @kernel
+    def idle(own, load, out, dt):
+        body = _condensed_of(own.body)
+        for i in range(load.count):
+            each = nth(load, i)
+            if each.nodes.shape[0] > 0:
+                return False
+            for k in range(3):
+                if body.feet[i, k] != each.foot[k] or body.normals[i, k] != each.normal[k]:
+                    return False
+        return condensed.is_still(body)
+
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load], out: Out[Surface], dt):
+        body = _condensed_of(own.body)
+        for i in range(load.count):
+            each = nth(load, i)
+            nodes, forces = integers(each.nodes), floats(each.forces)
+            condensed.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal), dt)
+        condensed.answer(body, floats(own.laws), dt)
+        own.beyond = condensed.extrapolation(body)
+        if own.beyond > 0.0:
+            caution_once(own, body.numbers)
+        if own.slope:
+            along_the_surface(own, body, load, out)
+        if own.energy:
+            one(out.stored, condensed.stored(body))
+        count = condensed.displaced(body) if own.shape else 0
+        send(own, load, count, out, dt)
+
+    def notes(self) -> list[str]:
+        """A note for each cause that was not there before."""
+        for cause, *found in self.own["cautions"][self._noted : self.own["causes"]] if hasattr(self, "own") else ():
+            self._noted += 1
+            self._notes.append(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
+        return super().notes()
 
     def _apart(self) -> np.ndarray | None:
         """How far [m] (V,) each vertex of the basis is from another modulus; None where there is but one."""
@@ -140,71 +269,6 @@ class ReducedFE(WithNodule):
             residual = turned(basis.residual_compliance)
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
         return Basis(vertices, basis.triangles, turned(basis.compliance)), given
-
-    def _answer(self, load: list[Load], dt: float) -> list[Terminal]:
-        pressed = [(each.nodes, each.forces, each.foot, each.normal) for each in load]
-        return [Terminal(k, n, 0.0, free, now) for k, n, free, now in self._body.step_all(pressed, dt)]
-
-    def step(self, load: list[Load], *, dt: float) -> Surface:
-        if len(load) != self._count:
-            self._contacts(len(load))
-        laws = self._answer(load, dt)
-        self._places = [(each.foot, each.normal) for each in load]
-        if self._body.extrapolation > 0.0:
-            self._warn()
-        nodes, moved = self._displaced([each.foot for each in load])
-        slopes = [self._along(place, len(each.nodes)) for place, each in enumerate(load)]
-        stiffness, exponent, _, free, now = laws[0]
-        (gradient, shape), *_ = slopes
-        return Surface(
-            nodes=nodes,
-            displacement=moved,
-            pressure=self._pressure(load, nodes),
-            stiffness=stiffness,
-            exponent=exponent,
-            damping=0.0,
-            rest_indentation=free,
-            previous_indentation=now,
-            step=dt,
-            relaxation=self.retardation,
-            extrapolation=self._body.extrapolation,
-            tangential_gradient=gradient,
-            shape_operator=shape,
-            stored=self._stored(),
-            **several(laws, self._body.coupling, slopes),
-        )
-
-    def _warn(self) -> None:
-        """A note for each cause that was not there before."""
-        for cause in self._body.causes():
-            if cause not in self._cautioned:
-                self._cautioned.add(cause)
-                self._notes.append(f"{type(self).__name__}: {self._body.caution(cause)}")
-
-    @part("energy", "stored", otherwise=())
-    def _stored(self) -> Vector:
-        """The energy that the condensed organ holds; a sampled one does not tell."""
-        energy = self._body.stored()
-        return () if energy is None else (energy,)
-
-    @part("shape", "nodes", "displacement", otherwise=(NO_NODES, NO_VECTORS))
-    def _displaced(self, feet: list[Vector3]) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m]."""
-        return (NO_NODES, NO_VECTORS) if self._body.still else self._body.displaced(*feet)
-
-    @part("pressure", "pressure", otherwise=NO_FLOATS)
-    def _pressure(self, load: list[Load], nodes: np.ndarray) -> np.ndarray:
-        """Of the loads on the vertices that are sent [Pa]: their part against the normal over the area of each."""
-        pressure = np.zeros(len(nodes))
-        for each in load:
-            add_pressure(each.forces, each.nodes, each.normal, self._areas, nodes, self._push, pressure)
-        np.maximum(pressure, 0.0, out=pressure)
-        return pressure
-
-    @part("slope", "tangential_gradient", "shape_operator", otherwise=((0.0, 0.0, 0.0), ()))
-    def _along(self, contact: int, loaded: int) -> tuple[Vector3, Vector]:
-        """How the body's energy changes along its surface, which pushes the finger to where it is softer."""
-        return self._body.along(contact) if loaded else ((0.0, 0.0, 0.0), ())
 
     def coarse_mesh(self) -> Mesh:
         """The surface that the organ is condensed to, in its own frame."""
@@ -283,6 +347,53 @@ class ReducedFE(WithNodule):
                 except ArchiveError as error:
                     raise SettingError(f"{error}, here: {self.command()} --force") from None
         return None
+
+
+class _Sampled:
+    """What is different where the body is a sampled one. It never rests quite: its modes fade for ever."""
+
+    State = (
+        SEVERAL
+        | PRESSURE
+        | {
+            "body": form(SampledBody),
+            "beyond": (),
+            "cautions": (1, 4),
+            "causes": int,
+            "evaluations": int,
+            "settled": bool,
+        }
+    )
+    idle = None
+
+    def _made(self: Any) -> Any:
+        return self._placed()
+
+    def _make(self: Any, count: int) -> None:
+        self._count = count
+        make_room(self, count)
+        basis, given = self._organ
+        self.hold("body", sampled_body(basis, *given, count))
+
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load], out: Out[Surface], dt):
+        body = _sampled_of(own.body)
+        for i in range(load.count):
+            each = nth(load, i)
+            nodes, forces = integers(each.nodes), floats(each.forces)
+            sampled.bear(body, i, nodes, forces, vector(each.foot), vector(each.normal))
+        own.evaluations, own.settled = sampled.answer(body, floats(own.laws), floats(own.coupling), dt)
+        own.beyond = sampled.extrapolation(body)
+        count = sampled.displaced(body) if own.shape else 0
+        send(own, load, count, out, dt)
+
+
+@cache
+def _sampled(kind: type[ReducedFE]) -> type[ReducedFE]:
+    """A node class of the sampled model."""
+    return (
+        kind if issubclass(kind, _Sampled) else type(kind.__name__, (_Sampled, kind), {"__module__": kind.__module__})
+    )
 
 
 def _text(value: object) -> str:

@@ -23,7 +23,8 @@ def _dot(a, b):
 
 
 @kernel
-def _held(force):
+def held_force(force):
+    """A force [N] on a node, limited."""
     return min(max(force, -LARGEST_FORCE), LARGEST_FORCE)
 
 
@@ -48,7 +49,7 @@ def loaded_patch(nodes, forces, normal, patch, weight):
 
 @kernel
 def _push(force, normal):
-    return -(_held(force[0]) * normal[0] + _held(force[1]) * normal[1] + _held(force[2]) * normal[2])
+    return -(held_force(force[0]) * normal[0] + held_force(force[1]) * normal[1] + held_force(force[2]) * normal[2])
 
 
 @kernel
@@ -76,37 +77,38 @@ def _collect(j, scale, patch, weight, count):
 
 
 @kernel
-def bed_step(nodes, forces, dt, count, beams, moving, contacts):
-    """Step the beams under all loads and take the law on the patch of each contact; how many vertices are displaced,
-    and how many beams are at a limit."""
-    force, active, place, displacement = moving.force, moving.nodes, moving.place, moving.displacement
+def add_forces(nodes, forces, normal, count, moving):
+    """Let the beams bear a load; how many vertices are displaced then, and the load's normal force [N]."""
+    total = 0.0
     for k in range(nodes.shape[0]):
         j = nodes[k]
-        if place[j] < 0:
-            place[j] = count
-            active[count] = j
+        if moving.place[j] < 0:
+            moving.place[j] = count
+            moving.nodes[count] = j
             count += 1
         for a in range(3):
-            force[j, a] += _held(forces[k, a])
+            moving.force[j, a] += held_force(forces[k, a])
+        total += _push(forces[k], normal)
+    return count, total if total > NO_FORCE else 0.0
+
+
+@kernel
+def bed_step(dt, count, beams, moving, contacts):
+    """Step the beams under all loads and take the law on the patch of each contact; how many vertices are displaced,
+    and how many beams are at a limit."""
+    active, place, displacement = moving.nodes, moving.place, moving.displacement
     limited = 0.0
     for k in range(count):
         limited += _beam(active[k], dt, beams, moving)
-    start = 0
     for i in range(len(contacts.forces)):
-        total = 0.0
-        for k in range(start, contacts.ends[i]):
-            total += _push(forces[k], contacts.normals[i])
-        start = contacts.ends[i]
-        contacts.forces[i] = total if total > NO_FORCE else 0.0
         for j in range(i):
             contacts.cross[i, j] = contacts.cross[j, i] = _shared(i, j, dt, beams, moving, contacts)
     for i in range(len(contacts.forces)):
         _response(i, dt, beams, moving, contacts)
-    for k in range(nodes.shape[0]):
-        force[nodes[k], :] = 0.0
     kept = 0
     for k in range(count):
         j = active[k]
+        moving.force[j, :] = 0.0
         still = displacement[j, 0] == 0.0 and displacement[j, 1] == 0.0 and displacement[j, 2] == 0.0
         if still:
             place[j] = -1
@@ -246,6 +248,6 @@ def _response(i, dt, beams, moving, contacts):
     slope = 1.0 / compliance
     law = contacts.laws[i]
     law[0], law[1] = fit_terminal(free, max(deep, free + least / slope), slope, least)
-    law[2], law[3] = free, previous
+    law[3], law[4] = free, previous
     for j in range(len(contacts.forces)):
         contacts.coupling[i, j] = 1.0 if i == j else contacts.cross[i, j] / compliance

@@ -15,10 +15,7 @@ y the normal force on the patch that h stands for. With `large_displacement` u =
 convex, so the same step stays passive at a place: the load's work is at least the growth of h.u - V*.
 """
 
-from __future__ import annotations
-
-import copy
-from collections.abc import Sequence
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -26,9 +23,10 @@ from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_contacts import joint_answer, joint_profile
 from palpate.physics.bodies.condensed_field import surface_displacements
 from palpate.physics.bodies.condensed_step import (
+    COMPLIANCE,
     DEEP,
     FIELDS,
-    MORE,
+    FREE,
     NOW,
     NUMBERS,
     OWN,
@@ -36,30 +34,59 @@ from palpate.physics.bodies.condensed_step import (
     SLIDES,
     TILT,
     TOTAL,
-    WIDE,
     CondensedModel,
-    single_step,
+    add_others,
     take_load,
 )
-from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import stored_energy
-from palpate.physics.bodies.patch import CoarseBody, Law, Pressed, hat_moments
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, patch_of
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
-from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS, entry_point
-from palpate.physics.exact import product
+from palpate.physics.entry_point import NO_FLOATS
+from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 
 LEAST = 1e-9  # [m/N] compliance below which the body counts as rigid
 
 
-def straight(compliance: float, free: float, now: float) -> Law:
-    """The terminal law of a compliance [m/N], a free indentation and the indentation now [m]."""
-    return 1.0 / max(compliance, LEAST), 1.0, free, now
+class CondensedBody(NamedTuple):
+    """A condensed organ and its state under c contacts: for each its fields, marks and numbers
+    (`condensed_step.take_load`)."""
+
+    model: CondensedModel
+    ground: Ground
+    fine: FineMesh
+    fields: Annotated[np.ndarray, "<f8", 4]  # (c,F,V,3)
+    marks: Annotated[np.ndarray, "<i8", 3]  # (c,3,V)
+    numbers: Annotated[np.ndarray, "<f8", 2]
+    counts: Annotated[np.ndarray, "<i8", 2]  # (c,3) vertices that hold load, that the patch touches, and both
+    normals: Annotated[np.ndarray, "<f8", 2]  # [1] (c,3)
+    feet: Annotated[np.ndarray, "<f8", 2]  # [m] (c,3)
+    coupling: Annotated[np.ndarray, "<f8", 2]  # [1] (c,c) O, see `physics.contact.joint`
+    cross: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) compliance between patches; the diagonal is 0
+    drawn: Annotated[np.ndarray, "<f8", 2]  # [N] (c,3) how the energy changes along the surface by the others
+    bears: Annotated[np.ndarray, "<f8", 1]  # [N] (c) normal force with the body's retardation
+    profile: Annotated[np.ndarray, "<f8", 1]  # see `condensed_contacts.joint_profile`; of several contacts
+    room: Annotated[np.ndarray, "<f8", 3]
+    field: Annotated[np.ndarray, "<f4", 2]  # [m] (V,3) room for the displacement of the coarse vertices
+    gradient: Annotated[np.ndarray, "<f8", 1]  # [N] (3) and shape [1/m] (3,3) of the last `slope`
+    shape: Annotated[np.ndarray, "<f8", 2]
 
 
-class CondensedBody(CoarseBody):
-    """The state of a condensed organ under one contact, or several (`under`).
+def condensed_body(
+    basis: Basis,
+    mesh: Mesh,
+    young: float,
+    retardation: float,
+    radius: float,
+    reach: float,
+    poisson: float | None = None,
+    sticks: bool = True,
+    apart: np.ndarray | None = None,
+    rho: np.ndarray = NO_FLOATS,
+) -> CondensedBody:
+    """A body at rest under one contact.
 
     mesh      the surface that loads and displacements are given on, in the same frame as `basis`
     young [Pa] > 0, retardation [s] >= 0   E, tau
@@ -70,163 +97,131 @@ class CondensedBody(CoarseBody):
     apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None where there is neither
     rho       [1] (3,) of large displacement, see `large_displacement`; empty: the organ is linear
     """
+    coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
+    corners, weights = lies_on(coarse, mesh)
+    model = CondensedModel(
+        basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
+        young, retardation, mesh.vertices,
+        uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart),
+    )  # fmt: skip
+    ground = Ground(coarse.normals, softness(coarse, model, fine.spreader), rho)
+    return under(model, ground, fine, 1)
 
-    def __init__(
-        self,
-        basis: Basis,
-        mesh: Mesh,
-        young: float,
-        retardation: float,
-        radius: float,
-        reach: float,
-        poisson: float | None = None,
-        sticks: bool = True,
-        apart: np.ndarray | None = None,
-        rho: np.ndarray = NO_FLOATS,
-    ) -> None:
-        coarse = Mesh(basis.vertices, basis.triangles)
-        super().__init__(coarse, mesh, radius, reach)
-        self.basis, self.young, self.retardation = basis, young, retardation
-        count, rho = len(basis.vertices), np.array(rho)
-        moments = hat_moments(coarse)
-        true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
-        slopes = weight_slopes(coarse, self.corners)
-        self._model = CondensedModel(
-            basis.compliance, basis.vertices, rho, moments, self.corners, self.weights, slopes, young, retardation,
-            mesh.vertices, true,
+
+def under(model: CondensedModel, ground: Ground, fine: FineMesh, count: int) -> CondensedBody:
+    """An organ under so many contacts, at rest."""
+    size, several = len(model.vertices), count if count > 1 else 0
+    return CondensedBody(
+        model, ground, fine, np.zeros((count, FIELDS, size, 3)), np.zeros((count, 3, size), np.int64),
+        np.zeros((count, NUMBERS)), np.zeros((count, 3), np.int64), np.zeros((count, 3)), np.zeros((count, 3)),
+        np.eye(count), np.zeros((count, count)), np.zeros((count, 3)), np.zeros(count),
+        joint_profile() if several else np.zeros(0), np.zeros((several, 4, size)), np.zeros((size, 3), np.float32),
+        np.zeros(3), np.zeros((3, 3)),
+    )  # fmt: skip
+
+
+@kernel(error_model="numpy")
+def bear(body, contact, nodes, forces, foot, normal, dt):
+    """Take the load of a contact, nodal forces [N] (k,3), in a step of dt > 0 [s]; `answer` follows for all."""
+    patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
+    for i in range(3):
+        body.feet[contact, i], body.normals[contact, i] = foot[i], normal[i]
+    counts = body.counts[contact]
+    counts[0], counts[1] = take_load(
+        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], body.numbers[contact],
+        counts[0],
+    )  # fmt: skip
+
+
+@kernel(error_model="numpy")
+def answer(body, laws, dt):
+    """Fill the first three of `numbers` of each contact: the next step's compliance c [m/N] and free indentation
+    s_free [m] under the patch, and the indentation s now [m]; and `laws` (c,5), K, n, c, s_free and s_prev of each.
+
+    The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation is the
+    work done on the body. With large displacement c is that of the chord to the next step's indentation at the present
+    force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that goes with it: so
+    force and indentation there are the body's own, and contact that is solved against it settles.
+    """
+    model = body.model
+    if len(body.counts) == 1:
+        add_others(model, dt, body.numbers[0], 0.0, 0.0)
+    else:
+        joint_answer(
+            model, body.profile, body.fields, body.marks, body.numbers, body.counts, body.normals, body.feet,
+            body.room, body.cross, body.coupling, body.drawn, dt,
         )  # fmt: skip
-        self._ground = Ground(coarse.normals, softness(coarse, self._model, self._spreader), rho)
-        self._field = np.zeros((count, 3), dtype=np.float32)
-        self._gradient, self._shape = np.zeros(3), np.zeros((3, 3))
-        self._rest(1)
+        take = dt / (dt + model.retardation)
+        for i in range(len(body.bears)):
+            body.bears[i] = (1.0 - take) * body.bears[i] + take * body.numbers[i, TOTAL]
+    for i in range(len(laws)):
+        compliance, free, now = body.numbers[i, COMPLIANCE], body.numbers[i, FREE], body.numbers[i, NOW]
+        laws[i, 0], laws[i, 1], laws[i, 3], laws[i, 4] = 1.0 / max(compliance, LEAST), 1.0, free, now
 
-    def under(self, count: int) -> CondensedBody:
-        """The same organ under so many contacts, at rest."""
-        other = copy.copy(self)
-        other._rest(count)
-        return other
 
-    def _rest(self, count: int) -> None:
-        """The state of so many contacts without load, and the kernels for arrays as messages hold them."""
-        model, zero, size = self._model, (0.0, 0.0, 0.0), len(self.basis.vertices)
-        self._fields = np.zeros((count, FIELDS, size, 3))
-        self._marks, self._numbers = np.zeros((count, 3, size), dtype=np.int64), np.zeros((count, NUMBERS))
-        self._counts = np.zeros((count, 3), dtype=np.int64)
-        self._normals, self._feet = np.zeros((2, count, 3))
-        self._coupling, self._cross = np.eye(count), np.zeros((count, count))
-        self._drawn, self._bears = np.zeros((count, 3)), np.zeros(count)
-        self._contacts = list(zip(self._fields, self._marks, self._numbers, strict=True))
-        self._state = (self._fields, self._marks, self._numbers, self._counts, self._normals, self._feet)
-        fields, marks, numbers = self._contacts[0]
-        kernel = single_step if count == 1 else take_load
-        self._take = entry_point(kernel, model, NO_NODES, NO_VECTORS, 0.0, zero, 0.0, fields, marks, numbers, 0)
-        self._along = entry_point(
-            along, self._ground, marks[2], 0, fields[2], fields[TILT], zero, 0.0, 0.0, 0.0, self._gradient, self._shape
-        )
-        shown = (*self._state, self._field, self._nodes, self._moved)
-        self._displaced = entry_point(surface_displacements, model, self._reach, self._told, *shown)
-        if count > 1:
-            profile, room = joint_profile(), np.zeros((count, 4, size))
-            self._joint = (profile, *self._state, room, self._cross, self._coupling, self._drawn)
-            self._answer = entry_point(joint_answer, model, *self._joint, 0.0)
+@kernel
+def extrapolation(body):
+    """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit."""
+    most = 0.0
+    for numbers in body.numbers:
+        for excess in numbers[DEEP : SLIDES + 1]:
+            most = max(most, excess)
+    return most
 
-    @property
-    def held(self) -> np.ndarray:
-        """[N] (V,3) loads that the displacement under the first contact follows, h."""
-        return self._fields[0, 0]
 
-    @property
-    def coupling(self) -> np.ndarray:
-        return self._coupling
+@kernel
+def is_still(body):
+    """Whether nothing of an earlier load is left."""
+    held = 0
+    for counts in body.counts:
+        held += counts[0]
+    return held == 0
 
-    def step(
-        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float
-    ) -> tuple[float, float, float]:
-        """One step of dt > 0 [s] under nodal forces [N] (k,3): (c, s_free, s), the next step's compliance [m/N] and
-        free indentation [m] under the patch, and the indentation now [m].
 
-        The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
-        is the work done on the body. With large displacement c is that of the chord to the next step's indentation at
-        the present force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that
-        goes with it: so force and indentation there are the body's own, and contact that is solved against it settles.
-        """
-        return self.steps([(nodes, forces, foot, normal)], dt)[0]
+@kernel(error_model="numpy")
+def stored(body):
+    """Energy [J] held under the last step's patches at their indentations, V(s) of `place_energy`: of each the share
+    that its own force has in what presses there. For a linear body that is f.C f/2; what tangential loads and places
+    left behind hold is not in it."""
+    if len(body.bears) == 1:
+        return _held_under(body.numbers[0], body.model.rho)
+    total = 0.0
+    for i in range(len(body.bears)):
+        acting = body.bears[i] + row_times(body.cross[i], body.bears) / max(body.numbers[i, OWN], 1e-300)
+        share = body.bears[i] / acting if acting > 0.0 else 0.0
+        total += share * _held_under(body.numbers[i], body.model.rho)
+    return total
 
-    def steps(self, loads: Sequence[Pressed], dt: float) -> list[tuple[float, float, float]]:
-        """One step of dt > 0 [s] under all loads: (c, s_free, s) of each, the next step's compliance [m/N] and free
-        indentation [m] under the patch, and the indentation now [m].
 
-        The indentation is the mean of -n.u over the patch, weighted as the force is, so that force times indentation
-        is the work done on the body. With large displacement c is that of the chord to the next step's indentation at
-        the present force (at least `LEAST_FORCE`), or that of the tangent there if it is greater, with the s_free that
-        goes with it: so force and indentation there are the body's own, and contact that is solved against it settles.
-        """
-        for i, (nodes, forces, foot, normal) in enumerate(loads):
-            patch, pull, share = self._patch(nodes, forces, foot, normal)
-            self._feet[i], self._normals[i] = foot, normal
-            count = int(self._counts[i, 0])
-            self._counts[i, :2] = self._take(self._model, patch, pull, share, normal, dt, *self._contacts[i], count)
-        if len(loads) > 1:
-            self._answer(self._model, *self._joint, dt)
-            take = dt / (dt + self.retardation)
-            self._bears = (1.0 - take) * self._bears + take * self._numbers[:, TOTAL]
-        laws: list[tuple[float, float, float]] = self._numbers[:, :MORE].tolist()
-        return laws
+@kernel(error_model="numpy")
+def _held_under(numbers, rho):
+    now, own, radius = numbers[NOW], numbers[OWN], numbers[RADIUS]
+    if not (now > 0.0 and own > 0.0):
+        return 0.0
+    return radius * radius / own * stored_energy(now / radius, rho)
 
-    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
-        return [straight(*law) for law in self.steps(loads, dt)]
 
-    @property
-    def extrapolation(self) -> float:
-        return max(self._numbers[:, DEEP : SLIDES + 1].ravel().tolist())
+@kernel(error_model="numpy")
+def slope(body, contact):
+    """Fill `gradient`, what the energy at the force of the last step gains along the surface [N] (3), and `shape`, how
+    the normal turns there [1/m] (3,3): see `physics.bodies.place_energy`."""
+    fields, numbers, n = body.fields[contact], body.numbers[contact], body.normals[contact]
+    along(
+        body.ground, body.marks[contact, 2], body.counts[contact, 1], fields[2], fields[TILT], (n[0], n[1], n[2]),
+        numbers[RADIUS], numbers[OWN], numbers[TOTAL], body.gradient, body.shape,
+    )  # fmt: skip
+    if len(body.counts) > 1:
+        for i in range(3):
+            body.gradient[i] += body.drawn[contact, i]
 
-    def causes(self) -> list[str]:
-        excess = self._numbers[:, DEEP : SLIDES + 1].max(axis=0).tolist()
-        return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
 
-    def caution(self, cause: str) -> str:
-        excess = DEEP + CAUSES.index(cause)
-        numbers = self._numbers[self._numbers[:, excess].argmax()]
-        return caution(cause, float(numbers[excess]), float(numbers[RADIUS]), float(numbers[WIDE]))
-
-    @property
-    def still(self) -> bool:
-        return not self._counts[:, 0].any()
-
-    def stored(self) -> float:
-        """Energy [J] held under the last step's patches at their indentations, V(s) of `place_energy`: of each the
-        share that its own force has in what presses there. For a linear body that is f.C f/2; what tangential loads
-        and places left behind hold is not in it."""
-        if len(self._numbers) == 1:
-            return self._under(self._numbers[0])
-        own = np.maximum(self._numbers[:, OWN], 1e-300)
-        acting = self._bears + product(self._cross, self._bears) / own
-        share = np.divide(self._bears, acting, out=np.zeros_like(acting), where=acting > 0.0)
-        return float(sum(part * self._under(one) for part, one in zip(share.tolist(), self._numbers, strict=True)))
-
-    def _under(self, numbers: np.ndarray) -> float:
-        now, own, radius = numbers[[NOW, OWN, RADIUS]].tolist()
-        if not (now > 0.0 and own > 0.0):
-            return 0.0
-        return float(radius * radius / own * stored_energy(now / radius, self._model.rho))
-
-    def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
-        """What the energy at the force of the last step gains along the surface [N] (3), and how the normal turns there
-        [1/m] (9), row by row: see `physics.bodies.place_energy`."""
-        fields, marks, numbers = self._contacts[contact]
-        radius, compliance, force = numbers[[RADIUS, OWN, TOTAL]].tolist()
-        touched, normal = int(self._counts[contact, 1]), tuple(self._normals[contact].tolist())
-        self._along(
-            self._ground, marks[2], touched, fields[2], fields[TILT], normal, radius, compliance, force,
-            self._gradient, self._shape,
-        )  # fmt: skip
-        gradient = self._gradient if len(self._contacts) == 1 else self._gradient + self._drawn[contact]
-        x, y, z = gradient.tolist()
-        return (x, y, z), tuple(self._shape.ravel().tolist())
-
-    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
-        self._feet[:] = feet
-        count = self._displaced(
-            self._model, self._reach, self._told, *self._state, self._field, self._nodes, self._moved
-        )
-        return self._nodes[:count], self._moved[:count]
+@kernel(error_model="numpy")
+def displaced(body):
+    """Fill `fine.nodes`, vertices of the mesh, all near the foot points of the last step and fewer farther off, and
+    `fine.moved`, their displacements [m]; how many. None where the body is still."""
+    if is_still(body):
+        return 0
+    return surface_displacements(
+        body.model, body.fine.reach, body.fine.told, body.fields, body.marks, body.numbers, body.counts, body.normals,
+        body.feet, body.field, body.fine.nodes, body.fine.moved,
+    )  # fmt: skip

@@ -1,6 +1,6 @@
 """One implicit viscoelastic step of a condensed organ under the patch that presses it, see `condensed_body`."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -22,16 +22,18 @@ class CondensedModel(NamedTuple):
     young [Pa], retardation [s]  E, tau
     """
 
-    compliance: np.ndarray
-    vertices: np.ndarray
-    rho: np.ndarray  # [1] (3,) of large displacement, see `large_displacement`; empty: the linear organ
-    moments: np.ndarray  # of the hats of the coarse vertices, see `patch.hat_moments`
-    corners: np.ndarray
-    weights: np.ndarray
-    slopes: np.ndarray  # [1/m] (W,3,3) gradients of these shares along the surface
+    compliance: Annotated[np.ndarray, "<f4", 2]
+    vertices: Annotated[np.ndarray, "<f8", 2]
+    rho: Annotated[
+        np.ndarray, "<f8", 1
+    ]  # [1] (3,) of large displacement, see `large_displacement`; empty: the linear organ
+    moments: Annotated[np.ndarray, "<f8", 1]  # of the hats of the coarse vertices, see `patch.hat_moments`
+    corners: Annotated[np.ndarray, "<i8", 2]
+    weights: Annotated[np.ndarray, "<f8", 2]
+    slopes: Annotated[np.ndarray, "<f8", 3]  # [1/m] (W,3,3) gradients of these shares along the surface
     young: float
     retardation: float
-    fine: np.ndarray  # [m] (W,3) vertices of the fine mesh
+    fine: Annotated[np.ndarray, "<f8", 2]  # [m] (W,3) vertices of the fine mesh
     true: TruePatch  # what is known of the load's own patch
 
 
@@ -46,14 +48,6 @@ TOTAL, NUMBERS = 24, 25  # The normal force of the load [N]; how many numbers
 ROOM, TILT, FIELDS = 3, 4, 5  # Of the fields of a contact, see `take_load`
 SIDE, HOLD = slice(15, 24), 18
 """What holds the patch along the surface, see `true_patch.patch_compliance`; where its compliances begin."""
-
-
-@kernel
-def single_step(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
-    """`take_load` and `add_others`, of one contact."""
-    count, touched = take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count)
-    add_others(model, dt, numbers, 0.0, 0.0)
-    return count, touched
 
 
 @kernel

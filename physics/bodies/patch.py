@@ -1,64 +1,14 @@
-"""What reduced bodies share: what they answer, and the coarse surface below the mesh that is touched and drawn."""
+"""What reduced bodies share: the coarse surface below the mesh that is touched and drawn."""
 
-from collections.abc import Sequence
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.physics.contact.spread import spread, spreader
+from palpate.physics.contact.spread import Spreader, spread, spreader
 from palpate.physics.geometry.graded import ranges
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.kernel import kernel
-
-Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
-"""Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
-Law = tuple[float, float, float, float]
-"""K [N/m^n], n [1] and s_free [m] of the next step's terminal law, and the indentation now [m]."""
-ALONE = np.eye(1)  # Coupling of the one contact of a body
-
-
-class ReducedBody:
-    """What a body answers that `deformation.ReducedFE` steps; the rest is what one answers that cannot tell."""
-
-    @property
-    def coupling(self) -> np.ndarray:
-        """[1] (c,c) O of its contacts, see `physics.contact.joint`."""
-        return ALONE
-
-    @property
-    def extrapolation(self) -> float:
-        """How far the last step is outside of what the body can tell, 0 within, 1 at twice the limit."""
-        return 0.0
-
-    @property
-    def still(self) -> bool:
-        """Whether nothing of an earlier load is left."""
-        return False
-
-    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
-        """One step of dt > 0 [s] under the loads of all contacts: the law of each."""
-        raise NotImplementedError
-
-    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the mesh, all near the foot points of the last step and fewer farther off, and their
-        displacements [m] (k,3)."""
-        raise NotImplementedError
-
-    def along(self, contact: int = 0) -> tuple[tuple[float, float, float], tuple[float, ...]]:
-        """What the energy gains along the surface under a contact [N] (3), and how the normal turns there [1/m] (9)."""
-        return (0.0, 0.0, 0.0), ()
-
-    def stored(self) -> float | None:
-        """Energy [J] that it holds; None where it cannot tell."""
-        return None
-
-    def causes(self) -> list[str]:
-        """Why the last step was outside of what the body can tell."""
-        return []
-
-    def caution(self, cause: str) -> str:
-        """What a cause means, and the error to expect."""
-        raise NotImplementedError
 
 
 def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,30 +23,39 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
     return corners, weights / weights.sum(axis=1, keepdims=True)
 
 
-class CoarseBody(ReducedBody):
-    """What bodies share whose displacement is known on a coarse surface only.
+class FineMesh(NamedTuple):
+    """The mesh that loads and displacements are given on, of a body that is known on a coarse surface only."""
 
-    coarse  that surface;  mesh  the one that loads and displacements are given on, in the same frame
-    radius  [m] of the patch that the terminal law is taken over while nothing is loaded
-    reach   [m] from the foot point within which all displacements are told, fewer farther off
-    """
+    spreader: Spreader  # of the patch that the terminal law is taken over while nothing is loaded
+    reach: Annotated[np.ndarray, "<f4", 2]  # see `reaches`
+    told: Annotated[np.ndarray, "|u1", 1]
+    nodes: Annotated[np.ndarray, "<i4", 1]  # (N,) that `carried` fills
+    moved: Annotated[np.ndarray, "<f8", 2]  # [m] (N,3)
 
-    def __init__(self, coarse: Mesh, mesh: Mesh, radius: float, reach: float) -> None:
-        foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
-        self.corners, self.weights = barycentric(coarse, triangle, foot)
-        self.mesh = mesh
-        self._spreader = spreader(mesh, radius)
-        self._reach, self._told = reaches(mesh.vertices, ranges(mesh.vertices, reach))
-        self._nodes = np.zeros(len(mesh.vertices), dtype=np.int32)
-        self._moved = np.zeros((len(mesh.vertices), 3))
 
-    def _patch(
-        self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple
-    ) -> tuple[np.ndarray, np.ndarray, float]:
-        if len(nodes):
-            return nodes, forces, 1.0
-        count = spread(self._spreader, tuple(foot), tuple(normal), (-normal[0], -normal[1], -normal[2]))
-        return self._spreader.nodes[:count].copy(), self._spreader.forces[:count].copy(), 0.0
+def fine_mesh(mesh: Mesh, radius: float, reach: float) -> FineMesh:
+    """Of a mesh, the patch's radius [m], and the reach from the foot point [m] within which all displacements are told,
+    fewer farther off."""
+    count = len(mesh.vertices)
+    return FineMesh(
+        spreader(mesh, radius), *reaches(mesh.vertices, ranges(mesh.vertices, reach)),
+        np.zeros(count, np.int32), np.zeros((count, 3)),
+    )  # fmt: skip
+
+
+def lies_on(coarse: Mesh, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Coarse vertices (N,3) and shares (N,3) of each vertex of the fine mesh, see `barycentric`."""
+    foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
+    return barycentric(coarse, triangle, foot)
+
+
+@kernel(error_model="numpy")
+def patch_of(fine, nodes, forces, foot, normal):
+    """A load, nodes (k) and forces [N] (k,3), and 1; where there is none a patch round the foot [m] (3), and 0."""
+    if len(nodes) > 0:
+        return nodes, forces, 1.0
+    count = spread(fine.spreader, foot, normal, (-normal[0], -normal[1], -normal[2]))
+    return fine.spreader.nodes[:count], fine.spreader.forces[:count], 0.0
 
 
 @kernel

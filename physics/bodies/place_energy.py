@@ -17,7 +17,7 @@ under a patch round each vertex. Under the load itself that gradient would be th
 dent, and the mesh's error as large as it.
 """
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
 from palpate.physics.bodies.true_patch import draw_together, gathered, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
-from palpate.physics.exact import length, log, product
+from palpate.physics.exact import log, row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
@@ -35,9 +35,11 @@ STEEPEST = 0.75  # [1] Greatest e S that is undone: beyond, the bone edge is nea
 class Ground(NamedTuple):
     """The coarse surface."""
 
-    normals: np.ndarray  # [1] (V,3)
-    softness: np.ndarray  # [1] (V,) logarithm of the linear organ's compliance under a patch round each vertex
-    rho: np.ndarray  # [1] of large displacement
+    normals: Annotated[np.ndarray, "<f8", 2]  # [1] (V,3)
+    softness: Annotated[
+        np.ndarray, "<f8", 1
+    ]  # [1] (V,) logarithm of the linear organ's compliance under a patch round each vertex
+    rho: Annotated[np.ndarray, "<f8", 1]  # [1] of large displacement
 
 
 def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
@@ -46,29 +48,46 @@ def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
 
     model  a `CondensedModel` whose fine mesh is the spreader's
     """
-    corners, weights, true = model.corners, model.weights, model.true
     compliances = np.full(len(mesh.vertices), np.nan)
-    measure, side, block = np.zeros((len(mesh.vertices), 3)), np.zeros(9), np.zeros((3, 3))
-    for v, (foot, n) in enumerate(zip(mesh.vertices, mesh.normals, strict=True)):
-        normal = n / length(n)
-        count = spread(spreader, tuple(foot.tolist()), tuple(normal.tolist()), tuple((-normal).tolist()))
-        nodes, forces = spreader.nodes[:count], spreader.forces[:count]
-        if count:
-            np.add.at(measure[:, 0], corners[nodes], weights[nodes] * product(forces, -normal)[:, None])
-            total = normal_force(forces, normal)
-            radius, _ = load_radius(model.fine, nodes, forces, normal, total, true.least)
-            order = np.unique(corners[nodes])
-            touched = len(order)
-            narrowed = draw_together(model, nodes, forces, normal, total, order, touched, measure, radius)
-            hats = gathered(model.compliance, true.table, order, touched, measure, 0, block)
-            body, more = patch_compliance(
-                model.compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, side
-            )
-            compliances[v] = body + more
-            measure[order] = 0.0
+    _soften(np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.normals), model, spreader, compliances)
     good = compliances > 0.0
     compliances[~good] = compliances[good].mean() if good.any() else 1.0
     return log(compliances)
+
+
+@kernel(error_model="numpy")
+def _soften(vertices, normals, model, spreader, compliances):
+    measure, side, block = np.zeros((len(vertices), 3)), np.zeros(9), np.zeros((3, 3))
+    order, marked = np.zeros(len(vertices), np.int64), np.zeros(len(vertices), np.bool_)
+    for v in range(len(vertices)):
+        n = normals[v]
+        size = np.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
+        normal = (n[0] / size, n[1] / size, n[2] / size)
+        inward = (-normal[0], -normal[1], -normal[2])
+        count = spread(spreader, (vertices[v, 0], vertices[v, 1], vertices[v, 2]), normal, inward)
+        if count == 0:
+            continue
+        nodes, forces, touched = spreader.nodes[:count], spreader.forces[:count], 0
+        for k in range(count):
+            press = row_times(forces[k], inward)
+            for a in range(3):
+                b = model.corners[nodes[k], a]
+                measure[b, 0] += model.weights[nodes[k], a] * press
+                marked[b] = True
+        for b in range(len(vertices)):
+            if marked[b]:
+                order[touched], marked[b] = b, False
+                touched += 1
+        total = normal_force(forces, normal)
+        radius, _ = load_radius(model.fine, nodes, forces, normal, total, model.true.least)
+        narrowed = draw_together(model, nodes, forces, normal, total, order, touched, measure, radius)
+        hats = gathered(model.compliance, model.true.table, order, touched, measure, 0, block)
+        body, more = patch_compliance(
+            model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, side
+        )
+        compliances[v] = body + more
+        for k in range(touched):
+            measure[order[k], :] = 0.0
 
 
 def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:

@@ -15,20 +15,31 @@ growth of h.u - V*.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
-from palpate.physics.bodies.patch import ALONE, CoarseBody, Law, Pressed, carried
-from palpate.physics.bodies.sampled.contacts import SampledContacts, coupling_of, laws_of, step_all, together
-from palpate.physics.bodies.sampled.energy import Points, scratch
-from palpate.physics.bodies.sampled.step import GAMMA, LENGTH, SampledModel, field, step
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS, entry_point
+from palpate.physics.bodies.patch import FineMesh, carried, fine_mesh, lies_on, patch_of
+from palpate.physics.bodies.sampled.contacts import SampledContacts, sampled_contacts, step_all
+from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
+from palpate.physics.bodies.sampled.step import (
+    EXPONENT,
+    FREE,
+    GAMMA,
+    LENGTH,
+    NOW,
+    STIFFNESS,
+    SampledModel,
+    field,
+    gather,
+    step,
+)
+from palpate.physics.exact import sum_of_squares
 from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
 MOST_VERTICES = 2000  # Of a surface that a body is condensed to, as of `deformation.ReducedFE.coarse`
@@ -93,86 +104,101 @@ class SampledBasis:
             raise ArchiveError(f"{path}: not a sampled basis: {error}. Rebuild it with `palpate build basis`") from None
 
 
-class SampledBody(CoarseBody):
-    """The state of a sampled body under the contact.
+class SampledBody(NamedTuple):
+    """A sampled body and its state under c contacts; see `sampled.step.step`."""
+
+    model: SampledModel
+    fine: FineMesh
+    near: float  # [m²] squared distance from the feet within which the modes miss something
+    fields: Annotated[np.ndarray, "<f8", 3]
+    active: Annotated[np.ndarray, "<i8", 1]
+    vectors: Annotated[np.ndarray, "<f8", 2]
+    matrices: Annotated[np.ndarray, "<f8", 3]
+    room: SampledWorkspace
+    numbers: Annotated[np.ndarray, "<f8", 1]
+    feet: Annotated[np.ndarray, "<f8", 2]  # [m] (c,3)
+    contacts: SampledContacts
+
+
+def sampled_body(
+    basis: SampledBasis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float, contacts: int = 1
+) -> SampledBody:
+    """A body at rest.
 
     mesh      the surface that loads and displacements are given on, in the frame of the basis
     young [Pa] > 0, retardation [s] >= 0   E, by which all moduli of the basis are multiplied, and tau
     radius    [m] of the patch that the terminal law is taken over while nothing is loaded
     reach     [m] from the foot point within which all displacements are told, fewer farther off
     """
+    coarse = Mesh(basis.vertices, basis.triangles)
+    edges = coarse.vertices[coarse.triangles]
+    margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
+    count, r, numbers = len(basis.vertices), basis.modes.shape[1], np.zeros(8)
+    numbers[LENGTH] = 1.0
+    model = SampledModel(
+        basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, *lies_on(coarse, mesh),
+        young, retardation,
+    )  # fmt: skip
+    return SampledBody(
+        model, fine_mesh(mesh, radius, reach), (2.0 * reach + 1.5 * margin) ** 2, np.zeros((4, count, 3)),
+        np.zeros(count, np.int64), np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))]),
+        scratch(basis.points), numbers, np.zeros((contacts, 3)), sampled_contacts(contacts, count, r),
+    )  # fmt: skip
 
-    def __init__(
-        self, basis: SampledBasis, mesh: Mesh, young: float, retardation: float, radius: float, reach: float
-    ) -> None:
-        coarse = Mesh(basis.vertices, basis.triangles)
-        super().__init__(coarse, mesh, radius, reach)
-        self.basis, self.young, self.retardation, self.reach = basis, young, retardation, reach
-        edges = coarse.vertices[coarse.triangles]
-        self._margin = float(np.linalg.norm(edges - np.roll(edges, 1, axis=1), axis=2).max())
-        count, r = len(basis.vertices), basis.modes.shape[1]
-        self._model = SampledModel(
-            basis.residual_compliance, basis.modes, basis.points, basis.bend, basis.vertices, self.corners,
-            self.weights, young, retardation,
+
+@kernel(error_model="numpy")
+def bear(body, contact, nodes, forces, foot, normal):
+    """Take the load of a contact, nodal forces [N] (k,3); `answer` follows for all."""
+    patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
+    body.feet[contact, 0], body.feet[contact, 1], body.feet[contact, 2] = foot
+    load, measures = body.fields[1], body.contacts.measures
+    if contact == 0:
+        load[:] = 0.0
+    measure = body.fields[2] if len(measures) == 1 else measures[contact]
+    corners, weights = body.model.corners, body.model.weights
+    body.contacts.forces[contact] = gather(corners, weights, patch, pull, share, normal, load, measure)
+
+
+@kernel(error_model="numpy")
+def answer(body, laws, coupling, dt):
+    """A step of dt > 0 [s] under the loads of all contacts: evaluations of the energy, and whether the step reached
+    equilibrium; what it left over is left to the next.
+
+    laws      (c,5)      filled: K, n, c, s_free and s_prev of each, s_prev the indentation now [m]: the mean of -n.u
+                         over the patch, weighted as the force is; n = 1 where there are several, see `sampled.contacts`
+    coupling  [1] (c,c)  filled: O, see `physics.contact.joint`
+    """
+    numbers, contacts = body.numbers, body.contacts
+    if len(laws) == 1:
+        used, settled = step(
+            body.model, contacts.forces[0], dt, body.fields, body.active, body.vectors, body.matrices, body.room,
+            numbers,
         )  # fmt: skip
-        self._fields, self._active = np.zeros((4, count, 3)), np.zeros(count, dtype=np.int64)
-        self._vectors, self._matrices = np.zeros((9, r)), np.stack([np.eye(r), np.zeros((r, r)), np.zeros((r, r))])
-        self.held, self.q = self._fields[0], self._vectors[1]
-        """Loads that the displacement follows, h [N] (V,3), and the amounts of the modes."""
-        self._numbers = np.zeros(8)
-        self._numbers[LENGTH] = 1.0
-        self._scratch = scratch(basis.points)
-        self.contacts: SampledContacts | None = None  # Where there are several
-        self._step = entry_point(
-            step, self._model, NO_NODES, NO_VECTORS, 0.0, (0.0, 0.0, 0.0), 0.0, self._fields, self._active,
-            self._vectors, self._matrices, self._scratch, self._numbers,
-        )  # fmt: skip
-        self.evaluations = 0  # Evaluations of the energy in the last step
-        self.settled = True  # Whether the last step reached equilibrium; what it left over is left to the next
+        laws[0, 0], laws[0, 1] = numbers[STIFFNESS], numbers[EXPONENT]
+        laws[0, 3], laws[0, 4] = numbers[FREE], numbers[NOW]
+        return used, settled
+    used, settled = step_all(
+        body.model, dt, body.fields, body.active, body.vectors, body.matrices, body.room, numbers, contacts
+    )
+    for i in range(len(laws)):
+        laws[i, 0], laws[i, 1] = 1.0 / contacts.compliance[i, i], 1.0
+        laws[i, 3], laws[i, 4] = contacts.depths[0, i], contacts.depths[1, i]
+        for j in range(len(laws)):
+            coupling[i, j] = contacts.compliance[i, j] / contacts.compliance[i, i]
+    return used, settled
 
-    def step(self, nodes: np.ndarray, forces: np.ndarray, foot: tuple, normal: tuple, dt: float) -> Law:
-        """One step of dt > 0 [s] under nodal forces [N] (k,3): K, n and s_free of the next step's terminal law, and the
-        indentation now [m]: the mean of -n.u over the patch, weighted as the force is."""
-        patch, pull, share = self._patch(nodes, forces, foot, normal)
-        self.evaluations, self.settled = self._step(
-            self._model, patch, pull, share, normal, dt, self._fields, self._active, self._vectors, self._matrices,
-            self._scratch, self._numbers,
-        )  # fmt: skip
-        stiffness, exponent, free, now = self._numbers[:GAMMA].tolist()
-        return stiffness, exponent, free, now
 
-    def step_all(self, loads: Sequence[Pressed], dt: float) -> list[Law]:
-        """One step of dt > 0 [s] under the loads of all contacts: of each what `step` gives, with n = 1 where there are
-        several; see `sampled.contacts`."""
-        if len(loads) == 1:
-            return [self.step(*loads[0], dt)]
-        if self.contacts is None or len(self.contacts.shares) != len(loads):
-            self.contacts = SampledContacts.of(len(loads), len(self.held), len(self.q))
-        own, patches = self.contacts, [self._patch(*load) for load in loads]
-        own.take([load[3] for load in loads], patches)
-        self.evaluations, self.settled = step_all(
-            self._model, *together(patches), dt, self._fields, self._active, self._vectors, self._matrices,
-            self._scratch, self._numbers, own,
-        )  # fmt: skip
-        return laws_of(own.compliance, own.depths)
+@kernel(error_model="numpy")
+def extrapolation(body):
+    """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies: 0
+    within, 1 where the barrier begins."""
+    return max(2.0 * np.sqrt(sum_of_squares(body.vectors[1]) / body.model.points.limit) - 1.0, 0.0)
 
-    @property
-    def coupling(self) -> np.ndarray:
-        """[1] (c,c) O, see `physics.contact.joint`."""
-        return ALONE if self.contacts is None else coupling_of(self.contacts.compliance)
 
-    @property
-    def extrapolation(self) -> float:
-        """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies:
-        0 within, 1 where the barrier begins."""
-        return max(2.0 * float(np.sqrt(np.sum(self.q * self.q) / self.basis.points.limit)) - 1.0, 0.0)
-
-    def displaced(self, *feet: tuple) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices of the mesh, all near the foot points and fewer farther off, and their displacements [m] (k,3)."""
-        far = (2.0 * self.reach + 1.5 * self._margin) ** 2  # the modes miss little but near the load
-        places = np.array(feet)
-        field(self._model, places, far, self._fields, self._active, self.q, float(self._numbers[GAMMA]))
-        count = carried(
-            self.corners, self.weights, self._fields[3], self._reach, places, self._told, self._nodes, self._moved
-        )
-        return self._nodes[:count], self._moved[:count]
+@kernel(error_model="numpy")
+def displaced(body):
+    """Fill `fine.nodes`, vertices of the mesh, all near the foot points and fewer farther off, and `fine.moved`, their
+    displacements [m]; how many."""
+    model, fine, u = body.model, body.fine, body.fields[3]
+    field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.numbers[GAMMA])
+    return carried(model.corners, model.weights, u, fine.reach, body.feet, fine.told, fine.nodes, fine.moved)

@@ -32,7 +32,7 @@ The surface that is shown:  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f, 
 Range: R above the spacing of the touched mesh, thickness and radius of curvature above 2R, one modulus within R.
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import scipy  # its parts are slow to import, and are when they are used
@@ -61,15 +61,19 @@ class TruePatch(NamedTuple):
     ground   [1/m] (V,2) one over the thickness, and the curvature, at each coarse vertex, see `half_space_range`
     """
 
-    table: np.ndarray  # [1/m] (V,V) float32, see `mean_inverse_distance`
-    profile: np.ndarray  # [1] of W, see `dent_profile`
+    table: Annotated[np.ndarray, "<f4", 2]  # [1/m] (V,V) float32, see `mean_inverse_distance`
+    profile: Annotated[np.ndarray, "<f8", 1]  # [1] of W, see `dent_profile`
     normal: float  # [1] (1 - nu²)/pi
     tangential: float  # [1] (1 - nu/2)/(1 - nu)
     held: float  # [1] share of c_R that sticking takes
     sticks: bool  # [1] whether the patch sticks to the finger
-    least: np.ndarray  # [m²] (N,) least mean square radius of a load on each vertex of the touched mesh
-    apart: np.ndarray  # [m] (V,) distance of each coarse vertex from another modulus; none where there is but one
-    ground: np.ndarray
+    least: Annotated[
+        np.ndarray, "<f8", 1
+    ]  # [m²] (N,) least mean square radius of a load on each vertex of the touched mesh
+    apart: Annotated[
+        np.ndarray, "<f8", 1
+    ]  # [m] (V,) distance of each coarse vertex from another modulus; none where there is but one
+    ground: Annotated[np.ndarray, "<f8", 2]
 
 
 def true_patch(

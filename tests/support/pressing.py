@@ -1,7 +1,19 @@
 """Loads and bodies for tests of physics: kernels with the memory that they work in."""
 
-from palpate.physics.bodies import mass_spring
+import numpy as np
+
+from palpate.physics.bodies import condensed_body, mass_spring, sampled_body
+from palpate.physics.bodies.condensed_step import DEEP, RADIUS, SLIDES, WIDE
+from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.contact import spread as spreading
+
+
+def _three(vector):
+    return tuple(map(float, vector))
+
+
+def _load(nodes, forces, foot, normal):
+    return np.array(nodes, np.int32), np.array(forces, float), _three(foot), _three(normal)
 
 
 class Spreader:
@@ -12,7 +24,7 @@ class Spreader:
         self.nodes, self.weights, self.forces = self._own.nodes, self._own.weights, self._own.forces
 
     def spread(self, foot, normal, force):
-        return spreading.spread(self._own, *(tuple(map(float, one)) for one in (foot, normal, force)))
+        return spreading.spread(self._own, _three(foot), _three(normal), _three(force))
 
 
 class NodalBody:
@@ -24,3 +36,101 @@ class NodalBody:
     def step(self, nodes, forces, normal, dt):
         count = mass_spring.move(self.own, 0, nodes, forces, normal, dt)
         return self.own.active[0, :count], self.own.moved[0, :count]
+
+
+class CondensedBody:
+    """A condensed organ under one contact, or several (`under`). Of each a step gives the compliance of the next one,
+    its free indentation, and the indentation now."""
+
+    def __init__(self, basis, mesh, *law, **more):
+        self.own, self.mesh = condensed_body.condensed_body(basis, mesh, *law, **more), mesh
+
+    @classmethod
+    def of(cls, node):
+        """The body of a ReducedFE node."""
+        it = cls.__new__(cls)
+        it.own, it.mesh = node._made(), node.mesh()
+        return it
+
+    def under(self, count):
+        it = type(self).__new__(type(self))
+        it.own, it.mesh = condensed_body.under(*self.own[:3], count), self.mesh
+        return it
+
+    def step(self, nodes, forces, foot, normal, dt):
+        return self.steps([(nodes, forces, foot, normal)], dt)[0]
+
+    def steps(self, loads, dt):
+        for contact, load in enumerate(loads):
+            condensed_body.bear(self.own, contact, *_load(*load), dt)
+        condensed_body.answer(self.own, np.zeros((len(loads), 5)), dt)
+        return self.own.numbers[:, :3].tolist()
+
+    def displaced(self, *feet):
+        self.own.feet[:] = feet
+        count = condensed_body.displaced(self.own)
+        return self.own.fine.nodes[:count], self.own.fine.moved[:count]
+
+    def along(self, contact=0):
+        condensed_body.slope(self.own, contact)
+        return tuple(self.own.gradient.tolist()), tuple(self.own.shape.ravel().tolist())
+
+    def stored(self):
+        return condensed_body.stored(self.own)
+
+    @property
+    def held(self):
+        """Loads that the displacement under the first contact follows."""
+        return self.own.fields[0, 0]
+
+    @property
+    def still(self):
+        return condensed_body.is_still(self.own)
+
+    @property
+    def extrapolation(self):
+        return condensed_body.extrapolation(self.own)
+
+    def causes(self):
+        excess = self.own.numbers[:, DEEP : SLIDES + 1].max(axis=0)
+        return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
+
+    def caution(self, cause):
+        numbers = self.own.numbers[0]
+        return caution(cause, *map(float, numbers[[DEEP + CAUSES.index(cause), RADIUS, WIDE]]))
+
+
+class SampledBody:
+    """A sampled body under one contact, or several where it is stepped under them. A step gives K, n, the free
+    indentation of the next one, and the indentation now."""
+
+    def __init__(self, basis, mesh, *law):
+        self.basis, self._given = basis, (basis, mesh, *law)
+        self._under(1)
+
+    @classmethod
+    def of(cls, node):
+        """The body of a ReducedFE node."""
+        basis, given = node._placed()
+        return cls(basis, *given)
+
+    def _under(self, count):
+        self.own = sampled_body.sampled_body(*self._given, count)
+        self.q, self.held, self.contacts = self.own.vectors[1], self.own.fields[0], self.own.contacts
+
+    def step(self, nodes, forces, foot, normal, dt):
+        return self.step_all([(nodes, forces, foot, normal)], dt)[0]
+
+    def step_all(self, loads, dt):
+        if len(loads) != len(self.own.feet):
+            self._under(len(loads))
+        for contact, load in enumerate(loads):
+            sampled_body.bear(self.own, contact, *_load(*load))
+        laws = np.zeros((len(loads), 5))
+        self.evaluations, self.settled = sampled_body.answer(self.own, laws, np.eye(len(loads)), dt)
+        return laws[:, [0, 1, 3, 4]].tolist()
+
+    def displaced(self, *feet):
+        self.own.feet[:] = feet
+        count = sampled_body.displaced(self.own)
+        return self.own.fine.nodes[:count], self.own.fine.moved[:count]

@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from pressing import SampledBody
 
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce.reducible import of_organ
@@ -10,7 +11,6 @@ from palpate.models.fe.reduce.reduction import build
 from palpate.models.fe.reduce.sampling import modes
 from palpate.models.fe.reduce.snapshots import MILD, press_from_rest, scatter
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.bodies.sampled_body import SampledBody
 
 YOUNG = 2e4
 TOUCHES, MODES = 12, 16

@@ -11,10 +11,7 @@ all, which it meets exactly:
 It is no power as with one contact, since a force on the other side of a body may count as less than none here.
 """
 
-from __future__ import annotations
-
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -25,79 +22,42 @@ from palpate.physics.bodies.sampled.step import (
     dot,
     follow,
     gamma,
-    gather,
     project,
 )
 from palpate.physics.dot import inner, times
 from palpate.physics.kernel import kernel
 
-Patch = tuple[np.ndarray, np.ndarray, float]
-"""Nodes (k), forces [N] (k,3), and 1 where these are a load, 0 where they only mark the patch."""
-
 
 class SampledContacts(NamedTuple):
     """What a step reads and answers of each contact."""
 
-    ends: np.ndarray  # (c) of its nodes in the list of all
-    shares: np.ndarray  # in the normal force, m
-    normals: np.ndarray  # [1] (c,3)
-    forces: np.ndarray  # [N] (c) normal force
-    measures: np.ndarray  # [1] (c,V,3)
-    modal: np.ndarray  # [m] (2,c,r) Phi'm, and K^-1 Phi'm
-    residual: np.ndarray  # [m] (c,3) m.R h/E, and room
-    compliance: np.ndarray  # [m/N] (c,c) c_ij
-    depths: np.ndarray  # [m] (2,c) s_free and s
-
-    @classmethod
-    def of(cls, count: int, vertices: int, modes: int) -> SampledContacts:
-        """Of so many contacts, of a body of so many vertices and modes."""
-        return cls(
-            np.zeros(count, np.int64), np.zeros(count), np.zeros((count, 3)), np.zeros(count),
-            np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
-            np.eye(count), np.zeros((2, count)),
-        )  # fmt: skip
-
-    def take(self, normals: Sequence[tuple], patches: Sequence[Patch]) -> None:
-        """What the next step reads."""
-        self.normals[:] = normals
-        self.shares[:] = [share for _, _, share in patches]
-        self.ends[:] = np.cumsum([len(nodes) for nodes, _, _ in patches])
+    forces: Annotated[np.ndarray, "<f8", 1]  # [N] (c) normal force
+    measures: Annotated[np.ndarray, "<f8", 3]  # [1] (c,V,3) m
+    modal: Annotated[np.ndarray, "<f8", 3]  # [m] (2,c,r) Phi'm, and K^-1 Phi'm
+    residual: Annotated[np.ndarray, "<f8", 2]  # [m] (c,2) m.R h/E, and room
+    compliance: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) c_ij
+    depths: Annotated[np.ndarray, "<f8", 2]  # [m] (2,c) s_free and s
 
 
-def laws_of(compliance: np.ndarray, depths: np.ndarray) -> list[tuple[float, float, float, float]]:
-    """K [N/m], n, s_free and s [m] of each contact, from c_ij [m/N] (c,c) and both depths [m] (2,c)."""
-    stiffness = (1.0 / np.diagonal(compliance)).tolist()
-    return [(k, 1.0, free, now) for k, free, now in zip(stiffness, *depths.tolist(), strict=True)]
-
-
-def coupling_of(compliance: np.ndarray) -> np.ndarray:
-    """[1] (c,c) O, see `physics.contact.joint`."""
-    return compliance / np.diagonal(compliance)[:, None]
-
-
-def together(patches: Sequence[Patch]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and forces of all patches in one list."""
-    return np.concatenate([nodes for nodes, _, _ in patches]), np.concatenate([pull for _, pull, _ in patches])
+def sampled_contacts(count: int, vertices: int, modes: int) -> SampledContacts:
+    """Of so many contacts, of a body of so many vertices and modes."""
+    return SampledContacts(
+        np.zeros(count), np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
+        np.eye(count), np.zeros((2, count)),
+    )  # fmt: skip
 
 
 @kernel(error_model="numpy")
-def step_all(model, patch, pull, dt, fields, active, vectors, matrices, room, numbers, contacts):
-    """A step under all loads: evaluations of the energy, and whether it settled. patch, pull: nodes (k) and forces [N]
-    (k,3) of all patches, one after the other; contacts: filled; the others as of `step.step`."""
+def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contacts):
+    """A step under all loads: evaluations of the energy, and whether it settled. contacts: filled, but for forces and
+    measures; the others as of `step.step`."""
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, loaded = vectors[0], vectors[1], vectors[7]
     young, bend, take = model.young, model.bend, dt / (dt + model.retardation)
     measures, modal, K_inv_c, compliance = contacts.measures, contacts.modal[0], contacts.modal[1], contacts.compliance
-    count, start = len(contacts.forces), 0
-    load[:] = 0.0
+    count = len(contacts.forces)
     touched[:] = 0.0
-    for i in range(count):
-        end, m = contacts.ends[i], measures[i]
-        contacts.forces[i] = gather(
-            model.corners, model.weights, patch[start:end], pull[start:end], contacts.shares[i], contacts.normals[i],
-            load, m,
-        )  # fmt: skip
-        start = end
+    for m in measures:
         for v in range(len(m)):
             for a in range(3):
                 touched[v, a] += abs(m[v, a])

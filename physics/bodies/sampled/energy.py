@@ -7,7 +7,7 @@ size |q| that the modes were made for, infinite at twice that size. Each point h
 Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Eng. 313 (2017) 687-722 (empirical cubature).
 """
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -27,29 +27,29 @@ class Points(NamedTuple):
                        their own precision, single to be fast (then forces are the energy's slope to about 1e-7)
     """
 
-    modes: np.ndarray
-    weights: np.ndarray  # [m³] (P,)
-    kinds: np.ndarray  # [1] (P,) which of `laws` each point has
-    constants: np.ndarray  # [Pa..] (P,n) parameters of the law, padded with 0
-    springs: np.ndarray  # [J] (r,r)
+    modes: Annotated[np.ndarray, "<f4", 2]
+    weights: Annotated[np.ndarray, "<f8", 1]  # [m³] (P,)
+    kinds: Annotated[np.ndarray, "<i8", 1]  # [1] (P,) which of `laws` each point has
+    constants: Annotated[np.ndarray, "<f8", 2]  # [Pa..] (P,n) parameters of the law, padded with 0
+    springs: Annotated[np.ndarray, "<f8", 2]  # [J] (r,r)
     limit: float  # [1] |q|² at which the barrier begins
-    laws: np.ndarray  # [1] (L,) where these laws are in this process, see `hyperelastic.place_of`
+    laws: Annotated[np.ndarray, "<i8", 1]  # [1] (L,) where these laws are in this process, see `hyperelastic.place_of`
 
 
 class SampledWorkspace(NamedTuple):
     """Memory that the kernels work in; x, D, f, g in the precision of the modes."""
 
-    x: np.ndarray
-    D: np.ndarray
-    f: np.ndarray
-    g: np.ndarray
-    F: np.ndarray
-    C: np.ndarray
-    P: np.ndarray
-    A: np.ndarray
-    M: np.ndarray
-    T: np.ndarray
-    K: np.ndarray
+    x: Annotated[np.ndarray, "<f4", 1]
+    D: Annotated[np.ndarray, "<f4", 1]
+    f: Annotated[np.ndarray, "<f4", 1]
+    g: Annotated[np.ndarray, "<f4", 1]
+    F: Annotated[np.ndarray, "<f8", 2]
+    C: Annotated[np.ndarray, "<f8", 2]
+    P: Annotated[np.ndarray, "<f8", 2]
+    A: Annotated[np.ndarray, "<f8", 2]
+    M: Annotated[np.ndarray, "<f8", 2]
+    T: Annotated[np.ndarray, "<f8", 2]
+    K: Annotated[np.ndarray, "<f8", 2]
 
 
 def scratch(points: Points) -> SampledWorkspace:

@@ -1,7 +1,7 @@
 """A step of a sampled body (`physics.bodies.sampled_body`), compiled: history of the load, equilibrium of the modes,
 what these miss, and the terminal law of the next step."""
 
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -24,13 +24,13 @@ class SampledModel(NamedTuple):
     young [Pa], retardation [s]  E, tau
     """
 
-    residual_compliance: np.ndarray
-    modes: np.ndarray
+    residual_compliance: Annotated[np.ndarray, "<f4", 2]
+    modes: Annotated[np.ndarray, "<f8", 2]
     points: Points
     bend: tuple[float, float, float]
-    vertices: np.ndarray
-    corners: np.ndarray
-    weights: np.ndarray
+    vertices: Annotated[np.ndarray, "<f8", 2]
+    corners: Annotated[np.ndarray, "<i8", 2]
+    weights: Annotated[np.ndarray, "<f8", 2]
     young: float
     retardation: float
 
@@ -152,10 +152,11 @@ def follow(model, dt, fields, active, vectors, matrices, room, numbers):
 
 
 @kernel(error_model="numpy")
-def step(model, patch, pull, share, normal, dt, fields, active, vectors, matrices, room, numbers):
-    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns evaluations of the energy, and
-    whether it settled.
+def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
+    """A step under one contact, whose load and shares are in `fields`: evaluations of the energy, and whether it
+    settled.
 
+    force    [N]            of the load along the normal
     fields   [N]   (4,V,3)  h, the load, shares of the normal force; R times one of them
     active   [1]   (V,)     room for the vertices that hold load
     vectors  (9,r)          Phi'h/E, the modes' amounts q, the gradient of W there, and room
@@ -167,8 +168,6 @@ def step(model, patch, pull, share, normal, dt, fields, active, vectors, matrice
     )  # fmt: skip
     held, load, measure, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, inverse = vectors[0], vectors[1], matrices[0]
-    load[:] = 0.0
-    force = gather(model.corners, model.weights, patch, pull, share, normal, load, measure)
     keep, take = retardation / (dt + retardation), dt / (dt + retardation)
     r = len(q)
     count, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pressing import Spreader
+from pressing import CondensedBody, Spreader
 from pytest import approx
 from scipy.integrate import quad
 from scipy.special import j0, jv
@@ -16,7 +16,6 @@ from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.condensed_contacts import _mean_inverse, joint_profile
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.true_patch import MEAN
@@ -82,9 +81,9 @@ def test_what_each_does_to_the_other_is_equal_to_rounding():
     body, places = slab("linear"), [(-0.021, 0.004), (-0.009, 0.0)]
     many, (_, there) = pressed(body, places, [0.3, 0.0])
     _, (here, _) = pressed(body, places, [0.0, 0.3])
-    assert many._cross[0, 1] == many._cross[1, 0]
+    assert many.own.cross[0, 1] == many.own.cross[1, 0]
     assert there == approx(here, rel=1e-12)  # each is evaluated from its own side
-    assert np.linalg.eigvalsh(many._cross + np.diag(many._numbers[:, 4])).min() > 0.0
+    assert np.linalg.eigvalsh(many.own.cross + np.diag(many.own.numbers[:, 4])).min() > 0.0
 
 
 @pytest.mark.parametrize("model", ["linear", "nonlinear"])
@@ -96,7 +95,7 @@ def test_the_law_of_each_says_where_it_goes_under_the_forces_of_all(model):
     for _ in range(5):
         laws = many.steps([load(body, p, f) for p, f in zip(places, forces, strict=True)], 1e-3)
     following = forces if model == "nonlinear" else np.array([0.2, 0.6])
-    acting = many.coupling @ following
+    acting = many.own.coupling @ following
     told = [free + c * a for (c, free, _), a in zip(laws, acting, strict=True)]
     then = many.steps([load(body, p, f) for p, f in zip(places, following, strict=True)], 1e-3)
     assert [law[2] for law in then] == approx(told, rel=2e-3 if model == "nonlinear" else 2e-5)
@@ -132,7 +131,7 @@ def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
         (indented(0.010, 0.001 + step) - indented(0.010, 0.001 - step)) / (2 * step),
     ]
     indented(0.010, 0.001, 1e-9)
-    found = many._drawn[0] / 1e-9
+    found = many.own.drawn[0] / 1e-9
     assert found[:2] == approx(expected, rel=0.12, abs=0.02 * abs(expected[0]))
     assert found[0] < 0.0 and abs(found[2]) < 1e-12  # it is drawn into the other's dent
 
@@ -140,7 +139,7 @@ def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
 def test_the_surface_that_is_sent_is_that_of_all_contacts():
     body = slab()
     many, depths = pressed(body, [(-0.010, 0.0), (0.010, 0.0)], [0.5, 0.3])
-    nodes, moved = many.displaced(*many._feet)
+    nodes, moved = many.displaced(*many.own.feet)
     field = np.zeros((len(body.mesh.vertices), 3))
     field[nodes] = moved
     for place, force, depth in ((-0.010, 0.5, depths[0]), (0.010, 0.3, depths[1])):

@@ -5,7 +5,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from pressing import Spreader
+from pressing import CondensedBody, Spreader
 from pytest import approx
 from scipy.special import j0, jv
 
@@ -17,7 +17,6 @@ from palpate.physics.bodies import half_space_range as hr
 from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.patch import hat_moments, load_radius
 from palpate.physics.geometry.mesh import Mesh, plane
 
@@ -119,8 +118,8 @@ def test_a_thin_organ_is_flagged_with_an_error_that_covers_the_one_it_has():
     basis, both_sides = layer_basis()
     body = CondensedBody(basis, plane(0.1, 10000), YOUNG, 0.0, RADIUS, 1.0, 0.45, False)
     thin = hr.inverse_thickness(both_sides)[: len(basis.vertices)]
-    true = body._model.true._replace(ground=np.stack([thin, 0.0 * thin], axis=1))
-    body._model = body._model._replace(true=true)
+    true = body.own.model.true._replace(ground=np.stack([thin, 0.0 * thin], axis=1))
+    body.own = body.own._replace(model=body.own.model._replace(true=true))
     spreader = Spreader(body.mesh, RADIUS)
     count = spreader.spread((0.0, 0.0, 0.0), UP, (0.0, 0.0, -0.1))
     compliance, _, _ = body.step(spreader.nodes[:count], spreader.forces[:count], (0.0, 0.0, 0.0), UP, 1.0)
@@ -194,7 +193,7 @@ def test_what_is_outside_of_the_range_is_reported_once_and_in_the_message():
 
 def test_a_free_surface_under_more_than_a_light_load_says_what_it_is_too_stiff_by():
     node = ReducedFE(model="linear", vertices=3000, sticks=False)
-    body, mesh = node._made(), node.mesh()
+    body, mesh = CondensedBody.of(node), node.mesh()
     top = mesh.vertices[mesh.vertices[:, 2].argmax()]
     spreader = Spreader(mesh, RADIUS)
     found = {}

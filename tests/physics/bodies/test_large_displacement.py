@@ -7,14 +7,13 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from pressing import Spreader
+from pressing import CondensedBody, Spreader
 from pytest import approx
 from scipy.sparse import csc_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
 from palpate.models.fe.axisymmetric import RoundBody, _integrate, line
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.large_displacement import (
     DEEPEST,
     large_depth,

@@ -6,14 +6,13 @@ from itertools import product
 import numpy as np
 import pytest
 from formulas import series
-from pressing import Spreader
+from pressing import CondensedBody, Spreader
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load, Proximity, Surface
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import on_hand
 from palpate.physics.contact.series import exponential

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from pressing import CondensedBody
 from pytest import approx
 from scipy.sparse.linalg import spsolve
 
@@ -17,7 +18,6 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.geometry.mesh import Mesh
 
 UP = (0.0, 0.0, 1.0)
@@ -193,7 +193,7 @@ def test_random_loads_never_get_more_work_back_than_they_gave():
         dt = 10.0 ** rng.uniform(-4, 1)
         it.step(nodes, forces, tuple(mesh.vertices[nodes[0]]), UP, dt)
         moved = (c @ it.held.ravel()).reshape(-1, 3) / YOUNG
-        new = np.einsum("pa,pai->pi", it.weights, moved[it.corners])
+        new = np.einsum("pa,pai->pi", it.own.model.weights, moved[it.own.model.corners])
         work += float(np.sum(forces * (new[nodes] - u[nodes])))
         u = new
         stored = 0.5 * float(it.held.ravel() @ (c @ it.held.ravel())) / YOUNG

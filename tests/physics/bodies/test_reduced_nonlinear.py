@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from formulas import series
+from pressing import CondensedBody
 from pytest import approx
 from scipy.optimize import brentq
 
@@ -16,7 +17,6 @@ from palpate.models.fe.reduce.snapshots import patch
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.large_displacement import DEEPEST
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal

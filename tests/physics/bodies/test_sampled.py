@@ -5,6 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from formulas import series
+from pressing import CondensedBody, SampledBody
 from pytest import approx
 from sampled_slab import MODES, RADIUS, YOUNG, at, basis, body, compliance, mode_shapes, pressed, slab, touches
 from scipy.optimize import brentq, nnls
@@ -26,11 +27,10 @@ from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mes
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.bodies.sampled.energy import barrier, forces, scratch, tangent
 from palpate.physics.bodies.sampled.solve import invert, settle, unhurried
 from palpate.physics.bodies.sampled.step import gamma
-from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody
+from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.closest import ClosestPoint

@@ -57,8 +57,8 @@ def settled_depths(forces):
     r = basis.modes.shape[1]
     q, g, K, p = np.zeros(r), np.zeros(r), np.zeros((r, r)), basis.modes.T @ f.ravel()
     for share in (0.25, 0.5, 0.75, *[1.0] * 12):
-        assert tangent(basis.points, q, it._scratch, K)
-        energies(basis.points, q, it._scratch, g)
+        assert tangent(basis.points, q, it.own.room, K)
+        energies(basis.points, q, it.own.room, g)
         q += np.linalg.solve(K, share * p - g)
     bent = basis.residual_compliance.astype(float) @ f.ravel()
     u = basis.modes @ q + gamma(max(f.ravel() @ bent, 0.0), *basis.bend)[0] * bent
@@ -71,8 +71,8 @@ def test_contacts_that_press_hard_are_coupled_by_how_the_body_gives_at_their_for
     it = body()
     held(it, forces)
     now, q, K = settled_depths(forces)
-    it.q[:], it._matrices[0] = q, np.linalg.inv(K)  # what its iteration leaves over
-    it._numbers[ENERGY] = energies(it.basis.points, it.q, it._scratch, it._vectors[2])
+    it.q[:], it.own.matrices[0] = q, np.linalg.inv(K)  # what its iteration leaves over
+    it.own.numbers[ENERGY] = energies(it.basis.points, it.q, it.own.room, it.own.vectors[2])
     laws = it.step_all(loads(forces), 1e6)
     assert [law[3] for law in laws] == approx(now, rel=1e-6)
     c = it.contacts.compliance

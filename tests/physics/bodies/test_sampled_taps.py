@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pressing import Spreader
+from pressing import SampledBody, Spreader
 
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.sampled.energy import forces, scratch, tangent
@@ -46,7 +46,7 @@ def newton(points, p, q):
 
 @pytest.mark.parametrize("slant", [(0.0, 0.0), (0.2, -0.1)])
 def test_taps_are_settled_while_they_last(finger, slant):
-    body = finger._made()
+    body = SampledBody.of(finger)
     points, spread = body.basis.points, Spreader(finger.mesh(), 5e-3, "biweight")
     settled, off = [], {20: [], TAP - 1: []}
     for k in range(6 * TAP):
@@ -56,7 +56,7 @@ def test_taps_are_settled_while_they_last(finger, slant):
         body.step(spread.nodes[:count], spread.forces[:count], foot, UP, 1e-3)
         settled.append(body.settled)
         if force and k % TAP in off:
-            p = body._vectors[0]
+            p = body.own.vectors[0]
             exact = newton(points, p, body.q.copy())
             off[k % TAP].append(abs(p @ (body.q - exact)) / (p @ exact))
     assert np.mean(settled) > 0.6
@@ -65,13 +65,13 @@ def test_taps_are_settled_while_they_last(finger, slant):
 
 def test_a_kept_curvature_that_does_not_go_downhill_is_forgotten(finger):
     """What rounding may make of it after very many updates."""
-    body = finger._made()
+    body = SampledBody.of(finger)
     points, spread = body.basis.points, Spreader(finger.mesh(), 5e-3, "biweight")
     foot = place(finger, 0.0, 0.0)
     count = spread.spread(foot, UP, (0.0, 0.0, -FORCE))
     for _ in range(40):
         body.step(spread.nodes[:count], spread.forces[:count], foot, UP, 1e-3)
-    r, p, answers = len(body.q), body._vectors[0], []
+    r, p, answers = len(body.q), body.own.vectors[0], []
     for spoiled in (-np.eye(r), np.full((r, r), np.nan)):
         q, g, H, room = np.zeros(r), np.zeros(r), spoiled, np.zeros((2, r, r))
         energy, done = 0.0, False

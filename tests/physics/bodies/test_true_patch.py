@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pressing import Spreader
+from pressing import CondensedBody, Spreader
 from pytest import approx
 from scipy.integrate import quad
 from scipy.special import ellipe, ellipk
@@ -16,7 +16,6 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
-from palpate.physics.bodies.condensed_body import CondensedBody
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.places import stored
@@ -241,7 +240,7 @@ def test_what_corrects_a_patch_near_a_nodule_is_the_same_for_every_load_there():
 def test_a_slab_with_a_nodule_answers_a_light_touch_as_two_full_solvers_do(name, error, nodule_node):
     reference = stored(name)
     soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
-    body = nodule_node._made()
+    body = CondensedBody.of(nodule_node)
     assert pressed(body, reference.about["place"]["place"])[0][0] == approx(soft, rel=error)
 
 
