@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 
 from palpate.messages import Field, Load, Message, Surface, fields
+from palpate.messages.record import layout
 from palpate.registry import snake
 
 _NODE = '''"""{title}: says what it does here."""
@@ -18,14 +19,18 @@ from typing import Annotated
 import msgspec
 {numpy}
 from palpate.messages import {messages}
-from palpate.nodes import Node
+{base}
 
-
-class {title}(Node):
+class {title}({parent}):
     """First line: what it computes. It shows in `palpate list nodes {module}.{title}`."""
 
     scale: Annotated[float, "1", msgspec.Meta({limit})] = 1.0
 {body}'''
+
+_COMPILED = """\
+from palpate.nodes import CompiledNode, Out
+from palpate.physics.kernel import kernel
+"""
 
 _STEP = '''
     def start(self) -> None:
@@ -37,6 +42,15 @@ _STEP = '''
         self.time += dt
         return {answer}
 '''
+
+_COMPUTE = '''
+    State = {{"time": ()}}  # [s] that has passed; (): a number, (3,): a vector
+
+    @kernel
+    def compute(own, {port}: {takes}, out: Out[{sends}], dt):
+        """The first input drives; add others before `out`, `name: Type | None` where `name.there` may be False."""
+        own.time += dt
+{filled}'''
 
 _BODY = '''    stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 1e3
 
@@ -100,8 +114,9 @@ def module_name(title: str) -> str:
     return f"{snake(title)}_node" if keyword.iskeyword(snake(title)) else snake(title)
 
 
-def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[str, str]:
-    """File names and texts of a new node and its test. ValueError: the name cannot be used."""
+def node_files(name: str, takes: type[Message], sends: type[Message], compiled: bool = False) -> dict[str, str]:
+    """File names and texts of a new node and its test. ValueError: the name cannot be used, or a compiled node cannot
+    hold a message."""
     title = class_name(name)
     module = module_name(title)
     answer, given = _example(sends, 8), _example(takes, 4)
@@ -109,9 +124,11 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
         "title": title, "module": module, "port": module_name(takes.__name__), "answer": answer, "given": given,
         "takes": takes.__name__, "sends": sends.__name__,
         "messages": ", ".join(sorted({takes.__name__, sends.__name__})),
+        "filled": _filled(takes, sends) if compiled else "", "parent": "CompiledNode" if compiled else "Node",
+        "base": _COMPILED if compiled else "from palpate.nodes import Node\n",
     }  # fmt: skip
-    is_body = (takes, sends) == (Load, Surface)
-    body = (_BODY if is_body else _STEP).format(**names)
+    is_body = (takes, sends) == (Load, Surface) and not compiled
+    body = (_COMPUTE if compiled else _BODY if is_body else _STEP).format(**names)
     positive = "gt=0" if is_body else "ge=0"
     node = _NODE.format(**names, body=body, limit=positive, numpy="import numpy as np\n" if "np." in body else "")
     test = (_TEST + _BODY_TEST * is_body).format(**names, numpy="\nimport numpy as np\n" if "np." in given else "")
@@ -120,14 +137,40 @@ def node_files(name: str, takes: type[Message], sends: type[Message]) -> dict[st
 
 def _example(kind: type[Message], indent: int) -> str:
     """Python text of a message at rest, one field a line with its unit; fields with a default are left out."""
-    required = {field.name for field in msgspec.structs.fields(kind) if field.required}
     at_rest = kind.example(loaded=False)
     lines = [
-        f"{' ' * (indent + 4)}{f.name}={_text(f, getattr(at_rest, f.name))},  # [{f.unit}]\n"
-        for f in fields(kind)
-        if f.name in required
+        f"{' ' * (indent + 4)}{f.name}={_text(f, getattr(at_rest, f.name))},  # [{f.unit}]\n" for f in _required(kind)
     ]
     return f"{kind.__name__}(\n{''.join(lines)}{' ' * indent})" if lines else f"{kind.__name__}()"
+
+
+def _filled(takes: type[Message], sends: type[Message]) -> str:
+    """The same as lines of a kernel. ValueError: a message that a record cannot hold."""
+    try:
+        layout(takes)
+        layout(sends)
+    except TypeError as error:
+        raise ValueError(f"{error}. Or a node in Python: without --compiled") from None
+    at_rest = sends.example(loaded=False)
+    return "".join(f"        {_assigned(f, getattr(at_rest, f.name))}\n" for f in _required(sends))
+
+
+def _assigned(field: Field, value: Any) -> str:
+    name, unit = f"out.{field.name}", f"  # [{field.unit}]"
+    if field.dtype is not None:
+        return f"{name}.shape[0] = 0{unit}"
+    if field.words:
+        return f"{name} = {field.words.index(value)}  # {value}"
+    if not field.shape:
+        return f"{name} = {value!r}{unit}"
+    if not isinstance(field.shape[0], int):
+        return f"{name}.count = 0{unit}"
+    return f"{', '.join(f'{name}[{i}]' for i in range(len(value)))} = {', '.join(map(repr, value))}{unit}"
+
+
+def _required(kind: type[Message]) -> list[Field]:
+    needed = {field.name for field in msgspec.structs.fields(kind) if field.required}
+    return [field for field in fields(kind) if field.name in needed]
 
 
 def _text(field: Field, value: Any) -> str:

@@ -24,13 +24,14 @@ import msgspec
 import numpy as np
 
 from palpate.messages.base import Message
-from palpate.messages.fields import Field, fields
+from palpate.messages.fields import Field, MessageError, fields
 
 ROOM = 16
 """Numbers in a vector of open length: what travels as a msgpack array of numbers."""
 HEAD = [("there", "?"), ("tick", "<i8"), ("time", "<i8"), ("present", "<i8")]
 KINDS = {float: "<f8", int: "<i8", bool: "?"}
 CODES = {"f": "d", "i": "q", "b": "?"}
+ARRAYS = ("<f8", "<i4")  # dtypes of arrays that kernels read
 
 
 @cache
@@ -45,25 +46,27 @@ def array_handle(ndim: int) -> np.dtype:
 
 
 def _kind(kind: type, field: Field) -> Any:
-    if field.dtype is not None:
+    if field.dtype is not None and field.dtype.str in ARRAYS:
         return array_handle(len(field.shape))
-    if field.shape:
-        element = KINDS[_element(field)]
+    if field.dtype is None and field.shape and (element := KINDS.get(_element(field))):
         if isinstance(field.shape[0], int):
             return element, field.shape
         return np.dtype([("count", "<i8"), ("values", element, (ROOM,))])
     if field.words:
         return KINDS[int]
-    if field.type in KINDS:
+    if not field.shape and field.type in KINDS:
         return KINDS[field.type]
+    found = field.dtype if field.dtype is not None else getattr(field.type, "__name__", field.type)
     raise TypeError(
-        f"{kind.__name__}.{field.name}: a compiled node cannot hold {field.type.__name__}. Numbers, flags, vectors and "
-        'arrays can be held, and words from a list: Annotated[str, "1", OneOf("free", "contact")]'
+        f"{kind.__name__}.{field.name}: a compiled node cannot hold {found}. Numbers, flags, vectors of them, arrays "
+        'that are Floats or Ints can be held, and words from a list: Annotated[str, "1", OneOf("free", "contact")]'
     )
 
 
-def _element(field: Field) -> type:
-    return next(t for t in typing.get_args(field.type) if t is not Ellipsis)
+def _element(field: Field) -> Any:
+    """Type of the numbers of a vector; None where they are of several."""
+    found = set(typing.get_args(field.type)) - {Ellipsis}
+    return found.pop() if len(found) == 1 else None
 
 
 @cache
@@ -93,11 +96,12 @@ def _values(field: Field, known: dict[str, Any]) -> list[str]:
     if field.dtype is not None:
         return [f"address({value})", f"*{value}.shape"]
     if field.words:
-        known[f"words_{field.name}"] = {word: place for place, word in enumerate(field.words)}
+        known[f"words_{field.name}"] = _Words({word: place for place, word in enumerate(field.words)})
         return [f"words_{field.name}[{value}]"]
     if field.shape and not isinstance(field.shape[0], int):
-        known["rest"] = (0,) * ROOM
-        return [f"len({value})", f"*({value} + rest)[:{ROOM}]"]
+        known |= {"rest": (0,) * ROOM, "too_many": _too_many}
+        count = f"len({value})"
+        return [f"{count} if {count} <= {ROOM} else too_many(m, {field.name!r})", f"*({value} + rest)[:{ROOM}]"]
     return [f"*{value}" if field.shape else value]
 
 
@@ -137,6 +141,18 @@ def _codes(dtype: np.dtype) -> str:
         return "".join(_codes(dtype.fields[name][0]) for name in dtype.names or ())
     base, shape = dtype.subdtype or (dtype, ())
     return f"{math.prod(shape)}{CODES[base.kind]}"
+
+
+class _Words(dict[str, int]):
+    """Places of words. MessageError: another word."""
+
+    def __missing__(self, word: str) -> int:
+        raise MessageError(f"found the word {word!r}, expected one of {', '.join(map(repr, self))}")
+
+
+def _too_many(message: Message, name: str) -> int:
+    found = len(getattr(message, name))
+    raise MessageError(f"{type(message).__name__}.{name}: found {found} numbers; a compiled node takes {ROOM} at most")
 
 
 def _address(array: np.ndarray) -> int:

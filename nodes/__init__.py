@@ -1,5 +1,5 @@
 """One file or folder per job: settings, ports and state of the nodes; the formulas are in `physics`."""
 
-from palpate.nodes.base import Node, Wants
+from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 
-__all__ = ["Node", "Wants"]
+__all__ = ["CompiledNode", "Node", "Out", "Part", "Wants"]

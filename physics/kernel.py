@@ -15,10 +15,11 @@ import threading
 from collections.abc import Callable, Iterator
 from functools import cached_property, partial
 from pathlib import Path
-from types import FunctionType
+from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
 import numba
+import numpy as np
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
 from numba.core.codegen import JITCPUCodegen
@@ -44,6 +45,7 @@ from palpate.physics import kernel_cache
 from palpate.physics.arithmetic import LEVEL, pinnable
 
 TARGET = "palpate"  # What numba calls the target of kernels
+PACKAGE = __name__.partition(".")[0]
 
 
 class _Processor(CPU):
@@ -138,23 +140,35 @@ class _Cache(FunctionCache):
     _impl_class = _Files
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Under which the code of a kernel is kept. numba tells functions within functions apart by their free
-        variables; a kernel among these, which it would find new in each process, counts with its name."""
-        code = hashlib.sha256(self._py_func.__code__.co_code).hexdigest()
-        return sig, codegen.magic_tuple(), (code, hashlib.sha256(repr(_free(self._py_func)).encode()).hexdigest())
+        """Under which the code of a kernel is kept: its types, with the layout of records, and what it refers to."""
+        return sig, codegen.magic_tuple(), hashlib.sha256(repr(_meaning(self._py_func, ())).encode()).hexdigest()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         with _signals_later():
             return super().load_overload(sig, target_context)
 
 
-def _free(function: Any) -> list[Any]:
-    """The free variables of a function, kernels among them by name."""
+def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
+    """Name and code of a function, and what it refers to, so that code on disk is that of these values: free variables,
+    and of a function of the user's its globals, which may stand in files that numba does not watch. For palpate's own,
+    `kernel_cache.folder` does. Other kernels count by what they mean; numba would find those within functions new in
+    each process."""
+    code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     found = [cell.cell_contents for cell in function.__closure__ or ()]
-    return [
-        (each.py_func.__module__, each.py_func.__qualname__, _free(each.py_func)) if isinstance(each, Kept) else each
-        for each in found
-    ]
+    if not name.startswith(f"{PACKAGE}."):
+        named = {each: function.__globals__.get(each) for each in code.co_names}
+        modules = [each for each in named.values() if isinstance(each, ModuleType)]
+        found += [*named.values(), *(getattr(module, each, None) for module in modules for each in code.co_names)]
+    known: list[Any] = [name, code.co_code, *(getattr(each, "co_code", each) for each in code.co_consts)]
+    for each in found:
+        if isinstance(each, Kept):
+            if each.py_func not in callers:
+                known += _meaning(each.py_func, (*callers, function))
+        elif isinstance(each, np.ndarray):
+            known += [each.dtype.str, each.shape, each.tobytes()]
+        elif not isinstance(each, ModuleType | type | FunctionType | BuiltinFunctionType | np.ufunc):
+            known.append(each)
+    return known
 
 
 @contextlib.contextmanager

@@ -17,7 +17,7 @@ from palpate.engine.imports import search_here
 from palpate.messages import Message, fields
 from palpate.messages.base import HEADER
 from palpate.messages.docs import summary
-from palpate.nodes.base import Node, Observer, inputs, outputs, settings
+from palpate.nodes.base import CompiledNode, Node, Observer, inputs, outputs, settings
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.extras import extra_of, missing
 from palpate.registry import declared, files, registered
@@ -112,8 +112,8 @@ def _check(use: str, cls: type[Node]) -> None:
         settings(cls)
         if issubclass(cls, Observer):
             return
-        if not callable(getattr(cls, "step", None)):
-            raise TypeError(f"{cls.__name__} has no step")
+        if not _works(cls):
+            raise TypeError(f"{cls.__name__} has no {'compute' if issubclass(cls, CompiledNode) else 'step'}")
         for port in inputs(cls):
             odd = port.wants - set(port.type.__struct_fields__)
             if odd:
@@ -129,6 +129,11 @@ def _check(use: str, cls: type[Node]) -> None:
         raise ClassError(f"use: {use!r} is not well formed: {error}", "See docs/add_a_node.md.") from None
 
 
+def _works(cls: type[Node]) -> bool:
+    """Whether a class says what a step does; a base class may leave that to others."""
+    return callable(getattr(cls, "compute" if issubclass(cls, CompiledNode) else "step", None))
+
+
 def body(kind: type[Message]) -> frozenset[str]:
     """The field names of a message without its header."""
     return frozenset(kind.__struct_fields__) - set(HEADER)
@@ -141,7 +146,7 @@ def classes(module: ModuleType) -> list[type[Node]]:
         member = getattr(module, name, None)
         if (
             isinstance(member, type) and issubclass(member, Node) and not name.startswith("_")
-            and (issubclass(member, Observer) or hasattr(member, "step")) and member not in (Node, Observer)
+            and (issubclass(member, Observer) or _works(member)) and member not in (Node, Observer)
         ):  # fmt: skip
             node_classes.append(member)
     return node_classes

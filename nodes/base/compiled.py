@@ -2,7 +2,7 @@
 
     class Spring(CompiledNode):
         stiffness: Annotated[float, "N/m"] = 300.0
-        State = {"longest": ()}                              # (): a number; (3,): a vector; int, bool; {...}: a group
+        State = {"longest": ()}              # (): a number; (3,): a vector; int, bool; {...}: a group; (16, {...})
 
         @kernel
         def compute(own, proximity: Proximity, out: Out[Force], dt):
@@ -17,18 +17,21 @@ which holds the last answer before. A kernel that cannot go on sets `own.fault` 
 `explain` then says what is wrong.
 """
 
+import contextlib
 import functools
+import inspect
 import math
 import typing
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
+from numba import config
 
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, layout, reader, writer
 from palpate.nodes.base.effect import Effect
-from palpate.nodes.base.node import Node, Port, inputs, outputs, settings
+from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
 from palpate.physics.entry_point import entry_point
 from palpate.physics.kernel import Kernel
 from palpate.physics.records import address, call
@@ -62,6 +65,14 @@ class CompiledNode(Node):
     State: ClassVar[dict[str, Any]] = {}
     compute: ClassVar[Kernel]
     idle: ClassVar[Kernel | None] = None
+
+    def __init_subclass__(cls, **given: Any) -> None:
+        """TypeError: the kernel cannot be called, or a record cannot hold what the class asks for; says what would do.
+        Nothing is compiled."""
+        super().__init_subclass__(**given)
+        if hasattr(cls, "compute"):
+            with contextlib.suppress(NameError):  # a type that is defined further down: checked at the first use
+                _check(cls)
 
     @classmethod
     def wiring(cls) -> Callable[..., Any]:
@@ -133,6 +144,27 @@ class CompiledNode(Node):
         return answers[0] if len(answers) == 1 else answers
 
 
+def _check(kind: type[CompiledNode]) -> None:
+    """TypeError: what `CompiledNode.__init_subclass__` refuses."""
+    name = f"{kind.__name__}.compute"
+    if not (isinstance(kind.compute, Kernel) or config.DISABLE_JIT):  # type: ignore[attr-defined]
+        raise TypeError(f"{name}: found {kind.compute!r}, expected a kernel: write @kernel above it")
+    hints = typing.get_type_hints(kind.wiring(), include_extras=True)
+    sent = [argument for argument, hint in hints.items() if OUT in getattr(hint, "__metadata__", ())]
+    found = list(inspect.signature(kind.wiring()).parameters)
+    if not sent or found[1:] != [*(port.name for port in inputs(kind)), *sent, "dt"]:
+        raise TypeError(
+            f"{name}: found the arguments {', '.join(found)}, expected own, the inputs, at least one output such as "
+            "`out: Out[Force]`, and dt, in this order"
+        )
+    idle = getattr(kind.idle, "py_func", kind.idle)
+    if idle is not None and len(inspect.signature(idle).parameters) != len(found):
+        raise TypeError(f"{kind.__name__}.idle: expected the arguments of compute: {', '.join(found)}")
+    record(kind)
+    for message in (*(port.type for port in inputs(kind)), *outputs(kind)):
+        layout(message)
+
+
 def _counts(messages: Sequence[Any]) -> list[int]:
     return [len(m) if isinstance(m, list) else 1 for m in messages]
 
@@ -146,7 +178,10 @@ def record(kind: type[CompiledNode]) -> np.dtype:
         if (form := _setting(setting.type)) is not None:
             own.append((name, *form))
     own += [(name, "?") for name in dir(kind) if isinstance(getattr(kind, name), Part)]
-    return np.dtype(own + _state(kind.__name__, kind.State), align=True)
+    for name, *_ in own:
+        if name in kind.State:
+            raise TypeError(f"{kind.__name__}.State[{name!r}]: a setting, a part or `fault` has this name")
+    return np.dtype(own + _state(f"{kind.__name__}.State", kind.State), align=True)
 
 
 def _setting(hint: Any) -> tuple[Any, ...] | None:
@@ -170,7 +205,7 @@ def _number(hint: Any, value: Any) -> Any:
 
 
 def _state(name: str, fields: dict[str, Any]) -> list[tuple[Any, ...]]:
-    return [(field, *_form(f"{name}.State[{field!r}]", form)) for field, form in fields.items()]
+    return [(field, *_form(f"{name}[{field!r}]", form)) for field, form in fields.items()]
 
 
 def _form(name: str, form: Any) -> tuple[Any, ...]:
@@ -184,7 +219,10 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
         return np.dtype(_state(name, form[-1]), align=True), form[:-1]
     if isinstance(form, tuple) and all(isinstance(length, int) for length in form):
         return ("<f8", form) if form else ("<f8",)
-    raise TypeError(f"{name}: found {form!r}, expected a shape like () or (3,), int, bool, a dict of these, or ARRAY")
+    raise TypeError(
+        f"{name}: found {form!r}, expected a shape such as () or (3,), int, bool, a dict of these for a group, "
+        "(16, {...}) for several groups, or ARRAY or TABLE for an array that `start` holds"
+    )
 
 
 def several(kind: type[Message]) -> np.dtype:
@@ -212,6 +250,8 @@ class Records:
         self._fill = [[_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)]
         self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
         self._out = [np.zeros(1, layout(output)) for output in outputs(kind)]
+        for out in self._out:
+            out["tick"] = out["time"] = -1
         self._read = [(reader(k), out.view(np.uint8).data) for k, out in zip(outputs(kind), self._out, strict=True)]
         own = node.own.__array_interface__["data"][0]
         self._table = np.array([own, *(r.ctypes.data for r in (*self._ports, *self._out))], np.int64)
@@ -244,7 +284,9 @@ class Records:
         if raised or own["fault"]:
             fault, own["fault"] = int(own["fault"]), 0
             if raised:
-                type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
+                # in Python it raises what compiled code did
+                type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)
+                raise RuntimeError("the kernel raised, but not when it ran again on the state that it had left")
             raise self.node.explain(fault, *messages)
 
     def read(self) -> tuple[Message, ...]:

@@ -259,7 +259,7 @@ def inputs(kind: type[Node]) -> tuple[Port, ...]:
             optional = len(rest) < len(typing.get_args(hint))
             hint = rest[0] if len(rest) == 1 else None
         if not (isinstance(hint, type) and issubclass(hint, Message)):
-            raise TypeError(f"{kind.__name__}.step: input {name!r} is not a message but {hint!r}")
+            raise TypeError(f"{kind.__name__}.{wiring.__name__}: input {name!r} is not a message but {hint!r}")
         ports.append(Port(name, hint, optional, wants or frozenset(hint.__struct_fields__), many))
     return tuple(ports)
 

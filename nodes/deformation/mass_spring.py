@@ -108,10 +108,10 @@ class MassSpring(CompiledNode, WithNodule):
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
-            stiffness = own.stiffness
+            stiffness = laws[i, 0]  # over a nodule that of the last load
             if own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
                 normal, hardness = vector(each.normal), floats(own.hard)
-                stiffness *= mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
+                stiffness = own.stiffness * mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
             s = indentation(acting[i], dt, stiffness, own.exponent, own.damping, 0.0, laws[i, 4])
             laws[i, 0], laws[i, 4] = stiffness, s
             if own.energy:

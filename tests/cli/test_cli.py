@@ -200,13 +200,16 @@ def test_new_nodes_come_with_tests_that_run(tmp_path):
         "my drag": [],
         "my body": ["--takes", "Load", "--sends", "Surface"],
         "my hand": ["--takes", "DeviceState", "--sends", "Load"],
+        "my force": ["--compiled"],
+        "my load": ["--compiled", "--takes", "Force", "--sends", "Load"],
+        "my tissue": ["--compiled", "--takes", "Load", "--sends", "Surface"],
     }
     for name, args in ports.items():
         result = run("new", "node", name, "-o", tmp_path, *args)
         word = name.removeprefix("my ")
         assert result.exit_code == 0 and f"my_{word}.My{word.title()}" in result.stdout
     files = sorted(path.name for path in tmp_path.glob("test_*.py"))
-    assert files == ["test_my_body.py", "test_my_drag.py", "test_my_hand.py"]
+    assert files == [f"test_my_{name}.py" for name in ("body", "drag", "force", "hand", "load", "tissue")]
     command = [sys.executable, "-m", "pytest", "-q", *files]
     test = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert test.returncode == 0, test.stdout
@@ -238,8 +241,9 @@ def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
         ("statics", "Force", "Torque", ["statics.in.pose=null"]),
     ],
 )
-def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets):
-    run("new", "node", "Mine", "-o", tmp_path, "--takes", takes, "--sends", sends)
+@pytest.mark.parametrize("form", [[], pytest.param(["--compiled"], marks=pytest.mark.long)], ids=["python", "compiled"])
+def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets, form):
+    run("new", "node", "Mine", "-o", tmp_path, "--takes", takes, "--sends", sends, *form)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.delitem(sys.modules, "mine", raising=False)
@@ -304,6 +308,7 @@ def test_required_fields_of_a_message_are_marked():
         (["1st"], ["'1st' cannot name a class"]),
         (["--", "-"], ["cannot name a class"]),
         (["Mine", "--takes", "Lod"], ["'Lod'", "Did you mean 'Load'"]),
+        (["Mine", "--compiled", "--takes", "Health"], ["Health.state: a compiled node cannot hold str", "in Python"]),
     ],
 )
 def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):

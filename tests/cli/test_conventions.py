@@ -75,7 +75,8 @@ def test_wrong_input_has_exit_code_2_in_every_command(words):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (("new", "graph", "mine", "--takes", "Load"), "--takes and --sends are for a node"),
+        (("new", "graph", "mine", "--takes", "Load"), "--takes, --sends and --compiled are for a node"),
+        (("new", "graph", "mine", "--compiled"), "--takes, --sends and --compiled are for a node"),
         (("fit", "record", "x.csv", "--subject", "A", "--session", "1", "--duration", "3 kg"), "expected a time"),
         (("fit", "record", "x.csv", "--subject", "A", "--session", "1", "--duration", "0.1"), "0.5 s to 1 h"),
         (("fit", "tissue", "x.csv", "--rig", "ball", "--radius", "8 kg", "--law", "hertz"), "--radius: found '8 kg'"),

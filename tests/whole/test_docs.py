@@ -3,6 +3,7 @@
 Whatever is not run stands in a table below with the reason.
 """
 
+import importlib
 import json
 import os
 import re
@@ -12,6 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 import yaml
@@ -24,7 +26,8 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import load_place
 from palpate.launch.load.values.source import read
 from palpate.launch.template import node_files
-from palpate.messages import Load, Surface
+from palpate.launch.testing import FakeBus
+from palpate.messages import Load, Pose, Surface, pack
 from palpate.nodes.base.surface import surface_mesh
 from palpate.studies.psychophysics.file import load as load_experiment
 from palpate.studies.psychophysics.observer import load as load_observer
@@ -258,6 +261,21 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
         words = [word.replace("900 ms", "300 ms") for word in words[1:]]
         ended = subprocess.run([*python, *words, *cut], capture_output=True, text=True)
         assert ended.returncode == 0, f"{where}: {' '.join(words)}\n{ended.stdout}{ended.stderr}"
+
+
+def test_the_node_in_python_and_the_same_one_compiled_send_the_same_bytes(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    programs = [text for where, _, text in blocks() if where.startswith("docs/add_a_node.md") and "SlowDrag(" in text]
+    sent = []
+    for number, text in enumerate(programs):
+        (tmp_path / f"slow_drag_{number}.py").write_text(text)
+        bus = FakeBus(importlib.import_module(f"slow_drag_{number}").SlowDrag())
+        speeds = np.random.default_rng(5).normal(size=(50, 3)).tolist()
+        given = [Pose(position=(0.0, 0.0, 0.0), velocity=tuple(speed), dt=1e-3) for speed in speeds]
+        sent.append([pack(message) for message in bus.publish(*given)])
+        del sys.modules[f"slow_drag_{number}"]
+    assert sent[0] == sent[1] and len(set(sent[0])) == 50
+    assert len(programs[1].splitlines()) <= len(programs[0].splitlines()) <= 20
 
 
 def off_by(text):

@@ -107,6 +107,10 @@ FAULTS = {
         "force: controller-1, pose: [finger-1, finger-2], body: tissue}}",
         ["input 'contact': gets 'contact-1' and 'contact-2', but 'controller-1' at 'force'"],
     ),
+    "more than a record holds": (
+        f"grip: {{use: contact.Grip, in: {{load: [{', '.join(['spread-1'] * 17)}]}}}}",
+        ["node 'grip', input 'load': takes at most 16 senders, found 17"],
+    ),
     "a finger that is not the joint's": (
         "joint: {in: {proximity: [collision-1]}}",
         ["node 'contact-2', input 'proximity'", "is the finger 'collision-2', but 'joint' solves for 'collision-1'",

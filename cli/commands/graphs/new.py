@@ -41,6 +41,7 @@ def new(
     ] = None,
     takes: Annotated[str, typer.Option(help="Of a node: message type that drives it.")] = TAKES,
     sends: Annotated[str, typer.Option(help="Of a node: message type that it sends.")] = SENDS,
+    compiled: Annotated[bool, typer.Option("--compiled", help="Of a node: its step is a compiled kernel.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
     force: Force = False,
     as_json: Json = False,
@@ -52,10 +53,10 @@ def new(
     from palpate.cli.terminal.options import one_of
 
     one_of("KIND", kind, *KINDS, NODE)
-    if kind != NODE and (takes, sends) != (TAKES, SENDS):
-        raise typer.BadParameter(f"--takes and --sends are for a node, found {kind}")
+    if kind != NODE and (takes, sends, compiled) != (TAKES, SENDS, False):
+        raise typer.BadParameter(f"--takes, --sends and --compiled are for a node, found {kind}")
     if kind == NODE:
-        texts, following = _node(name, takes, sends)
+        texts, following = _node(name, takes, sends, compiled)
     else:
         texts, following = _file(kind, name, like, out)
     files = _write(texts, out, force)
@@ -84,7 +85,7 @@ def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, 
     return {file.name: text}, command.format(file=file)
 
 
-def _node(name: str, takes: str, sends: str) -> tuple[dict[str, str], str]:
+def _node(name: str, takes: str, sends: str, compiled: bool) -> tuple[dict[str, str], str]:
     """Names and texts of a node and its test, and how it is used. GraphError: the name or a message type is wrong."""
     from palpate.engine.faults import Fault, Faults, GraphError, choices
     from palpate.launch.template import class_name, node_files
@@ -96,7 +97,7 @@ def _node(name: str, takes: str, sends: str) -> tuple[dict[str, str], str]:
             faults.add(f"{option}: no message type {given!r}", choices("Types", given, kinds))
     faults.done()
     try:
-        texts = node_files(name, kinds[takes], kinds[sends])
+        texts = node_files(name, kinds[takes], kinds[sends], compiled)
     except ValueError as error:
         raise GraphError([Fault(str(error))]) from None
     module, test = texts

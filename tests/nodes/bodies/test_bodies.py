@@ -55,6 +55,16 @@ def nothing():
     return Load(nodes=[], forces=np.zeros((0, 3)), foot=(0, 0, 0), normal=UP)
 
 
+def test_a_finger_that_lifts_off_a_nodule_leaves_the_law_that_it_pressed():
+    body = deformation.MassSpring(**PLANE, nodule_radius=4e-3)
+    body.start()
+    middle = int(np.argmin((body.mesh().vertices**2).sum(axis=1)))
+    load = Load(nodes=[middle], forces=np.array([[0.0, 0.0, -1.0]]), foot=(0, 0, 0), normal=UP)
+    hard = body.step([load], dt=1e-3).stiffness
+    assert hard > 1.1 * body.stiffness
+    assert [body.step([nothing()], dt=1e-3).stiffness for _ in range(3)] == [hard] * 3
+
+
 def check_law(surface):
     numbers = (
         surface.stiffness,
