@@ -5,7 +5,6 @@ A plan lists what stands in the message one after the other: literal bytes, whic
 
 import functools
 import math
-from collections.abc import Iterable
 
 import msgspec
 import numpy as np

@@ -151,9 +151,7 @@ class Worker:
             slot.follows = self._real and slot.driver is not None
         job = self.job
         ages = partial(permitted, job)
-        self.parts = segments(
-            self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_answer)
-        )
+        self.parts = segments(self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_answer))
         for observer in self.audience.begun:
             observer.node.begun(origin)
         if self._real:
