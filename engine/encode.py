@@ -167,10 +167,10 @@ def _array(at, handle, axes, size):
 
 @kernel
 def _empty(handle, axes):
+    size = 1
     for i in range(axes):
-        if word(handle + 8 + 8 * i) == 0:
-            return True
-    return False
+        size *= word(handle + 8 + 8 * i)
+    return size == 0
 
 
 @kernel

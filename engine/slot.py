@@ -128,8 +128,8 @@ class Input:
     """
 
     __slots__ = (
-        "arrived", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
-        "stream", "waits",
+        "arrived", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue",
+        "rank", "stream", "waits",
     )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
