@@ -25,9 +25,13 @@ wanted: [swing]
 """
 
 
+PERIODS = {0.5: 2.0, 2.0: 1.0, 11.0: 1.0}
+"""[s] of a signal of a frequency [Hz]: whole periods, and long enough that its ends do not count."""
+
+
 def swing(write, tmp_path, frequency: float, *sets: str):
     launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", str(frequency)))))
-    return touched(launch.but(duration=2.0, overrides=sets), tmp_path / "touch.mcap")
+    return touched(launch.but(duration=PERIODS[frequency], overrides=sets), tmp_path / "touch.mcap")
 
 
 def off(every: int, frequency: float) -> float:
@@ -60,13 +64,13 @@ def test_what_does_nothing_keeps_its_rate(write, tmp_path):
 @pytest.fixture(scope="module")
 def kidney(tmp_path_factory):
     """A press that comes down at once, and a slide."""
-    path = "[{to: [0, 0, 0.0935], time: 0.3}, {to: [0.01, 0, 0.0935], time: 0.2, shape: linear}]"
+    path = "[{to: [0, 0, 0.0935], time: 0.15}, {to: [0.005, 0, 0.0935], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.107]", f"scene.hand.path={path}"]
-    return touched(find("kidney").but(duration=0.5, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
+    return touched(find("kidney").but(duration=0.25, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
 
 
 def test_effects_of_the_force_path_are_told_by_what_the_force_loses(kidney):
-    recording, ticks = kidney, 500
+    recording, ticks = kidney, 250
     picked = {rate.node: rate for rate in rates.chosen(recording, 0.02)}
     assert set(picked) == {"friction", "tissue"}
     assert picked["friction"].felt and 0.0 < picked["friction"].force <= 0.02
@@ -265,7 +269,7 @@ def test_a_motion_without_a_scripted_hand_has_one_speed(write):
 def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkeypatch):
     graph = write("swing.yaml", SWING.replace("FREQUENCY", "2"))
     file = tmp_path / "slow.yaml"
-    given = ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)]
+    given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
     ran = CliRunner().invoke(app, [*given, "--json"])
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
@@ -276,7 +280,7 @@ def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkey
     monkeypatch.chdir(tmp_path / "work")
     ran = CliRunner().invoke(app, given[:-2])
     assert ran.exit_code == 0 and "113 ms" in ran.output and "predicted" in ran.output
-    assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 1.0
+    assert "palpate run runs/swing-rates.yaml" in ran.output and find("runs/swing-rates.yaml").duration == 0.5
     assert [file.name for file in Path().iterdir()] == ["runs"]
 
 
@@ -297,7 +301,7 @@ def spoilt(monkeypatch, times: int) -> None:
 
 def test_rates_that_no_run_keeps_are_raised_until_one_does(tmp_path, write, monkeypatch):
     graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
-    given = ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)]
+    given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
     spoilt(monkeypatch, 1)
     ran = CliRunner().invoke(app, [*given, "--json"])
     assert ran.exit_code == 0, ran.output
@@ -308,7 +312,7 @@ def test_rates_that_no_run_keeps_are_raised_until_one_does(tmp_path, write, monk
 def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkeypatch):
     graph, file = write("swing.yaml", SWING.replace("FREQUENCY", "2")), tmp_path / "slow.yaml"
     spoilt(monkeypatch, 100)
-    ran = CliRunner().invoke(app, ["rates", str(graph), "--error", "5 %", "--duration", "1 s", "-o", str(file)])
+    ran = CliRunner().invoke(app, ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)])
     assert ran.exit_code == 1
     assert "Nothing is written" in " ".join(ran.output.split()) and not file.exists()
 

@@ -20,6 +20,8 @@ from palpate.studies.tune import QUANTITIES, Goal, candidates, pick
 FAST = Trial({"tissue.use": "deformation.MassSpring"}, 0.15, 30e-6, 60e-6)
 MIDDLE = Trial({"tissue.use": "deformation.ReducedFE", "tissue.every": 5}, 0.01, 50e-6, 100e-6)
 BEST = Trial({"tissue.use": "deformation.ReducedFE"}, 0.003, 100e-6, 200e-6)
+PRESS = ("--duration", "0.15 s", "--set", "scene.hand.begin=[0, 0, 0.110]",
+         "--set", "scene.hand.path=[{to: [0, 0, 0.100], time: 0.12}]")  # fmt: skip
 BROKEN = Trial({"tissue.use": "deformation.BeamBundle"}, 0.0, 0.0, 0.0, "too thick")
 ALL = [FAST, BROKEN, MIDDLE, BEST]
 
@@ -82,7 +84,7 @@ def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypa
     monkeypatch.setattr(tune, "bodies", lambda: ["deformation.ReducedFE", "deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1, 5))
-    given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
+    given = ["tune", "kidney", *PRESS, "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
@@ -99,7 +101,7 @@ def test_what_nothing_keeps_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(tune, "bodies", lambda: ["deformation.MassSpring"])
     monkeypatch.setattr(tune, "COARSER", (10,))
     monkeypatch.setattr(tune, "EVERY", (1,))
-    given = ["tune", "kidney", "--duration", "0.6 s", "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
+    given = ["tune", "kidney", *PRESS, "--budget", "1 us", "-o", str(tmp_path / "t.yaml")]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 1
     assert "No model keeps 0.001 ms at p99 on this machine." in " ".join(ran.output.split())

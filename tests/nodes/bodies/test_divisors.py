@@ -131,14 +131,19 @@ def test_a_law_without_times_is_taken_as_it_is():
     assert law_at(1e-3, 2e-3, law, 1e-3, 0.02) == pytest.approx((3e3, 1e-3), rel=1e-12)
 
 
+STROKE = (
+    "scene.hand.path=[{to: [0, 0, 0.0935], time: 0.3}, {to: [0.01, 0, 0.0935], time: 0.2, shape: linear}, "
+    "{to: [0.01, 0, 0.115], time: 0.3}]"
+)
+
+
 def test_a_whole_run_feels_the_same_with_a_body_at_a_divisor(tmp_path):
-    """The kidney, felt by a hand that gives way, friction included."""
+    """The kidney, pressed, stroked and left by a hand that yields, friction included."""
     runs = []
     for every in (1, 10):
         file = tmp_path / f"{every}.mcap"
-        launch = find("kidney").but(
-            record=file, place="fused", duration=2.5, overrides=(f"tissue.every={every}", "scene.surface.vertices=800")
-        )
+        sets = (f"tissue.every={every}", "scene.surface.vertices=800", "scene.hand.begin=[0, 0, 0.111]", STROKE)
+        launch = find("kidney").but(record=file, place="fused", duration=0.9, overrides=sets)
         assert execute(launch).result.ok
         runs.append(Recording(file).columns("contact")["force"])
     assert runs[0].max() > 2.0
