@@ -262,6 +262,16 @@ def test_a_folder_of_the_other_kind_is_refused(mark, what, tmp_path):
     assert told.exit_code == 2 and mark in told.stderr and [file.name for file in tmp_path.iterdir()] == [mark]
 
 
+def test_keys_lists_the_one_that_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    keys.make("mine"), keys.make("theirs")
+    run = CliRunner().invoke
+    assert "theirs" not in run(app, ["remote", "keys", "mine"]).stdout
+    for name, expected in (("a/b", "expected a name of letters"), ("third", "there is no key 'third'")):
+        refused = run(app, ["remote", "keys", name])
+        assert refused.exit_code and expected in refused.output + str(refused.exception)
+
+
 @pytest.mark.parametrize("server", ["another key", "no key"])
 def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))

@@ -90,10 +90,7 @@ def film(
 
     RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
     """
-    if target.suffix.lower() not in ENDINGS:
-        raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
-    check_file(target)
-    _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
+    check_film(target)
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
@@ -109,6 +106,14 @@ def film(
         frames = _frames(shown.mesh, [by_time[row] for row in rows], of)
         _write(part, frames, rate, lambda drawn: done(drawn / count))
     return count
+
+
+def check_film(target: Path) -> None:
+    """PictureError, OSError: why no film of this name can be written."""
+    if target.suffix.lower() not in ENDINGS:
+        raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
+    check_file(target)
+    _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
 
 
 def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:

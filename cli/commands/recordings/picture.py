@@ -59,6 +59,8 @@ def picture(
     else:
         from palpate.views.pictures import draw
 
+        if out is not None and out.suffix.lower() in ENDINGS:
+            raise typer.BadParameter(f"found {out}, expected a folder for the standard pictures", param_hint="--out")
         made = draw(file, out or file.parent, console=None if as_json else console())
     if as_json:
         tell({"ok": bool(made), "pictures": [str(path) for path in made]})
@@ -92,8 +94,9 @@ def _instant(file: Path, at: float, colour: str, target: Path) -> str:
 def _film(file: Path, target: Path, rate: float, speed: float, colour: str, silent: bool) -> str:
     from palpate.cli.terminal.progress import Stages
     from palpate.views.surface import colour as colours
-    from palpate.views.surface.film import film
+    from palpate.views.surface.film import check_film, film
 
+    check_film(target)
     with Stages(console(stderr=True), silent) as stages:
         drawn = stages.begin("film", "drawing frames")
         frames = film(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)

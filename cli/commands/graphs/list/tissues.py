@@ -21,9 +21,9 @@ def tissues(
     from palpate.launch.load.tissues import GRADES, bodies, settings
     from palpate.launch.load.tissues import tissues as known
 
+    taken = None if name is None else settings(name, NOWHERE)  # refuses a misspelt name before `known` compiles
     found, left_out = known()
-    if name is not None:
-        taken = settings(name, NOWHERE)
+    if name is not None and taken is not None:
         record = {**found[name], "scene": taken, "bodies": bodies(found[name])}
         if as_json:
             tell({"ok": True, "tissues": {name: record}})
