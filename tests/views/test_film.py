@@ -102,6 +102,7 @@ def test_what_is_missing_is_told_in_one_line(file, tmp_path, monkeypatch):
     assert "--at" in told("picture", file, "--at", "2 N")
     refused = told("picture", file, "--film", "-o", tmp_path / "x.avi")
     assert "expected .mp4 or .gif" in refused and "drawing" not in refused
+    assert "drawing" not in told("picture", tmp_path / "nowhere.mcap", "--film", "-o", tmp_path / "x.mp4")
     assert "expected a folder" in told("picture", file, "-o", tmp_path / "x.png")
     there = importlib.util.find_spec
     monkeypatch.setattr(

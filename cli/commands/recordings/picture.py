@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -94,11 +95,14 @@ def _instant(file: Path, at: float, colour: str, target: Path) -> str:
 def _film(file: Path, target: Path, rate: float, speed: float, colour: str, silent: bool) -> str:
     from palpate.cli.terminal.progress import Stages
     from palpate.views.surface import colour as colours
-    from palpate.views.surface.film import check_film, film
+    from palpate.views.surface.film import film
 
-    check_film(target)
     with Stages(console(stderr=True), silent) as stages:
-        drawn = stages.begin("film", "drawing frames")
+        begun = cache(lambda: stages.begin("film", "drawing frames"))
+
+        def drawn(share: float) -> None:
+            begun()(share)
+
         frames = film(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)
     return f"  {frames} frames, {frames / rate:.1f} s"
 
