@@ -4,6 +4,7 @@ import ast
 import io
 import re
 import shlex
+import signal
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -314,6 +315,30 @@ def test_a_plot_is_the_current_figure_of_pyplot():
     figure = Run(GOLDEN).plot("contact.force")
     assert pyplot.gcf() is figure
     pyplot.close(figure)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_pictures_say_that_they_take_time_and_are_left_out_after_ctrl_c(stopped, tmp_path, monkeypatch, capsys):
+    drawn = []
+    monkeypatch.setattr("palpate.views.pictures.draw", lambda file, folder, console: drawn.append(file) or [])
+    file = tmp_path / "run.mcap"
+    file.touch()
+    plan = SimpleNamespace(graph=SimpleNamespace(notes=(), rate=1000.0), skipped={})
+    result = Result(ticks=5, signal=signal.SIGINT if stopped else 0)
+    ended(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
+          tmp_path, [], False, False)  # fmt: skip
+    said = " ".join(capsys.readouterr().out.split())
+    assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in said) is not stopped
+    assert ("no pictures: interrupted; palpate picture" in said) is stopped
+
+
+def test_touch_records_its_sources_unless_all_is_asked_for(monkeypatch):
+    asked = []
+    monkeypatch.setattr("palpate.views.page.session.Session", lambda *given: asked.append(given[-1]) or SimpleNamespace(
+        kept=[], troubles=[]))  # fmt: skip
+    monkeypatch.setattr("palpate.cli.commands.running.touch.show", lambda *given: None)
+    assert say("touch").exit_code == 0 and say("touch", "--record-only", "all").exit_code == 0
+    assert asked == ["sources", "all"]
 
 
 def test_a_note_that_the_live_view_has_printed_is_not_repeated(capsys):
