@@ -3,6 +3,7 @@
 import importlib.util
 import io
 import math
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -360,6 +361,22 @@ def test_of_a_tissue_that_is_as_good_as_rigid_only_the_fingertip_is_drawn(tmp_pa
     contacts = [structs.replace(press(indentation * x, 2.0 * x), compression=3e-3 * x) for x in (0.0, *shape, 0.0)]
     touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"contact": contacts})))
     assert len(force.draw(touch).axes) == panels
+
+
+def test_slow_drawing_gets_time_for_each_picture_and_says_what_to_do(monkeypatch):
+    given = []
+
+    def communicate(timeout=None):
+        given.append(timeout)
+        raise subprocess.TimeoutExpired("vtk", timeout)
+
+    monkeypatch.setattr(off_screen.Rendering, "_begin", lambda self, window: SimpleNamespace(communicate=communicate))
+    at = {"tips": np.zeros((1, 3)), "normals": np.zeros((1, 3)), "forces": np.zeros((1, 3))}
+    instants = [SimpleNamespace(displacement=np.zeros((4, 3)), **at)] * 10
+    body = SimpleNamespace(vertices=np.zeros((4, 3)), triangles=np.zeros((0, 3), int))
+    with pytest.raises(PictureError, match="busy, draw it later with `palpate picture FILE`"):
+        off_screen.Rendering(body, instants, [np.zeros(4)] * 10, [0, 1], 1e-3).pixels()
+    assert given == [60.0 + 2.0 * 12]
 
 
 def test_without_matplotlib_one_line_tells_what_to_install(touch_file, tmp_path, monkeypatch):
