@@ -1,9 +1,9 @@
-"""The layered fingertip beside the paper's Table III, and which of the paper's statements hold under which material.
+"""The layered fingertip against the paper's Table III, and which of the paper's statements hold for each material.
 
     python benchmarks/fingertip.py runs/fingertip [--cells 5] [--pictures folder] [--json]
 
 Presses the printed, the calibrated and the cortical finger on both plates, into folders as `palpate build fe fingertip`
-makes them: what is there is read, what was broken off goes on. From nothing it takes about an hour on one core.
+makes them: finished runs are read, interrupted ones resume. Computing all of them takes about an hour on one core.
 """
 
 from __future__ import annotations

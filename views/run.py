@@ -181,8 +181,8 @@ class Run:
         return plot(self, names, over)
 
     def view(self, *others: str | Path, port: int = 0, show: bool = True) -> PageServer:
-        """The recording in the browser, at any time of it, beside another one if one is named; `palpate view` does the
-        same from the shell. The page is there until it is closed, or the program ends.
+        """Show the recording in the browser, next to a second one if named, as `palpate view` does.
+        The page is served until it is closed or the program ends.
 
         RecordingError: nothing to show in it. PalpateError: the page's package is missing, or its port taken.
         """

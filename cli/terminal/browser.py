@@ -1,4 +1,4 @@
-"""Pages in the browser while a command goes on."""
+"""Pages in the browser while a command runs."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 
 REMOTE = """\
-warning: --host {host}: whoever has this address, token included, sees and steers the page from other machines.
-It is not encrypted: use it in a network that you trust."""
+warning: --host {host}: anyone who has this address with its token can see and steer the page from another machine.
+The connection is not encrypted: use it only in a network that you trust."""
 
 
 def show(
@@ -44,7 +44,7 @@ def show(
 
 
 class RunPage:
-    """The page that shows a run while it goes on. BadParameter, PalpateError: nothing can be opened.
+    """The page that shows a run. BadParameter, PalpateError: nothing can be opened.
 
     launch, graph  the run, changed so that there is something to see, and its graph
     live           what the launcher updates, and that the run is over is told to

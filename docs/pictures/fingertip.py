@@ -8,7 +8,7 @@ fingertip-isostrain.png  growth of the isostrain volumes, and the volumes over s
 fingertip-flow.png       tactile flow on isostrain lines
 fingertip-measured.png   strain in a finger read from images: the synthetic one of `palpate build fingertip --phantom`
 
-The first folder holds the runs. What is there is read; from nothing it takes about an hour on one core.
+The first folder holds the runs. Finished runs are read; computing all of them takes about an hour on one core.
 """
 
 from __future__ import annotations

@@ -63,16 +63,28 @@ def tissues() -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
 
     GraphError: a record without a source, with an unknown key, a wrong unit, or another shear modulus than its law's.
     """
-    found: dict[str, dict[str, Any]] = {}
+    places, left_out = _records(TISSUES)
+    for name, (record, place) in places.items():
+        if fault := _fault(record):
+            raise GraphError([Fault(f"tissue {name!r}: {fault}", "", place)])
+    return {name: record for name, (record, _) in places.items()}, left_out
+
+
+@lru_cache
+def _records(folder: Path) -> tuple[dict[str, tuple[dict[str, Any], Location]], dict[str, str]]:
+    """Records by name with their places, unchecked, since the check compiles kernels; and what was left out.
+
+    GraphError: two records of one name.
+    """
+    found: dict[str, tuple[dict[str, Any], Location]] = {}
     left_out: dict[str, str] = {}
-    for path in sorted(TISSUES.glob("*.yaml")):
+    for path in sorted(folder.glob("*.yaml")):
         source = read(path)
         left_out |= source.data.pop("left_out", {})
         for name, record in source.data.items():
-            fault = _fault(record)
-            if fault or name in found:
-                raise GraphError([Fault(f"tissue {name!r}: {fault or 'twice'}", "", source.place(name))])
-            found[name] = record
+            if name in found:
+                raise GraphError([Fault(f"tissue {name!r}: twice", "", source.place(name))])
+            found[name] = record, source.place(name)
     return found, left_out
 
 
@@ -103,17 +115,18 @@ def bodies(record: Mapping[str, Any]) -> dict[str, str]:
 
 
 def settings(name: str, place: Location) -> dict[str, float | None]:
-    """What stands in place of the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE. What
-    BeamBundle was fitted to is another tissue, so its constants are taken away.
+    """Settings that replace the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE. The
+    constants of BeamBundle were fitted to another tissue, so they are removed.
 
     GraphError: no such tissue; the nearest names, or why it was left out.
     """
     from palpate.physics.materials.hyperelastic import poisson_of, rest_moduli
 
-    found, left_out = tissues()
-    if name not in found:
-        why = f", which was left out: {left_out[name]}" if name in left_out else ""
-        raise GraphError([Fault(f"no tissue {name!r}{why}", choices("Tissues", name, list(found)), place)])
+    names, reasons = _records(TISSUES)
+    if name not in names:
+        why = f", which was left out: {reasons[name]}" if name in reasons else ""
+        raise GraphError([Fault(f"no tissue {name!r}{why}", choices("Tissues", name, list(names)), place)])
+    found, _ = tissues()
     if "scene" in found[name]:
         return dict(found[name]["scene"])
     shear, bulk = rest_moduli(material(found[name]))

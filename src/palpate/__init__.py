@@ -78,8 +78,8 @@ def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Co
 
 
 def open(file: str | Path, *, trust: Sequence[str] = ()) -> Run:
-    """Open a recording. A file is data: beside palpate's own classes it may use those that this program has imported,
-    and lets modules of the packages in `trust` be imported from now on.
+    """Open a recording. A file is data: besides palpate's classes it may use those that this program has imported,
+    and modules of the packages in `trust`, which are imported.
 
     PalpateError: it is none, or there is no such file.
     """

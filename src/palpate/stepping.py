@@ -89,7 +89,7 @@ class Tick:
 
 
 class Stepper:
-    """A graph in this process on simulated time, which goes on by a tick when it is told to, and back to its beginning.
+    """A graph in this process on simulated time: `tick` advances it by one tick, `restart` returns to its beginning.
 
     GraphError, ArgumentError: what is wrong with the graph.
     """

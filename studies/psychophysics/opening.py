@@ -109,7 +109,7 @@ def _chosen(
     if over and session is None and sure(f"{text}. Begin session {number + 1}?"):
         return who, number + 1
     cures = f"--session {there[-1] + 1} begins another one, --participant LABEL takes somebody else"
-    raise ArgumentError(f"{text} in {folder}; nothing is overwritten. {'' if over else '--resume goes on, '}{cures}.")
+    raise ArgumentError(f"{text} in {folder}; nothing is overwritten. {'' if over else '--resume continues, '}{cures}.")
 
 
 def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, bool]:

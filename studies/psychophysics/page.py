@@ -157,7 +157,9 @@ class ExperimentPage(Live):
             self._cover(title=title, text=text, over=trial is None)
             self._closed.wait(MOMENT)
         else:
-            self._cover(title=title, text=text, wait=pause, buttons=[{"label": "go on", "key": "Enter", "answer": ""}])
+            self._cover(
+                title=title, text=text, wait=pause, buttons=[{"label": "continue", "key": "Enter", "answer": ""}]
+            )
             self._warm()
             self._answered()
 

@@ -154,13 +154,13 @@ def _shares(study: Any, one: Kept, axes: Axes) -> None:
     at = np.arange(len(rows))[::-1]
     assert study.sensitivity is not None
     for k, (index, words) in enumerate(SHARES[study.sensitivity]):
-        spread, found = table.get(f"{index}_conf"), table[index]
+        spread, found, place = table.get(f"{index}_conf"), table[index], at + 0.2 - 0.4 * k
+        bars, colour = found, (NORMAL, FRICTION)[k]
         if study.sensitivity == "sobol":
-            found = found.clip(0.0, 1.0)  # a share; what lies outside is noise of few samples, which the interval shows
+            bars = found.clip(0.0, 1.0)  # a share: an estimate outside is noise of few samples, as its interval shows
             axes.set_xlim(0.0, 1.05)
-        colour = (NORMAL, FRICTION)[k]
-        axes.barh(at + 0.2 - 0.4 * k, found, 0.38, xerr=spread, color=colour, label=f"{index}, {words}",
-                  error_kw={"elinewidth": 1.0, "capsize": 3})  # fmt: skip
+        axes.barh(place, bars, 0.38, color=colour, label=f"{index}, {words}")
+        axes.errorbar(found, place, xerr=spread, fmt="none", ecolor="black", elinewidth=1.0, capsize=3)
     axes.set_yticks(at, rows)
     share = "share of the variance of" if study.sensitivity == "sobol" else "change over the range,"
     axes.set_xlabel(f"{share} {one.text} [{'1' if study.sensitivity == 'sobol' else one.unit}]")

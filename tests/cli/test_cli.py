@@ -217,6 +217,14 @@ def test_new_nodes_come_with_tests_that_run(tmp_path):
     assert again.exit_code == 2 and "exists" in again.stderr
 
 
+@pytest.mark.parametrize("installed", [True, False])
+def test_a_new_node_says_how_its_test_is_run(installed, tmp_path, monkeypatch):
+    monkeypatch.setattr("palpate.cli.commands.graphs.new.find_spec", lambda name: object() if installed else None)
+    command = f"python -m pytest {tmp_path / 'test_my_drag.py'};"
+    expected = command if installed else f"python -m pip install pytest && {command}"
+    assert f"Next:  {expected}" in run("new", "node", "MyDrag", "-o", tmp_path).stdout
+
+
 def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
     run("new", "node", "Mine", "-o", tmp_path, "--takes", "Load", "--sends", "Surface")
     monkeypatch.chdir(tmp_path)

@@ -4,6 +4,7 @@ import ast
 import io
 import re
 import shlex
+import signal
 import threading
 from pathlib import Path
 from types import SimpleNamespace
@@ -263,6 +264,16 @@ def test_a_folder_of_the_other_kind_is_refused(mark, what, tmp_path):
     assert told.exit_code == 2 and mark in told.stderr and [file.name for file in tmp_path.iterdir()] == [mark]
 
 
+def test_keys_lists_the_one_that_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    keys.make("mine"), keys.make("theirs")
+    run = CliRunner().invoke
+    assert "theirs" not in run(app, ["remote", "keys", "mine"]).stdout
+    for name, expected in (("a/b", "expected a name of letters"), ("third", "there is no key 'third'")):
+        refused = run(app, ["remote", "keys", name])
+        assert refused.exit_code and expected in refused.output + str(refused.exception)
+
+
 @pytest.mark.parametrize("server", ["another key", "no key"])
 def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
@@ -305,6 +316,30 @@ def test_a_plot_is_the_current_figure_of_pyplot():
     figure = Run(GOLDEN).plot("contact.force")
     assert pyplot.gcf() is figure
     pyplot.close(figure)
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_pictures_say_that_they_take_time_and_are_left_out_after_ctrl_c(stopped, tmp_path, monkeypatch, capsys):
+    drawn = []
+    monkeypatch.setattr("palpate.views.pictures.draw", lambda file, folder, console: drawn.append(file) or [])
+    file = tmp_path / "run.mcap"
+    file.touch()
+    plan = SimpleNamespace(graph=SimpleNamespace(notes=(), rate=1000.0), skipped={})
+    result = Result(ticks=5, signal=signal.SIGINT if stopped else 0)
+    ended(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
+          tmp_path, [], False, False)  # fmt: skip
+    said = " ".join(capsys.readouterr().out.split())
+    assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in said) is not stopped
+    assert ("no pictures: interrupted; palpate picture" in said) is stopped
+
+
+def test_touch_records_its_sources_unless_all_is_asked_for(monkeypatch):
+    asked = []
+    monkeypatch.setattr("palpate.views.page.session.Session", lambda *given: asked.append(given[-1]) or SimpleNamespace(
+        kept=[], troubles=[]))  # fmt: skip
+    monkeypatch.setattr("palpate.cli.commands.running.touch.show", lambda *given: None)
+    assert say("touch").exit_code == 0 and say("touch", "--record-only", "all").exit_code == 0
+    assert asked == ["sources", "all"]
 
 
 def test_a_note_that_the_live_view_has_printed_is_not_repeated(capsys):

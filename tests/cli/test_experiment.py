@@ -77,10 +77,10 @@ def test_it_goes_on_where_it_was_interrupted_with_the_trials_that_it_would_have_
 
     monkeypatch.setattr(simulated.SimulatedObserver, "ask", interrupted)
     done = call(file, "--simulate", "-o", "out")
-    assert done.exit_code == 143 and "2 trials; the same command goes on" in done.output
+    assert done.exit_code == 143 and "2 trials; the same command resumes" in done.output
     refused = call(file, "--simulate", "-o", "out")
     assert refused.exit_code == 2 and "sub-01 has done 2 trials of session 1" in refused.output
-    assert "--resume goes on" in refused.output
+    assert "--resume continues" in refused.output
     assert call(file, "--simulate", "-o", "out", "--resume").exit_code == 0
     shown = [[(row["trial"], row["level"], row["interval"]) for row in rows(tmp_path / f)] for f in ("whole", "out")]
     assert shown[0] == shown[1]

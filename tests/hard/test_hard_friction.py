@@ -4,6 +4,7 @@ import math
 
 import bristles as bristle
 import numpy as np
+import pytest
 from formulas import bristle_path
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -189,6 +190,20 @@ def test_loads_and_speeds_down_to_subnormal_numbers_and_up_to_huge_ones(load, sp
     assert np.isfinite(force).all() and np.isfinite(z).all() and (force[:, 0] >= 0.0).all()
     if load == 0.0:
         assert not force.any() and not z.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_force_across_the_sliding_direction_is_a_transient_of_turns(seed):
+    """f_b = F . (n x v^), Fig. 10 of the kidney paper: 0 on a straight path; after a turn of 90 degrees it decays over
+    the distance g/sigma0 in which the bristles turn."""
+    law, speed, dt, turned = LAW._replace(bristle_damping=0.0), 0.05, 1e-4, Rotation.random(random_state=seed)
+    ahead, n = np.repeat([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0)], [2000, 200], axis=0), turned.apply((0.0, 0.0, 1.0))
+    force, _, _ = bristle_path(law, turned.apply(speed * ahead), 1.3, dt, n)
+    across = (force * np.cross(n, turned.apply(ahead))).sum(axis=1)
+    assert np.abs(across[:2000]).max() < 1e-12
+    steady = stribeck(speed, law.mu_slide, law.mu_static, law.stribeck)
+    decay = np.exp(-law.bristle_stiffness * speed * dt * np.arange(1, 201) / steady)
+    assert np.abs(across[2000:]) == approx(1.3 * steady * decay, rel=1e-6)
 
 
 def test_stick_slip_at_low_speed_holds_the_friction_between_its_two_coefficients():

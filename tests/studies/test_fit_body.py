@@ -109,6 +109,13 @@ def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path)
     assert told["after"]["force"] < 0.7 * told["before"]["force"] and told["after"]["shape"] > 0.02
 
 
+def test_a_graph_that_cannot_be_read_is_refused_before_a_time_is_told(tmp_path):
+    file = tmp_path / "empty.yaml"
+    file.touch()
+    refused = CliRunner().invoke(app, ["fit", "body", str(file), "-o", str(tmp_path / "f.yaml")])
+    assert refused.exit_code == 2 and "a touch of" not in refused.output
+
+
 def test_a_body_without_a_constant_and_a_touch_in_the_air_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected one with a constant to calibrate"):
         fit_body(find("kidney").but(duration=0.1, overrides=["tissue.use=deformation.Rigid"]), tmp_path / "x.yaml")

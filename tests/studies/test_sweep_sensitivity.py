@@ -1,6 +1,7 @@
 """Sensitivity indices: Ishigami's function and Hertz's law, whose indices are known in closed form."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -160,3 +161,21 @@ def test_failed_points_leave_no_indices(write, tmp_path):
 def test_samples_that_a_method_cannot_have(samples, method, names, said):
     with pytest.raises(ArgumentError, match=said):
         len(space({f"x{k}": (0, 1) for k in range(names)}, method, samples))
+
+
+def test_no_bar_says_that_more_than_all_of_the_variance_has_one_cause():
+    """Sobol's estimates from few samples may lie outside of 0 to 1; their intervals are drawn where they are."""
+    pandas, figures = pytest.importorskip("pandas"), pytest.importorskip("matplotlib.figure")
+    from palpate.studies.sweeps.picture import _shares
+
+    table = {"of": ["force"] * 2, "parameter": ["young", "depth"], "S1": [1.41, -0.2], "S1_conf": [0.6, 0.3],
+             "ST": [1.2, 0.4], "ST_conf": [0.4, 0.2]}  # fmt: skip
+    study = SimpleNamespace(
+        sensitivity="sobol", indices=lambda: pandas.DataFrame(table), space=SimpleNamespace(paths=())
+    )
+    axes = figures.Figure().add_subplot()
+    _shares(study, SimpleNamespace(text="force", unit="N"), axes)
+    assert [bar.get_width() for bar in axes.patches] == [1.0, 0.0, 1.0, 0.4]
+    assert axes.get_xlim() == (0.0, 1.05) and "share of the variance" in axes.get_xlabel()
+    ends = axes.collections[0].get_segments()
+    assert [segment[:, 0].tolist() for segment in ends] == [pytest.approx([0.81, 2.01]), pytest.approx([-0.5, 0.1])]

@@ -120,3 +120,15 @@ def test_figures_of_any_width_leave_the_toolbar_where_it_is(page):
         )
         boxes.append([page.locator(name).bounding_box() for name in ("nav", "#pause", "#view")])
     assert boxes[0] == boxes[1] == boxes[2] and boxes[0][0]["height"] < 60
+
+
+@pytest.mark.parametrize("width, height", [(1280, 800), (390, 844)])
+def test_pins_leave_the_other_figures_their_room(page, width, height):
+    page.set_viewport_size({"width": width, "height": height})
+    without = page.locator("#forces").bounding_box()["width"]
+    page.evaluate(
+        "const pins = document.getElementById('pins'); pins.style.setProperty('display', 'block', 'important')"
+    )
+    card, forces, pins = (page.locator(name).bounding_box() for name in ("#numbers", "#forces", "#pins"))
+    assert forces["width"] == without and pins["width"] > 0.8 * card["width"]
+    assert page.evaluate("document.documentElement.scrollWidth") <= width

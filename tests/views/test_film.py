@@ -100,7 +100,10 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
 def test_what_is_missing_is_told_in_one_line(file, tmp_path, monkeypatch):
     assert "recorded from 0.000 s to 0.349 s" in told("picture", file, "--at", "2 s")
     assert "--at" in told("picture", file, "--at", "2 N")
-    assert "expected .mp4 or .gif" in told("picture", file, "--film", "-o", tmp_path / "x.avi")
+    refused = told("picture", file, "--film", "-o", tmp_path / "x.avi")
+    assert "expected .mp4 or .gif" in refused and "drawing" not in refused
+    assert "drawing" not in told("picture", tmp_path / "nowhere.mcap", "--film", "-o", tmp_path / "x.mp4")
+    assert "expected a folder" in told("picture", file, "-o", tmp_path / "x.png")
     there = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda n, *more: None if n == "imageio_ffmpeg" else there(n, *more)

@@ -3,6 +3,7 @@
 import importlib.util
 import io
 import math
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -29,7 +30,7 @@ from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
 from palpate.views.surface import off_screen, render
-from palpate.views.surface.moments import bodies_of, choose, displaced, instants
+from palpate.views.surface.moments import bodies_of, choose, displaced, dragged, instants
 
 UP = (0.0, 0.0, 1.0)
 PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
@@ -252,7 +253,25 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
         assert (one.displacement[nodes[tick]] == moved[tick]).all()
         others = np.delete(one.displacement, nodes[tick], axis=0)
         assert (others == 0.0).all()
-        assert one.tips[0] == pytest.approx([0.0, 0.0, 0.105 - depths[tick]], abs=1e-12)  # on the bottom of the dent
+        assert one.tips[0][2] == pytest.approx(0.105 - depths[tick], abs=1e-12)  # on the bottom of the dent
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8), (-1.0, 0.0, 0.0)])
+def test_the_fingertip_is_drawn_in_the_dent_that_friction_drags_along(normal):
+    x, y = np.meshgrid(np.linspace(-0.04, 0.04, 81), np.linspace(-0.04, 0.04, 81))
+    frame = np.linalg.svd(np.array([normal]))[2]  # its rows: the normal and two directions along the surface
+    vertices = x.ravel()[:, None] * frame[1] + y.ravel()[:, None] * frame[2]
+    feet = np.array([0.010 * frame[1], -0.015 * frame[2]])
+    away = np.linalg.norm(vertices[:, None] - feet, axis=2)
+    pulled = np.array([7e-3 * frame[1] - 3e-3 * frame[2], 2e-3 * frame[2]])
+    moved = np.exp(-((away / 0.008) ** 2)) @ (pulled - 9e-3 * np.array(normal))
+    found = dragged(vertices, moved, feet, np.array([normal, normal]))
+    assert found @ normal == pytest.approx(0.0, abs=1e-12)
+    # 1 - exp(-x) over x with x = (4/8)²: the mean of the Gauss over a disc of 4 mm
+    share = (1.0 - np.exp(-0.25)) / 0.25
+    assert found == pytest.approx(share * pulled, abs=3e-4)
+    far = dragged(vertices, 0.0 * moved, np.array([[np.nan] * 3, feet[0]]), np.array([normal, normal]))
+    assert not far.any()
 
 
 def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
@@ -342,6 +361,22 @@ def test_of_a_tissue_that_is_as_good_as_rigid_only_the_fingertip_is_drawn(tmp_pa
     contacts = [structs.replace(press(indentation * x, 2.0 * x), compression=3e-3 * x) for x in (0.0, *shape, 0.0)]
     touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"contact": contacts})))
     assert len(force.draw(touch).axes) == panels
+
+
+def test_slow_drawing_gets_time_for_each_picture_and_says_what_to_do(monkeypatch):
+    given = []
+
+    def communicate(timeout=None):
+        given.append(timeout)
+        raise subprocess.TimeoutExpired("vtk", timeout)
+
+    monkeypatch.setattr(off_screen.Rendering, "_begin", lambda self, window: SimpleNamespace(communicate=communicate))
+    at = {"tips": np.zeros((1, 3)), "normals": np.zeros((1, 3)), "forces": np.zeros((1, 3))}
+    instants = [SimpleNamespace(displacement=np.zeros((4, 3)), **at)] * 10
+    body = SimpleNamespace(vertices=np.zeros((4, 3)), triangles=np.zeros((0, 3), int))
+    with pytest.raises(PictureError, match="busy, draw it later with `palpate picture FILE`"):
+        off_screen.Rendering(body, instants, [np.zeros(4)] * 10, [0, 1], 1e-3).pixels()
+    assert given == [60.0 + 2.0 * 12]
 
 
 def test_without_matplotlib_one_line_tells_what_to_install(touch_file, tmp_path, monkeypatch):

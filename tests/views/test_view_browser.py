@@ -18,6 +18,7 @@ from palpate.messages import Surface
 from palpate.views.page.reel import Reels
 from palpate.views.page.server import PageServer
 from palpate.views.surface.colour import COLOURS, painted
+from palpate.views.surface.moments import displaced, dragged
 
 pytestmark = NEEDED
 
@@ -154,6 +155,16 @@ DRAWN = """(endOn) => {
         label: scene.labels[0].textContent,
     };
 }"""
+
+
+def test_the_fingertip_is_drawn_in_the_dent_as_in_pictures(page, shown):
+    at(page, 0.3)
+    reel, head = shown.source.reels[0], page.evaluate("palpate.reels[0].newest.head")
+    surface = next(one for one in reel.last(0.3).values() if isinstance(one, Surface))
+    vertices = reel.bodies.mesh.vertices
+    expected = dragged(vertices, displaced(surface, len(vertices)), np.array([head["foot"]]), np.array([head["up"]]))
+    drawn = page.evaluate("({ foot, up }) => palpate.reels[0].scene.dragged(foot, up)", head)
+    assert np.linalg.norm(expected) > 1e-4 and drawn == pytest.approx(expected[0], abs=1e-5)
 
 
 def test_the_finger_stands_out_and_an_arrow_towards_the_eye_is_no_flat_disc(page):

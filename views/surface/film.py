@@ -86,7 +86,7 @@ def film(
     speed  [1] of the film's time: 0.5 is slow motion
     of     what colours the surface
     tell   gets a line of what is not shown
-    done   gets the share of the frames that is drawn
+    done   gets the share of the frames that is drawn, 0 once the input is known to be right
 
     RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
     """
@@ -96,6 +96,7 @@ def film(
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
+    done(0.0)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]

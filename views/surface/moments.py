@@ -18,6 +18,8 @@ from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35  # Instants with less than this share of the deepest indentation show hardly anything
 
+PATCH = 4e-3  # [m] Around a foot point, from the nearest vertex on: whose mean displacement the drawn fingertip follows
+
 
 @dataclass(frozen=True)
 class Instant:
@@ -26,7 +28,7 @@ class Instant:
     time          [s]
     surface       message of the body
     displacement  [m] (V,3)  of every vertex of the mesh
-    tips          [m] (f,3)  lowest point of each fingertip, not finite where the recording has none
+    tips          [m] (f,3)  lowest point of each fingertip, in the dent; not finite where the recording has none
     normals       [1] (f,3)  outward normal at each foot point
     forces        [N] (f,3)  on the hand
     loads         [N] (f)    normal forces
@@ -155,26 +157,41 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
         if tick not in by_finger[0]:
             continue
         rows = [finger.get(tick, _ABSENT) for finger in by_finger]
-        time, *of_fingers = (np.array(column) for column in zip(*rows, strict=True))
-        moments.append(Instant(float(time[0]), surface, displaced(surface, len(shown.mesh.vertices)), *of_fingers))
+        time, feet, tips, normals, forces, loads, depths = (np.array(column) for column in zip(*rows, strict=True))
+        field = displaced(surface, len(shown.mesh.vertices))
+        tips = tips + dragged(shown.mesh.vertices, field, feet, normals) * (loads > 0.0)[:, None]
+        moments.append(Instant(float(time[0]), surface, field, tips, normals, forces, loads, depths))
     return moments
 
 
-_Row = tuple[float, np.ndarray, np.ndarray, np.ndarray, float, float]
+def dragged(vertices: np.ndarray, displacement: np.ndarray, feet: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Mean displacement [m] (f,3) along the surface of the vertices around each foot point (f,3), normals (f,3).
+
+    The contact and its load are computed at the foot point on the undeformed surface. Friction drags this point along,
+    so a fingertip that is drawn where the device is would stand next to its dent.
+    """
+    away = np.linalg.norm(vertices - feet[:, None], axis=2)
+    around = away <= away.min(axis=1, keepdims=True) + PATCH
+    moved = (around @ displacement) / np.maximum(around.sum(axis=1, keepdims=True), 1)
+    along: np.ndarray = moved - (moved * normals).sum(axis=1, keepdims=True) * normals
+    return along
+
+
+_Row = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float, float]
 _NOWHERE = np.full(3, np.nan)
-_ABSENT: _Row = (0.0, _NOWHERE, np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0, 0.0)
+_ABSENT: _Row = (0.0, _NOWHERE, _NOWHERE, np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0, 0.0)
 
 
 def _finger(touch: TouchStreams, ticks: set[int]) -> dict[int, _Row]:
-    """Of one finger, by tick: time, tip, normal, force on the hand, normal force and indentation."""
+    """Of one finger, by tick: time, foot point, tip, normal, force on the hand, normal force and indentation."""
     if touch.contact is None:
         return {}
     tips = _tips(touch)
     forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
-    columns = (touch.contact[name] for name in ("tick", "time", "normal", "force", "indentation"))
+    columns = (touch.contact[name] for name in ("tick", "time", "foot", "normal", "force", "indentation"))
     return {
-        int(tick): (float(time), tips.get(tick, _NOWHERE), normal, forces.get(tick, np.zeros(3)), load, depth)
-        for tick, time, normal, load, depth in zip(*columns, strict=True)
+        int(tick): (float(time), foot, tips.get(tick, _NOWHERE), normal, forces.get(tick, np.zeros(3)), load, depth)
+        for tick, time, foot, normal, load, depth in zip(*columns, strict=True)
         if tick in ticks
     }
 

@@ -15,7 +15,7 @@ from palpate.views.errors import PictureError
 from palpate.views.surface.moments import Instant
 from palpate.views.surface.render import ball_centres
 
-PATIENCE = 60.0  # [s]
+PATIENCE, EACH = 60.0, 2.0  # [s] until the first picture, and more for each
 WINDOWS = ("", "vtkOSOpenGLRenderWindow")
 """What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
 CURE = "install Mesa's off-screen drawing (Debian: apt install libosmesa6, or libegl1 libgl1-mesa-dri)"
@@ -55,6 +55,7 @@ class Rendering:
             pulls=forces[np.isfinite(tips + normals).all(axis=1)],
             greatest=float(np.linalg.norm(forces, axis=1).max()),
         )
+        self._patience = PATIENCE + EACH * (len(instants) + len(near))
         self._process = self._begin(WINDOWS[0])
 
     def _begin(self, window: str) -> subprocess.Popen:
@@ -70,9 +71,12 @@ class Rendering:
         """Wait for the pictures. PictureError: this machine cannot draw them."""
         for following in (*WINDOWS[1:], None):
             try:
-                _, errors = self._process.communicate(timeout=PATIENCE)
+                _, errors = self._process.communicate(timeout=self._patience)
             except subprocess.TimeoutExpired:
-                raise PictureError(f"no 3-D picture within {PATIENCE:.0f} s; {CURE}").failed() from None
+                raise PictureError(
+                    f"no 3-D picture within {self._patience:.0f} s: if this machine is busy, draw it later with "
+                    f"`palpate picture FILE`; else {CURE}"
+                ).failed() from None
             if self._process.returncode == 0 and self._target.is_file():
                 with np.load(self._target) as archive:
                     return dict(archive)

@@ -1,7 +1,6 @@
 """`palpate new`: a file to begin from, of any kind."""
 
-from __future__ import annotations
-
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +12,7 @@ from palpate.cli.terminal.output import tell
 EXAMPLE = "palpate new graph mine --like kidney"
 NODE = "node"
 TAKES, SENDS = "Contact", "Force"
+INSTALL = "python -m pip install pytest && "
 KINDS = {
     "graph": ("", "kidney", "palpate check {file} && palpate run {file}"),
     "scene": ("scenes", "kidney", "palpate run kidney --scene {file}"),
@@ -56,7 +56,7 @@ def new(
     if kind != NODE and (takes, sends, compiled) != (TAKES, SENDS, False):
         raise typer.BadParameter(f"--takes, --sends and --compiled are for a node, found {kind}")
     if kind == NODE:
-        texts, following = _node(name, takes, sends, compiled)
+        texts, following = _node(name, takes, sends, compiled, out)
     else:
         texts, following = _file(kind, name, like, out)
     files = _write(texts, out, force)
@@ -85,7 +85,7 @@ def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, 
     return {file.name: text}, command.format(file=file)
 
 
-def _node(name: str, takes: str, sends: str, compiled: bool) -> tuple[dict[str, str], str]:
+def _node(name: str, takes: str, sends: str, compiled: bool, out: Path) -> tuple[dict[str, str], str]:
     """Names and texts of a node and its test, and how it is used. GraphError: the name or a message type is wrong."""
     from palpate.engine.faults import Fault, Faults, GraphError, choices
     from palpate.launch.template import class_name, node_files
@@ -102,7 +102,7 @@ def _node(name: str, takes: str, sends: str, compiled: bool) -> tuple[dict[str, 
         raise GraphError([Fault(str(error))]) from None
     module, test = texts
     use = f"{{use: {module.removesuffix('.py')}.{class_name(name)}, in: {{...}}}}"
-    return texts, f"python -m pytest {test}; in a graph: {use}"
+    return texts, f"{'' if find_spec('pytest') else INSTALL}python -m pytest {out / test}; in a graph: {use}"
 
 
 def _write(texts: dict[str, str], folder: Path, force: bool) -> list[Path]:

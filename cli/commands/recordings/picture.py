@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Annotated
 
@@ -59,6 +60,8 @@ def picture(
     else:
         from palpate.views.pictures import draw
 
+        if out is not None and out.suffix.lower() in ENDINGS:
+            raise typer.BadParameter(f"found {out}, expected a folder for the standard pictures", param_hint="--out")
         made = draw(file, out or file.parent, console=None if as_json else console())
     if as_json:
         tell({"ok": bool(made), "pictures": [str(path) for path in made]})
@@ -95,7 +98,11 @@ def _film(file: Path, target: Path, rate: float, speed: float, colour: str, sile
     from palpate.views.surface.film import film
 
     with Stages(console(stderr=True), silent) as stages:
-        drawn = stages.begin("film", "drawing frames")
+        begun = cache(lambda: stages.begin("film", "drawing frames"))
+
+        def drawn(share: float) -> None:
+            begun()(share)
+
         frames = film(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)
     return f"  {frames} frames, {frames / rate:.1f} s"
 

@@ -41,8 +41,8 @@ def experiment(
 ) -> None:
     """Run a psychophysical experiment, or analyse its data.
 
-    Thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it; the same command goes on with the first
-    trial that was not answered.
+    Thresholds, JNDs and Weber fractions with 95 % intervals. Ctrl-C ends it; the same command resumes at the first
+    unanswered trial.
     """
     if analyse is not None:
         _analyse(analyse, as_json)
@@ -73,7 +73,7 @@ def experiment(
         tell({"ok": sitting.ended, "folder": str(sitting.folder), "participant": sitting.participant,
               "session": sitting.session, "trials": count, "table": str(sitting.table.path)})  # fmt: skip
     else:
-        what = f"over: palpate experiment --analyse {sitting.folder}" if sitting.ended else "the same command goes on"
+        what = f"over: palpate experiment --analyse {sitting.folder}" if sitting.ended else "the same command resumes"
         say(f"{count} trials; {what}")
     if not sitting.ended:
         raise KeyboardInterrupt

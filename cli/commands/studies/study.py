@@ -75,7 +75,7 @@ def study(
             found.run(folder, client, workers=workers, retry=retry, yes=yes, told=told, done=each)
         except KeyboardInterrupt as error:
             error.add_note(
-                f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command goes on"
+                f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"
             )
             raise
     _print(found, folder, as_json)

@@ -13,8 +13,9 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import ALIKE, Estimate, Problem, between, estimate
 from palpate.models.fit.tissue.measured import LEAST_ROWS, Press
+from palpate.models.fit.tissue.relaxing import parameters
 from palpate.models.fit.tissue.rigs import SHAPES, Law, Rig, closed_form
-from palpate.models.fit.tissue.tables import REFERENCE, curve, tabulated
+from palpate.models.fit.tissue.tables import REFERENCE, check_tabulated, curve, tabulated
 from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
@@ -188,18 +189,31 @@ def _kept(press: Press, relaxation: str, deepest: float) -> tuple[Press, list[st
     return part, notes
 
 
+def check_laws(rig: Rig, names: Sequence[str], relaxation: str) -> None:
+    """SessionError: the rig has no such law, lacks a length, or the relaxation is unknown. Needs no data."""
+    for name in names:
+        if _is_rubber(name) and (rig.kind == "ball" or (rig.kind == "cylinder" and rig.plates == "bonded")):
+            check_tabulated(rig, name)
+        else:
+            closed_form(rig, name)
+    parameters(relaxation, 1.0)
+
+
+def _is_rubber(name: str) -> bool:
+    return name in SHAPES and name != "linear"
+
+
 def _law(
     rig: Rig, name: str, relaxation: str, loaded: list[Press], touch: bool, relative: bool, reach: float, report: Report
 ) -> tuple[Law, list[str]]:
     """The law in closed form, or tabulated about what the closed form finds."""
-    rubber = name in SHAPES and name != "linear"
-    if rig.kind == "cylinder" and rubber and rig.plates == "bonded":
+    if rig.kind == "cylinder" and _is_rubber(name) and rig.plates == "bonded":
         first = replace(rig, plates="frictionless")
         rough = estimate(Problem(loaded, closed_form(first, name), relaxation, touch, relative), profiles=False)
         middle = next((rough.values[p.name] for p in SHAPES[name]), None)
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the truth lies between the two"
         return tabulated(rig, name, reach, middle, report=report), [note]
-    if rig.kind == "ball" and rubber:
+    if rig.kind == "ball" and _is_rubber(name):
         return tabulated(rig, name, reach, count=6, report=report), []
     return closed_form(rig, name), []
 

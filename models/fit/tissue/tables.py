@@ -25,8 +25,6 @@ REFERENCE = 1e4
 
 def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> np.ndarray:
     """Force [N] at depths [m] (n,) with `REFERENCE` as Young's modulus, `count` elements across; NaN where none."""
-    if not rig.height:
-        raise SessionError(f"law {law} in finite elements: expected --height, the thickness of what is pressed")
     made = material(law, REFERENCE, shape)
     if rig.kind == "cylinder":
         body = cylinder(rig.radius, rig.height, count)
@@ -37,6 +35,15 @@ def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> 
     return press(body, made, Indenter(np.zeros(0, np.int64), False, under, rig.radius), depths)
 
 
+def check_tabulated(rig: Rig, law: str) -> None:
+    """SessionError: the rig has no table of this law, or no thickness."""
+    if len(SHAPES.get(law, (YOUNG, YOUNG))) > 1 or law == "linear" or rig.kind not in ("ball", "cylinder"):
+        known = ", ".join(name for name, own in SHAPES.items() if len(own) < 2 and name != "linear")
+        raise SessionError(f"rig {rig.kind}, law {law} in finite elements: expected ball or cylinder, and {known}")
+    if not rig.height:
+        raise SessionError(f"law {law} in finite elements: expected --height, the thickness of what is pressed")
+
+
 def tabulated(
     rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8, report: Report = unheard
 ) -> Law:
@@ -44,10 +51,8 @@ def tabulated(
 
     SessionError: no such law, no thickness, or no equilibrium near the touch.
     """
-    shapes = SHAPES.get(law, (YOUNG, YOUNG))
-    if len(shapes) > 1 or law == "linear" or rig.kind not in ("ball", "cylinder"):
-        known = ", ".join(name for name, own in SHAPES.items() if len(own) < 2 and name != "linear")
-        raise SessionError(f"rig {rig.kind}, law {law} in finite elements: expected ball or cylinder, and {known}")
+    check_tabulated(rig, law)
+    shapes = SHAPES[law]
     depths = deepest * np.linspace(0.0, 1.0, DEPTHS + 1)[1:] ** 1.5
     parameters: tuple[Parameter, ...] = ()
     power = 1.0 if rig.kind == "cylinder" else 1.5

@@ -50,6 +50,12 @@ def test_a_record_that_is_wrong_is_refused(tmp_path, monkeypatch, old, new, expe
         tissues.__wrapped__()
 
 
+def test_a_misspelt_name_is_refused_before_any_law_is_compiled(monkeypatch):
+    monkeypatch.setattr(library, "tissues", lambda: pytest.fail("it checks all records first"))
+    refused = CliRunner().invoke(app, ["list", "tissues", "liver-humn"])
+    assert refused.exit_code == 2 and "Did you mean 'liver-human'" in refused.output + str(refused.exception)
+
+
 def stiffness(graph):
     return graph.nodes["tissue"].settings["stiffness"], graph.nodes["tissue"].settings["damping"]
 

@@ -230,6 +230,7 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
         (["--rig", "spoon", "--law", "hertz"], "--rig: found 'spoon', expected ball, punch"),
         (["--rig", "ball", "--law", "hertz"], "expected either --radius or --diameter"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "gent"], "no such pair"),
+        (["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "--compare", "herz"], "no such pair"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "layer"], "expected --height"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "ogden"], "expected --height"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "--relaxation", "burgers"], "--relaxation: found"),
@@ -238,9 +239,12 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
 )
 def test_options_that_cannot_be_used_are_refused_in_one_line(tmp_path, words, expected):
     path = saved(tmp_path, "t,d [mm],F\n" + ROWS)
-    result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words, "-o", str(tmp_path / "out")])
-    assert result.exit_code == 2
-    assert expected in " ".join(str(result.exception or result.output).split()) + result.output
+    for file in (path, tmp_path / "nowhere.csv"):  # options are checked before the file is read
+        if "--columns" in words and file != path:
+            continue  # needs the header of the file
+        result = CliRunner().invoke(app, ["fit", "tissue", str(file), *words, "-o", str(tmp_path / "out")])
+        assert result.exit_code == 2
+        assert expected in " ".join(str(result.exception or result.output).split()) + result.output
 
 
 def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, monkeypatch):
@@ -250,6 +254,22 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, mon
     words += ["--law", "hertz", "-o", str(path / "out")]
     result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words])
     assert result.exit_code == 2 and "out: cannot be written: Not a directory" in " ".join(result.output.split())
+
+
+@pytest.mark.parametrize("withheld", [False, True])
+def test_profiles_show_the_interval_and_not_the_whole_search(withheld, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    from palpate.views.pictures.models import fit_tissue as pictures
+
+    drawn = []
+    monkeypatch.setattr(pictures, "_saved", lambda figure, path: drawn.append(figure) or path)
+    fitted = fit_tissue([press(BALL, "power", {"stiffness": 3e4, "exponent": 2.0}, noise=0.002)], BALL, "power")
+    if withheld:
+        fitted.estimate.withhold()
+    pictures.draw_fit(fitted, tmp_path)
+    (axis, _), interval = drawn[-1].axes, fitted.estimate.intervals["stiffness"]
+    assert (interval.high > 1e9) is withheld and axis.get_xlim()[1] < 1e6
+    assert f"interval {'withheld' if withheld else 'reported'}" in [text.get_text() for text in axis.get_legend().texts]
 
 
 def test_data_of_every_fit_are_plain():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 import tracemalloc
 
 import numpy as np
@@ -297,9 +298,12 @@ def test_the_command_writes_the_fingertip_and_its_picture(stack, tmp_path):
     assert (tmp_path / "finger.png").stat().st_size > 20_000
 
 
-def test_the_command_tells_what_is_wrong(tmp_path):
+@pytest.mark.parametrize("extra", [True, False])
+def test_the_command_tells_what_is_wrong(extra, tmp_path, monkeypatch):
+    if not extra:  # wrong input is reported first
+        monkeypatch.setitem(sys.modules, "palpate.models.scan", None)
     result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path / "none")])
-    assert result.exit_code == 2 and "no such file" in result.output
+    assert result.exit_code == 2 and "no such file" in " ".join(result.output.replace("│", " ").split())
     for options in (["--spacing", "1,2"], ["-o", "finger.txt"], ["--skin", "40"], ["-o", "nowhere/finger.npz"]):
         result = CliRunner().invoke(app, ["build", "fingertip", str(tmp_path), *options])
         assert result.exit_code == 2

@@ -1,6 +1,7 @@
 """Psychometric functions, their fit, and QUEST+, each against what is known otherwise."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -131,3 +132,16 @@ def test_quest_plus_is_that_of_the_package_of_this_name():
         other.update(stim={"intensity": level}, outcome={"response": "yes" if hit else "no"})
     assert other.posterior.to_numpy().ravel() == pytest.approx(own.posterior, abs=1e-12)
     assert own.grid @ own.posterior == pytest.approx([other.param_estimate[name] for name in names])
+
+
+def test_lengths_are_drawn_in_millimetres():
+    figures = pytest.importorskip("matplotlib.figure")
+    from palpate.studies.psychophysics.pictures import _magnitude
+
+    axes = figures.Figure().add_subplot()
+    levels = [1e-3, 2e-3, 4e-3]
+    given = {"levels": levels, "shares": [1.0, 2.0, 4.0], "counts": [4, 4, 4], "unit": "m", "path": "scene.depth"}
+    _magnitude(axes, SimpleNamespace(numbers={"exponent": SimpleNamespace(value=1.0)}, **given))
+    assert axes.get_xlabel() == "scene.depth [mm]"
+    points, line = (drawn.get_xydata() for drawn in axes.lines)
+    assert points == pytest.approx(np.array([[1, 1], [2, 2], [4, 4]])) and line == pytest.approx(points)

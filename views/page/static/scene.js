@@ -18,7 +18,7 @@ void main() {
 }`;
 const COLOURS = ["#e8b9a6", "#f2a07c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"];
 
-const RADIUS = 0.006; // [m] of the ball
+const RADIUS = 0.006, PATCH = 0.004; // [m] of the ball; around a foot point
 const BALL = [0.16, 0.36, 0.55], ARROW = [0.12, 0.42, 0.66];
 
 const sub = (a, b) => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -248,9 +248,19 @@ export class Scene {
     fingers.forEach((finger, number) => this.drawFinger(camera, finger, number));
   }
 
+  // Mean displacement along the surface around a point of the undeformed surface, as views/surface/moments.py has it: the
+  // fingertip is drawn in the dent that friction drags along.
+  dragged(point, up) {
+    const { rest, places } = this, away = (i) => Math.hypot(rest[3 * i] - point[0], rest[3 * i + 1] - point[1], rest[3 * i + 2] - point[2]);
+    const reach = this.moved.reduce((least, i) => Math.min(least, away(i)), Infinity) + PATCH;
+    const around = this.moved.filter((i) => away(i) <= reach), mean = [0, 0, 0];
+    for (const i of around) for (let c = 0; c < 3; c++) mean[c] += (places[3 * i + c] - rest[3 * i + c]) / around.length;
+    return along(mean, up, -dot(mean, up));
+  }
+
   // The fingertip as a ball, the force on it as an arrow from its surface with the figure at its point: seen end-on as well.
-  drawFinger(camera, { tip, up, force = [0, 0, 0] }, number) {
-    const load = Math.hypot(...force), ball = along(tip, up, RADIUS);
+  drawFinger(camera, { tip, up, foot: point, load: normal, force = [0, 0, 0] }, number) {
+    const load = Math.hypot(...force), ball = along(normal > 0 ? along(tip, this.dragged(point, up), 1) : tip, up, RADIUS);
     if (!this.labels[number]) this.labels[0].after(this.labels[number] = this.labels[0].cloneNode());
     const label = this.labels[number];
     label.textContent = "";

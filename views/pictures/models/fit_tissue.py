@@ -58,7 +58,10 @@ def _profiles(fit: Fit, path: Path) -> Path:
         at, level = np.array([point for point in interval.curve if point[1] < 6.0]).T
         axis.plot(at, level, "o-", ms=3)
         axis.axhline(1.0, color="tab:red", lw=1, label="95 %")
-        axis.axvspan(interval.low, interval.high, color="0.9", label="interval reported")
+        if fit.estimate.withheld:  # its interval is the whole range of the search
+            axis.plot([], [], " ", label="interval withheld")
+        else:
+            axis.axvspan(interval.low, interval.high, color="0.9", label="interval reported")
         if p.log and at[0] > 0.0 and at[-1] > 4.0 * at[0]:
             log_ticks(axis)
         else:

@@ -22,7 +22,7 @@ def accuracy(
     touches: Annotated[list[str] | None, typer.Option("--touch", help="One touch only; may be given again.")] = None,
     only: Annotated[list[str] | None, typer.Option("--method", help="One method only; may be given again.")] = None,
     body: Annotated[
-        list[str] | None, typer.Option(help="A body of your own beside them: mylab.tissue.Liver; may be given again.")
+        list[str] | None, typer.Option(help="Also a custom body: mylab.tissue.Liver; may be given again.")
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 4 minutes of a core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,

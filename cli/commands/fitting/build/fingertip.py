@@ -41,6 +41,20 @@ def fingertip(
 
     Finds skin, tissue and bone, and writes the file that a beam bundle is filled from, with a picture of it.
     """
+    if scan is None and phantom is None:
+        raise typer.BadParameter("no images: give SCAN, or --phantom FOLDER to write some to try")
+    if phantom is None:
+        if scan is not None and not scan.exists():
+            raise typer.BadParameter(f"{scan}: no such file or folder", param_hint="SCAN")
+        if out.suffix != ".npz":
+            raise typer.BadParameter(f"found {out}, expected a name that ends in .npz", param_hint="--out")
+        if skin is not None and not 0.1 <= skin <= 4:
+            raise typer.BadParameter(f"found {skin} mm, expected 0.1 ... 4", param_hint="--skin")
+        if not out.absolute().parent.is_dir():
+            raise typer.BadParameter(f"{out.parent}: no such folder", param_hint="--out")
+    elif phantom.exists():
+        raise typer.BadParameter(f"{phantom} exists; choose a new name", param_hint="--phantom")
+    known_spacing = _spacing(spacing)
     try:
         from palpate.models.scan import read, segment
         from palpate.models.scan.measures import measures, of_images
@@ -51,15 +65,8 @@ def fingertip(
     if phantom is not None:
         _phantom(phantom, as_json)
         return
-    if scan is None:
-        raise typer.BadParameter("no images: give SCAN, or --phantom FOLDER to write some to try")
-    if out.suffix != ".npz":
-        raise typer.BadParameter(f"found {out}, expected a name that ends in .npz", param_hint="--out")
-    if skin is not None and not 0.1 <= skin <= 4:
-        raise typer.BadParameter(f"found {skin} mm, expected 0.1 ... 4", param_hint="--skin")
-    if not out.absolute().parent.is_dir():
-        raise typer.BadParameter(f"{out.parent}: no such folder", param_hint="--out")
-    stack = read(scan, _spacing(spacing), axes)
+    assert scan is not None
+    stack = read(scan, known_spacing, axes)
     outlines = segment(stack, None if skin is None else skin * 1e-3)
     tip, frame = reconstruct(outlines, dorsal=dorsal)
     tip.save(out)
@@ -79,8 +86,6 @@ def _phantom(path: Path, as_json: bool) -> None:
     from palpate.models.scan.phantom import scan, write_dicom, write_nifti
 
     file = path.name.endswith((".nii", ".nii.gz"))
-    if path.exists():
-        raise typer.BadParameter(f"{path} exists; choose a new name", param_hint="--phantom")
     try:
         (write_nifti if file else write_dicom)(scan(), path)
     except OSError as error:

@@ -38,6 +38,7 @@ def body(
     from palpate.studies import fit_body as study
 
     launch = chosen(graph, sets, scene).but(duration=duration)
+    launch.load()
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-fitted.yaml")
     check_file(file)
     length = launch.duration or 0.0

@@ -22,7 +22,8 @@ def force(
     ] = None,
     subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="YAML to write; else SESSIONS.model.yaml. Pictures beside it.")
+        Path | None,
+        typer.Option("-o", "--out", help="YAML to write; else SESSIONS.model.yaml. Pictures go next to it."),
     ] = None,
     no_pictures: NoPictures = False,
     mean: Annotated[
@@ -74,7 +75,7 @@ def force(
 
 
 def _draw(fitted: Told) -> list[Path]:
-    """The pictures of every subject, in a folder beside the file of the model; their paths."""
+    """The pictures of every subject, in a folder next to the model's file; their paths."""
     from palpate.views.pictures.models.fit import draw_choice
 
     folder = fitted.file.with_name(f"{fitted.file.name.removesuffix('.yaml')}-pictures")

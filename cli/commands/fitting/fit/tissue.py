@@ -56,7 +56,7 @@ def tissue(
 
     from palpate.cli.terminal.progress import steps
     from palpate.models.fit.sessions import SessionError
-    from palpate.models.fit.tissue.fit import fit_tissue as fitted_to
+    from palpate.models.fit.tissue import fit as fits
     from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
     from palpate.models.fit.tissue.rigs import Rig
     from palpate.physics.writable import check_folder
@@ -71,6 +71,7 @@ def tissue(
     if (radius and diameter) or (rig != "fingertip" and size is None):
         raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
     made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
+    fits.check_laws(made, (law, *(compare or ())), relaxation)
     if kept := [name for name in WRITTEN if not force and (out / name).exists()]:
         raise SessionError(f"{out}: has {', '.join(kept)} of an earlier fit; expected another folder (-o), or --force")
     try:
@@ -81,7 +82,7 @@ def tissue(
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:
-        fit = fitted_to(
+        fit = fits.fit_tissue(
             presses, made, law, relaxation, held_out=others, compare=compare or (), touch=touch == "fit",
             deepest=length("--depth-limit", depth_limit) if depth_limit else math.inf,
             report=lambda share: done("presses in finite elements", share),

@@ -21,9 +21,9 @@ def tissues(
     from palpate.launch.load.tissues import GRADES, bodies, settings
     from palpate.launch.load.tissues import tissues as known
 
+    taken = None if name is None else settings(name, NOWHERE)  # refuses a misspelt name before `known` compiles
     found, left_out = known()
-    if name is not None:
-        taken = settings(name, NOWHERE)
+    if name is not None and taken is not None:
         record = {**found[name], "scene": taken, "bodies": bodies(found[name])}
         if as_json:
             tell({"ok": True, "tissues": {name: record}})
@@ -33,7 +33,11 @@ def tissues(
 
             bodies_of = [settings_of(find_class(f"deformation.{body}")) for body in ("MassSpring", "ReducedFE")]
             units = {key: one.unit for known in bodies_of for key, one in known.items()}
-            numbers = {key: f"{_shown(value)} {units[key]}" for key, value in taken.items() if value is not None}
+            numbers = {
+                key: f"{_shown(value)} {units[key]}".removesuffix(" 1")
+                for key, value in taken.items()
+                if value is not None
+            }
             record |= {"grade": GRADES[found[name]["grade"]], "scene": numbers}
             console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
         return

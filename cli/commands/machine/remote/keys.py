@@ -11,19 +11,21 @@ EXAMPLE = "palpate remote keys --make"
 
 
 def keys(
-    name: Annotated[str, typer.Argument(help="Name of the key to make.", metavar="[NAME]")] = "rig",
+    name: Annotated[str | None, typer.Argument(help="Key to make, `rig` unless given; or to list alone.")] = None,
     make: Annotated[bool, typer.Option("--make", help="Make a new key.")] = False,
     as_json: Json = False,
 ) -> None:
     """List the keys of this user, or make one.
 
-    Whoever has the file of a key can take part in the runs that it secures. Copy it to the same place on every machine
-    of a rig, and let nobody else read it.
+    Anyone who has a key file can take part in the runs that it secures. Copy it to the same place on every machine
+    of a rig, and keep it secret.
     """
     from palpate.launch.run.wire import keys as known
 
-    made = known.make(name) if make else None
-    paths = dict(known.known())
+    made = known.make(name or known.NAME) if make else None
+    if name is not None:
+        known.load(name)
+    paths = {key: path for key, path in known.known() if name in (None, key)}
     if as_json:
         tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}})
         return

@@ -1,4 +1,4 @@
-"""`palpate build fe compare`: a finger on both plates, beside what the paper says."""
+"""`palpate build fe compare`: a finger on both plates, compared with the paper."""
 
 from pathlib import Path
 from typing import Annotated, Any
