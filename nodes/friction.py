@@ -43,9 +43,9 @@ class _Sliding(Node):
 
     @part("energy", "stored", otherwise=())
     def _stored(self) -> Vector:
-        """The energy that the bristles hold; a law without `stored` does not tell."""
-        stored = self._kernel.stored
-        return (stored(self._bristles.z, self._bristles.load),) if stored is not None else ()
+        """The energy that the bristles hold and that a rising load may give back; () for a law without `stored`."""
+        stored, now = self._kernel.stored, self._bristles
+        return (stored(now.z, now.load) + now.spare,) if stored is not None else ()
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:

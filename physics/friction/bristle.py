@@ -12,7 +12,8 @@ of the deflection before the step, the slip velocity [m/s] (3), both tangential,
                      a point which the finger drags on a string of this length. A finger that wanders by less, as one
                      that is measured by an encoder does, strains the bristles but does not wear them
     stored(z, load)  the energy [J] that the bristles hold: the ledger then reports what is dissipated
-    rescale          a setting; True: a load that rises gives the bristles no energy (needs `stored`)
+    rescale          a setting; True: a load that rises gives the bristles no energy beyond what it took from them as it
+                     fell (needs `stored`)
     caution()        which settings let it generate energy, a line that the user sees; "" where none does
 """
 
@@ -30,12 +31,13 @@ NOTHING = (0.0, 0.0, 0.0)
 
 class Bristles(NamedTuple):
     """Deflection [m] (3), and normal [1] (3) and normal force [N] that it was found under; the finger's place from the
-    point that it drags [m] (3)."""
+    point that it drags [m] (3); the energy [J] that a falling load has taken from the bristles and may give back."""
 
     z: Vector = NOTHING
     normal: Vector = (0.0, 0.0, 1.0)
     load: float = 0.0
     slack: Vector = NOTHING
+    spare: float = 0.0
 
 
 @kernel(error_model="numpy")
@@ -92,7 +94,7 @@ class Kernel:
     carry: Callable[..., tuple[Vector, Vector]]
     advance: Callable[..., tuple[Vector, Vector, bool]]
     stored: Callable[[Vector, float], float] | None  # of the law, None where it has none
-    rescale: bool  # whether a load that rises gives the bristles no energy
+    rescale: bool  # whether a load that rises gives the bristles no energy but `spare`
     drag: Callable[..., tuple[Vector, float]] | None  # compiled; None for a law without play
     play: float  # [m]
 
@@ -127,13 +129,19 @@ def step(kernel: Kernel, before: Bristles, normal: Vector, slip: Vector, load: f
         slack, path = kernel.drag(before.slack, before.normal, normal, v, dt, kernel.play)
         wear = (path,)
     answer = kernel.advance(kernel.law, z, v, load, dt, *wear)
-    last = before.load
-    if load > last > 0.0 and kernel.rescale:
-        here = _dissipated(kernel, answer, z, last, v, load, dt)
-        if here < 0.0:
-            answer = _without_gain(kernel, answer, here, z, last, v, load, dt, wear)
+    last, spare = before.load, before.spare
+    if kernel.rescale and last > 0.0 and load != last:
+        if load > last:
+            here = _dissipated(kernel, answer, z, last, v, load, dt)
+            if here + spare < 0.0:
+                answer, here = _without_gain(kernel, answer, here, spare, z, last, v, load, dt, wear)
+            spare = max(spare + min(here, 0.0), 0.0)
+        else:
+            spare += kernel.stored(z, last) - kernel.stored(z, load)
+        # No more than the bristles hold: many falls must not pay for one large rise.
+        spare = min(spare, kernel.stored(answer[0], load))
     z, force, stick = answer
-    return Bristles(z, normal, load, slack), force, stick
+    return Bristles(z, normal, load, slack, spare), force, stick
 
 
 def _dissipated(kernel, answer, z, last, v, load, dt):
@@ -143,14 +151,15 @@ def _dissipated(kernel, answer, z, last, v, load, dt):
     return work + kernel.stored(z, last) - kernel.stored(after, load)
 
 
-def _without_gain(kernel, answer, here, z, last, v, load, dt, wear):
-    """The answer for bristles s z, s < 1, where that of `advance` gives more energy than it takes, D(1) = `here` < 0:
+def _without_gain(kernel, answer, here, spare, z, last, v, load, dt, wear):
+    """The answer for bristles s z, s < 1, and its D, where that of `advance` gives more energy than it takes and than is
+    to spare, D(1) + E < 0 with D(1) = `here`, E = `spare`:
 
-        D(s) = f(s).v T + V(z, f_last) - V(z+(s), f_n) >= 0
+        D(s) + E = f(s).v T + V(z, f_last) - V(z+(s), f_n) + E >= 0
 
     At s = sqrt(f_last/f_n) the bristles hold under the new load what they held under the last one, so that D >= 0 for a
-    law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of its chord has
-    D >= 0 too.
+    law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of the chord of D + E
+    has D + E >= 0 too.
     """
 
     def scaled(s):
@@ -158,8 +167,9 @@ def _without_gain(kernel, answer, here, z, last, v, load, dt, wear):
         return answer, _dissipated(kernel, answer, z, last, v, load, dt)
 
     least = math.sqrt(last / load)
-    lowest, there = scaled(least)
+    lowest = scaled(least)
+    there = lowest[1] + spare
     if not there > 0.0:
         return lowest
-    chord, dissipated = scaled(least + (1.0 - least) * there / (there - here))
-    return chord if dissipated >= 0.0 else lowest
+    chord = scaled(least + (1.0 - least) * there / (there - here - spare))
+    return chord if chord[1] + spare >= 0.0 else lowest
