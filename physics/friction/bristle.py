@@ -152,8 +152,8 @@ def _dissipated(kernel, answer, z, last, v, load, dt):
 
 
 def _without_gain(kernel, answer, here, spare, z, last, v, load, dt, wear):
-    """The answer for bristles s z, s < 1, and its D, where that of `advance` gives more energy than it takes and than is
-    to spare, D(1) + E < 0 with D(1) = `here`, E = `spare`:
+    """The answer for bristles s z, s < 1, and its D, where that of `advance` gives more energy than it takes and than
+    is to spare, D(1) + E < 0 with D(1) = `here`, E = `spare`:
 
         D(s) + E = f(s).v T + V(z, f_last) - V(z+(s), f_n) + E >= 0
 
