@@ -21,7 +21,7 @@ def unknown_delays(nodes: dict[str, NodeSpec], wires: Iterable[Wire], rate: floa
         """Longest time [s] that messages need on their way to a node."""
         spec = nodes[name]
         given = spec.settings if issubclass(spec.cls, Carrier) else {}
-        own = given.get("delay", 0.0) + given.get("jitter", 0.0)
+        own = (given.get("delay") or 0.0) + (given.get("jitter") or 0.0)  # None: at fault
         senders = {w.producer for w in path if w.consumer == name and w.producer in nodes} - {name, *seen}
         return own + max((late(sender, (*seen, name)) for sender in senders), default=0.0)
 
@@ -29,7 +29,7 @@ def unknown_delays(nodes: dict[str, NodeSpec], wires: Iterable[Wire], rate: floa
         controls = Force in outputs(spec.cls) and spec.settings.get("passivity", False)
         if not controls or "delay" not in spec.settings:
             continue
-        told, needed = spec.settings["delay"], math.ceil(late(name) * rate - 1e-6)
+        told, needed = spec.settings["delay"] or 0, math.ceil(late(name) * rate - 1e-6)
         if told < needed:
             yield (
                 f"{name}: delay: {told} samples at {rate:g} Hz, but the network makes its loop late by {needed}: the "
