@@ -12,12 +12,13 @@ import argparse
 import tempfile
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import PalpateError, RunError
 from palpate.records.reader import Recording
 
 ONE = {"device": ("controller", "friction")}
@@ -47,24 +48,51 @@ def holds(path) -> list[tuple[float, float]]:
     return parts
 
 
+class Hold(NamedTuple):
+    """Forces [N] of a device: its peak, and of the hold the mean, the noise about it and about a parabola, friction."""
+
+    peak: float
+    held: float
+    noise: float
+    about_parabola: float
+    friction: float
+
+
 def measure(record: Recording, controller: str, frictions: list[str], parts: list[tuple[float, float]], rate: float):
-    """The figures of a run as a line of the table."""
-    force, best = record.columns(controller)["force"], None
-    for begin, end in parts:
-        part = force[round(begin * rate) : round(end * rate)]
-        if best is None or np.linalg.norm(part.mean(axis=0)) > np.linalg.norm(best[0].mean(axis=0)):
-            best = part, slice(round(begin * rate), round(end * rate))
-    if best is None:
-        return "no hold"
-    part, window = best
-    t = np.vander(np.linspace(-1, 1, len(part)), 3)
-    left = part - t @ np.linalg.lstsq(t, part, rcond=None)[0]
-    noise = [1e3 * float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (part - part.mean(axis=0), left)]
+    """Of the hold with the largest force."""
+    force = record.columns(controller)["force"]
+    windows = [slice(round(begin * rate), round(end * rate)) for begin, end in parts]
+    window = max(windows, key=lambda each: np.linalg.norm(force[each].mean(axis=0)))
+    held = force[window]
+    t = np.vander(np.linspace(-1, 1, len(held)), 3)
+    left = held - t @ np.linalg.lstsq(t, held, rcond=None)[0]
+    noise = [float(np.sqrt(np.square(each).sum(axis=1).mean())) for each in (held - held.mean(axis=0), left)]
     rubs = [record.columns(friction)["force"][window] for friction in frictions if friction in record.streams]
-    rub = sum(rubs, np.zeros((1, 3)))
-    peak, mean = np.linalg.norm(force, axis=1).max(), np.linalg.norm(part.mean(axis=0))
-    slip = float(np.linalg.norm(rub, axis=1).mean())
-    return f"{peak:7.2f} {mean:7.2f} {noise[0]:9.1f} {noise[1]:9.2f} {slip:7.3f}"
+    rub = np.linalg.norm(sum(rubs, np.zeros((1, 3))), axis=1).mean()
+    return Hold(np.linalg.norm(force, axis=1).max(), np.linalg.norm(held.mean(axis=0)), *noise, float(rub))
+
+
+def run(graph: str, body: str, rate: int, exact: bool = False) -> dict[str, Hold]:
+    """Each device of a graph with a body in it at a rate [Hz]."""
+    sets = [f"rate={rate}", *(f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",)))]
+    if graph == "remote":
+        sets.append(f"controller.delay={round(NETWORK * rate)}")
+    if exact:
+        sets += [f"{name}.resolution=0" for name in EXACT.get(graph, ("device", "finger", "controller"))]
+    fingers = GRAPHS[graph]
+    wanted = tuple(stream for streams in fingers.values() for stream in streams)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "hold.mcap"
+        launch = find(graph).but(record=file, overrides=sets, place="fused", wanted=wanted)
+        nodes = launch.load().nodes
+        result = execute(launch).result
+        if not result.ok:
+            raise RunError(f"failed: {result.deaths or result.notes}")
+        record = Recording(file)
+        return {
+            device: measure(record, controller, frictions, holds(nodes[device].settings["path"]), rate)
+            for device, (controller, *frictions) in fingers.items()
+        }
 
 
 def main() -> None:
@@ -76,29 +104,14 @@ def main() -> None:
     given = words.parse_args()
     print(f"{'graph, device':24s}{'body':12s}{'Hz':>6s}    peak    held  rms [mN] about parabola friction", flush=True)
     for graph, body, rate in product(given.graphs, given.bodies, given.rates):
-        sets = [f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",))]
-        if graph == "remote":
-            sets.append(f"controller.delay={round(NETWORK * rate)}")
-        if given.exact:
-            sets += [f"{name}.resolution=0" for name in EXACT.get(graph, ("device", "finger", "controller"))]
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "hold.mcap"
-            fingers = GRAPHS[graph]
-            wanted = tuple(stream for pair in fingers.values() for stream in pair)
-            try:
-                launch = find(graph).but(record=file, overrides=(f"rate={rate}", *sets), place="fused", wanted=wanted)
-                nodes = launch.load().nodes
-                result = execute(launch).result
-            except PalpateError as error:
-                print(f"{graph:24s}{body:12s}{rate:6d} refused: {str(error).splitlines()[0]}", flush=True)
-                continue
-            if not result.ok:
-                print(f"{graph:24s}{body:12s}{rate:6d} failed: {result.failures}", flush=True)
-                continue
-            record = Recording(file)
-            for device, (controller, *frictions) in fingers.items():
-                row = measure(record, controller, frictions, holds(nodes[device].settings["path"]), rate)
-                print(f"{f'{graph}, {device}':24s}{body:12s}{rate:6d} {row}", flush=True)
+        try:
+            found = run(graph, body, rate, given.exact)
+        except PalpateError as error:
+            print(f"{graph:24s}{body:12s}{rate:6d} {str(error).splitlines()[0]}", flush=True)
+            continue
+        for device, (peak, held, noise, about, rub) in found.items():
+            figures = f"{peak:7.2f} {held:7.2f} {1e3 * noise:9.1f} {1e3 * about:9.2f} {rub:7.3f}"
+            print(f"{f'{graph}, {device}':24s}{body:12s}{rate:6d} {figures}", flush=True)
 
 
 if __name__ == "__main__":
