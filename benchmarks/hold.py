@@ -61,7 +61,7 @@ class Hold(NamedTuple):
 def measure(record: Recording, controller: str, frictions: list[str], parts: list[tuple[float, float]], rate: float):
     """Of the hold with the largest force."""
     force = record.columns(controller)["force"]
-    windows = [slice(round(begin * rate), round(end * rate)) for begin, end in parts]
+    windows = [slice(a, b) for a, b in (np.round(np.array(parts) * rate).astype(int)) if b <= len(force)]
     window = max(windows, key=lambda each: np.linalg.norm(force[each].mean(axis=0)))
     held = force[window]
     t = np.vander(np.linspace(-1, 1, len(held)), 3)
