@@ -1,9 +1,10 @@
 """Does a finger hold still? Every body in every graph that it fits, at several rates, under the shipped encoder.
 
-    python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring BeamBundle] [--rates 500 1000 5000]
+    python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring BeamBundle] [--rates 500 1000 5000] [--exact]
 
-Each run is the touch of the graph, fused, on simulated time. For each device it prints the peak of the force [N], and
-over the last 0.2 s of the hold with the largest force: the mean force [N]; the noise [mN], RMS without any filter,
+Each run is the touch of the graph, fused, on simulated time; `--exact`: with exact positions in place of the encoder's.
+For each device it prints the peak of the force [N], and over the last 0.2 s, at most half, of the hold with the largest
+force: the mean force [N]; the noise [mN], RMS without any filter,
 about the mean and about a fitted parabola, which removes the slow creep of relaxing bodies; friction [N].
 """
 
@@ -11,56 +12,87 @@ import argparse
 import tempfile
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.physics.errors import PalpateError
+from palpate.physics.errors import PalpateError, RunError
 from palpate.records.reader import Recording
 
 ONE = {"device": ("controller", "friction")}
-GRAPHS = {  # device: controller, friction
+GRAPHS = {  # device: controller, frictions
     **dict.fromkeys(("kidney", "fingertip", "nodule", "remote"), ONE),
-    "organs": {"device": ("controller", "friction-kidney")},
+    "organs": {"device": ("controller", "friction-kidney", "friction-liver")},
     "pinch": {f"device-{f}": (f"controller-{f}", f"friction-{f}") for f in ("thumb", "index")},
     "palpate-two": {f"device-{f}": (f"controller-{f}", f"friction-{f}") for f in (1, 2)},
 }
+NETWORK = 40e-3  # [s] of the graph remote, there and back
 TISSUE = {"organs": ("kidney", "liver")}
+EXACT = {  # what knows of the encoder
+    "pinch": [f"{node}{f}" for f in ("thumb", "index") for node in ("device-", "", "controller-")],
+    "palpate-two": [f"{node}-{f}" for f in (1, 2) for node in ("device", "finger", "controller")],
+}
 SECONDS = 0.2
 
 
-def holds(path) -> list[float]:
-    """When the rests of at least `SECONDS` end [s]."""
-    ends, now = [], 0.0
+def holds(path) -> list[tuple[float, float]]:
+    """When the part of each rest that is measured begins and ends [s]."""
+    parts, now = [], 0.0
     for segment in path:
-        now += segment.get("hold") or segment["time"]
-        if (segment.get("hold") or 0.0) >= SECONDS:
-            ends.append(now)
-    return ends
+        rest = segment.get("hold") or 0.0
+        now += rest or segment["time"]
+        if rest >= SECONDS:
+            parts.append((now - min(SECONDS, 0.5 * rest), now))
+    return parts
 
 
-def measure(record: Recording, controller: str, friction: str, ends: list[float], rate: float) -> str:
+class Hold(NamedTuple):
+    """Forces [N] of a device: its peak, and of the hold the mean, the noise about it and about a parabola, friction."""
+
+    peak: float
+    held: float
+    noise: float
+    about_parabola: float
+    friction: float
+
+
+def measure(record: Recording, controller: str, frictions: list[str], parts: list[tuple[float, float]], rate: float):
+    """Of the hold with the largest force."""
     force = record.columns(controller)["force"]
-    count, best = round(SECONDS * rate), None
-    for end in ends:
-        part = force[: round(end * rate)][-count:]
-        if best is None or np.linalg.norm(part.mean(axis=0)) > np.linalg.norm(best[0].mean(axis=0)):
-            best = part, end
-    if best is None:
-        return "no hold"
-    part, end = best
-    t = np.vander(np.linspace(-1, 1, len(part)), 3)
-    left = part - t @ np.linalg.lstsq(t, part, rcond=None)[0]
-    noise = [1e3 * float(np.sqrt(np.square(x).sum(axis=1).mean())) for x in (part - part.mean(axis=0), left)]
-    rub = (
-        record.columns(friction)["force"][: round(end * rate)][-count:]
-        if friction in record.streams
-        else np.zeros((1, 3))
-    )
-    peak, mean = np.linalg.norm(force, axis=1).max(), np.linalg.norm(part.mean(axis=0))
-    slip = float(np.linalg.norm(rub, axis=1).mean())
-    return f"{peak:7.2f} {mean:7.2f} {noise[0]:9.1f} {noise[1]:9.2f} {slip:7.3f}"
+    windows = [slice(a, b) for a, b in (np.round(np.array(parts) * rate).astype(int)) if b <= len(force)]
+    window = max(windows, key=lambda each: np.linalg.norm(force[each].mean(axis=0)))
+    held = force[window]
+    t = np.vander(np.linspace(-1, 1, len(held)), 3)
+    left = held - t @ np.linalg.lstsq(t, held, rcond=None)[0]
+    noise = [float(np.sqrt(np.square(each).sum(axis=1).mean())) for each in (held - held.mean(axis=0), left)]
+    rubs = [record.columns(friction)["force"][window] for friction in frictions if friction in record.streams]
+    rub = np.linalg.norm(sum(rubs, np.zeros((1, 3))), axis=1).mean()
+    return Hold(np.linalg.norm(force, axis=1).max(), np.linalg.norm(held.mean(axis=0)), *noise, float(rub))
+
+
+def run(graph: str, body: str, rate: int, exact: bool = False) -> dict[str, Hold]:
+    """Each device of a graph with a body in it at a rate [Hz]."""
+    sets = [f"rate={rate}", *(f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",)))]
+    if graph == "remote":
+        sets.append(f"controller.delay={round(NETWORK * rate)}")
+    if exact:
+        sets += [f"{name}.resolution=0" for name in EXACT.get(graph, ("device", "finger", "controller"))]
+    fingers = GRAPHS[graph]
+    wanted = tuple(stream for streams in fingers.values() for stream in streams)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "hold.mcap"
+        launch = find(graph).but(record=file, overrides=sets, place="fused", wanted=wanted)
+        nodes = launch.load().nodes
+        result = execute(launch).result
+        if not result.ok:
+            raise RunError(f"failed: {result.deaths or result.notes}")
+        record = Recording(file)
+        return {
+            device: measure(record, controller, frictions, holds(nodes[device].settings["path"]), rate)
+            for device, (controller, *frictions) in fingers.items()
+        }
 
 
 def main() -> None:
@@ -68,28 +100,18 @@ def main() -> None:
     words.add_argument("graphs", nargs="*", default=list(GRAPHS))
     words.add_argument("--bodies", nargs="+", default=["MassSpring", "BeamBundle", "ReducedFE", "Rigid"])
     words.add_argument("--rates", nargs="+", type=int, default=[500, 1000, 5000])
+    words.add_argument("--exact", action="store_true")
     given = words.parse_args()
     print(f"{'graph, device':24s}{'body':12s}{'Hz':>6s}    peak    held  rms [mN] about parabola friction", flush=True)
     for graph, body, rate in product(given.graphs, given.bodies, given.rates):
-        sets = [f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",))]
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "hold.mcap"
-            fingers = GRAPHS[graph]
-            wanted = tuple(stream for pair in fingers.values() for stream in pair)
-            try:
-                launch = find(graph).but(record=file, overrides=(f"rate={rate}", *sets), place="fused", wanted=wanted)
-                nodes = launch.load().nodes
-                result = execute(launch).result
-            except PalpateError as error:
-                print(f"{graph:24s}{body:12s}{rate:6d} refused: {str(error).splitlines()[0]}", flush=True)
-                continue
-            if not result.ok:
-                print(f"{graph:24s}{body:12s}{rate:6d} failed: {result.failures}", flush=True)
-                continue
-            record = Recording(file)
-            for device, (controller, friction) in fingers.items():
-                row = measure(record, controller, friction, holds(nodes[device].settings["path"]), rate)
-                print(f"{f'{graph}, {device}':24s}{body:12s}{rate:6d} {row}", flush=True)
+        try:
+            found = run(graph, body, rate, given.exact)
+        except PalpateError as error:
+            print(f"{graph:24s}{body:12s}{rate:6d} {str(error).splitlines()[0]}", flush=True)
+            continue
+        for device, (peak, held, noise, about, rub) in found.items():
+            figures = f"{peak:7.2f} {held:7.2f} {1e3 * noise:9.1f} {1e3 * about:9.2f} {rub:7.3f}"
+            print(f"{f'{graph}, {device}':24s}{body:12s}{rate:6d} {figures}", flush=True)
 
 
 if __name__ == "__main__":

@@ -21,10 +21,14 @@ class _Sliding(CompiledNode):
 
     effect = "friction"
     law: ClassVar[Any]
-    energy = Part("energy", "stored", about="The energy that the bristles hold; a law without `stored` does not tell.")
-    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,)}
+    energy = Part(
+        "energy",
+        "stored",
+        about="The energy that the bristles hold and that a rising load may give back; a law without `stored` tells none.",
+    )
+    State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": ()}
     """Deflection [m], and normal [1] and normal force [N] that it was found under; the finger's place from the point
-    that it drags [m]."""
+    that it drags [m]; energy that a falling load took from the bristles [J]."""
 
     def start(self) -> None:
         super().start()
@@ -51,8 +55,8 @@ def _compute(law: type) -> Kernel:
         out: Out[Friction],
         dt,
     ):
-        z, normal, own.load, slack, force, stick = step(
-            own, vector(own.z), vector(own.normal), own.load, vector(own.slack), vector(contact.normal),
+        z, normal, own.load, slack, own.spare, force, stick = step(
+            own, vector(own.z), vector(own.normal), own.load, vector(own.slack), own.spare, vector(contact.normal),
             vector(proximity.slip), contact.force, dt,
         )  # fmt: skip
         put(own.z, z)
@@ -62,7 +66,7 @@ def _compute(law: type) -> Kernel:
         put(out.bristle, z)
         out.stick = stick
         if tells and own.energy:
-            one(out.stored, stored(own, z, own.load))
+            one(out.stored, stored(own, z, own.load) + own.spare)
 
     return compute
 

@@ -18,6 +18,7 @@ from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
+from palpate.launch.load.network import unknown_delays
 from palpate.launch.load.plan import missing_senders
 from palpate.launch.load.pressing import Pressing, check_divisors
 from palpate.launch.load.scene import Scene, condition
@@ -132,6 +133,7 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
+        notes += tuple(unknown_delays(may, [w for d in drafts.values() for w in d.wires], says.rate))
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:

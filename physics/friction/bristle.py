@@ -12,7 +12,8 @@ of the deflection before the step, the slip velocity [m/s] (3), both tangential,
                           that of a point which the finger drags on a string of this length. A finger that wanders by
                           less, as one that is measured by an encoder does, strains the bristles but does not wear them
     stored(law, z, load)  a kernel: the energy [J] that the bristles hold; the ledger then reports what is dissipated
-    rescale               a setting; True: a load that rises gives the bristles no energy (needs `stored`)
+    rescale               a setting; True: a load that rises gives the bristles no energy beyond what it took from them
+                          as it fell (needs `stored`)
     caution()             which settings let it generate energy, a line that the user sees; "" where none does
 """
 
@@ -83,10 +84,11 @@ def _played(law, slack, a, b, v, dt):
 def stepper(kind: type[Any]) -> Kernel:
     """The kernel of one step of a law:
 
-        step(law, z, a, last, slack, b, slip, load, dt) -> (z, b, load, slack, force [N] (3), whether it sticks)
+        step(law, z, a, last, slack, spare, b, slip, load, dt) -> (z, b, load, slack, spare, force [N] (3), sticks)
 
     z      [m]   (3)  deflection;  a [1] (3), last [N]: normal and load that it was found under
     slack  [m]   (3)  the finger's place from the point that it drags
+    spare  [J]        energy that a falling load has taken from the bristles and may give back
     b      [1]   (3)  normal now;  slip [m/s] (3);  load [N];  dt [s]
 
     Without load the bristles are forgotten and the force is zero; such a contact does not stick.
@@ -95,36 +97,38 @@ def stepper(kind: type[Any]) -> Kernel:
     advanced, dragged, unrising = kind.advance, _played if worn else _taut, _rescaled(kind) if rescales else None
 
     @kernel(error_model="numpy")
-    def plain(law, z, v, last, load, dt, path):
-        return advanced(law, z, v, load, dt)
+    def plain(law, z, v, last, spare, load, dt, path):
+        z, force, stick = advanced(law, z, v, load, dt)
+        return z, force, stick, spare
 
     @kernel(error_model="numpy")
-    def wearing(law, z, v, last, load, dt, path):
-        return advanced(law, z, v, load, dt, path)
+    def wearing(law, z, v, last, spare, load, dt, path):
+        z, force, stick = advanced(law, z, v, load, dt, path)
+        return z, force, stick, spare
 
     answer = unrising or (wearing if worn else plain)
 
     @kernel(error_model="numpy")
-    def step(law, z, a, last, slack, b, slip, load, dt):
+    def step(law, z, a, last, slack, spare, b, slip, load, dt):
         if not load > 0.0:
-            return NOTHING, UP, 0.0, NOTHING, NOTHING, False
+            return NOTHING, UP, 0.0, NOTHING, 0.0, NOTHING, False
         z, v = carry(z, a, b, slip)
         slack, path = dragged(law, slack, a, b, v, dt)
-        z, force, stick = answer(law, z, v, last, load, dt, path)
-        return z, b, load, slack, force, stick
+        z, force, stick, spare = answer(law, z, v, last, spare, load, dt, path)
+        return z, b, load, slack, spare, force, stick
 
     return step
 
 
 def _rescaled(kind: type[Any]) -> Kernel:
-    """`advance` of a law whose bristles shrink where a load that rises would give them energy: where it gives more
-    energy than it takes, D(1) < 0, the answer for bristles s z, s < 1:
+    """`advance` of a law whose bristles shrink where a load that rises would give them energy, beyond what it took from
+    them as it fell, E = `spare`: where D(1) + E < 0, the answer for bristles s z, s < 1:
 
-        D(s) = f(s).v T + V(z, f_last) - V(z+(s), f_n) >= 0
+        D(s) + E = f(s).v T + V(z, f_last) - V(z+(s), f_n) + E >= 0
 
     At s = sqrt(f_last/f_n) the bristles hold under the new load what they held under the last one, so that D >= 0 for a
-    law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of its chord has
-    D >= 0 too.
+    law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of the chord of D + E
+    has D + E >= 0 too.
     """
     advance, stored, worn = kind.advance, kind.stored, "play" in kind._fields
 
@@ -146,17 +150,24 @@ def _rescaled(kind: type[Any]) -> Kernel:
         return after, force, stick, work + stored(law, z, last) - stored(law, after, load)
 
     @kernel(error_model="numpy")
-    def rescaled(law, z, v, last, load, dt, path):
+    def rescaled(law, z, v, last, spare, load, dt, path):
         after, force, stick, here = scaled(law, 1.0, z, v, last, load, dt, path)
-        if not (load > last > 0.0 and law.rescale and here < 0.0):
-            return after, force, stick
-        least = math.sqrt(last / load)
-        lowest, pushed, stuck, there = scaled(law, least, z, v, last, load, dt, path)
-        if there > 0.0:
-            s = least + (1.0 - least) * there / (there - here)
-            after, force, stick, dissipated = scaled(law, s, z, v, last, load, dt, path)
-            if dissipated >= 0.0:
-                return after, force, stick
-        return lowest, pushed, stuck
+        if not (law.rescale and last > 0.0 and load != last):
+            return after, force, stick, spare
+        if load > last:
+            if here + spare < 0.0:
+                one, least = here + spare, math.sqrt(last / load)
+                after, force, stick, here = scaled(law, least, z, v, last, load, dt, path)
+                there = here + spare
+                if there > 0.0:
+                    s = least + (1.0 - least) * there / (there - one)
+                    chord, pushed, stuck, dissipated = scaled(law, s, z, v, last, load, dt, path)
+                    if dissipated + spare >= 0.0:
+                        after, force, stick, here = chord, pushed, stuck, dissipated
+            spare = max(spare + min(here, 0.0), 0.0)
+        else:
+            spare += stored(law, z, last) - stored(law, z, load)
+        # No more than the bristles hold: many falls must not pay for one large rise.
+        return after, force, stick, min(spare, stored(law, after, load))
 
     return rescaled

@@ -287,6 +287,13 @@ def test_yaml_that_grows_nests_or_runs_is_refused(tmp_path, text, monkeypatch):
     assert not (tmp_path / "was-run").exists()
 
 
+def test_a_file_of_many_keys_is_refused_at_a_limit(tmp_path):
+    """100 000 keys took 14 s and 431 MB."""
+    (tmp_path / "g.yaml").write_text("".join(f"k{i}: 1\n" for i in range(25_000)))
+    with pytest.raises(PalpateError, match="more than 20000 entries"):
+        find_and_plan(tmp_path / "g.yaml")
+
+
 READERS = {"falcon": frames.FalconFrameReader, "bota": bota.BotaFrameReader, "dotpad": dotpad.PacketReader}
 TRUE = {
     "falcon": frames.report((1, 2, 3), 0, (True, True, True)),

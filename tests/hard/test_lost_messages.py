@@ -267,6 +267,50 @@ def test_no_pattern_of_a_thousand_makes_the_contact_press_harder(chain, body, co
         check_patterns(run, count // 2, seed=100 + seed)
 
 
+def correlated(run: Chain, random_: random.Random, alike: bool) -> tuple[str, Lost]:
+    """Losses of two edges for 50 to 400 ms, single or in bursts: both lose the same ticks, or one loses what the other
+    delivers; in words, and as a rule."""
+    one, other = random_.sample(
+        [(port.stream, slot.name) for slot in run.slots for port in slot.inputs if port.stream], 2
+    )
+    begin, length = random_.randint(15, TICKS - 60), random_.choice([50, 100, 200, 400])
+    burst, chance = random_.choice([1, 1, 3, 10]), random_.choice([0.3, 0.5, 0.7, 0.9])
+    bursts = [random_.random() < chance for _ in range(length // burst + 1)]
+
+    def lost(stream: str, reader: str, tick: int) -> bool:
+        if not begin <= tick < begin + length or (stream, reader) not in (one, other):
+            return False
+        return bursts[(tick - begin) // burst] != ((stream, reader) == other and not alike)
+
+    return f"{one} and {other} {'' if alike else 'not '}alike, {begin}..{begin + length}, {chance:g} by {burst}", lost
+
+
+def check_correlated(run: Chain, count: int, seed: int, alike: bool) -> None:
+    base, random_ = feel(run, nothing).contact, random.Random(seed)
+    for _ in range(count):
+        words, lost = correlated(run, random_, alike)
+        felt = feel(run, lost)
+        if felt.contact > OVER * base:
+            same = undisturbed(run, felt.places)
+            assert felt.contact <= OVER * same, f"{words}: {felt.contact:.3f} N, the same motion {same:.3f} N"
+
+
+@pytest.mark.parametrize("alike", [True, False], ids=["alike", "in turns"])
+@pytest.mark.parametrize("touch", [pytest.param(TOUCH, id="press"), pytest.param(TAP, id="tap")])
+def test_losses_of_two_streams_together_make_the_contact_press_no_harder(chain, touch, alike):
+    check_correlated(chain(find("kidney").but(overrides=touch)), 3, 11, alike)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("alike", [True, False], ids=["alike", "in turns"])
+@pytest.mark.parametrize(("body", "count"), [("MassSpring", 150), ("ReducedFE", 60), ("BeamBundle", 60)])
+def test_many_losses_of_two_streams_together_make_the_contact_press_no_harder(chain, body, count, alike):
+    for seed, touch in enumerate((TOUCH, TAP)):
+        run = chain(find("kidney").but(overrides=(*touch, f"tissue.use=deformation.{body}")))
+        check_correlated(run, count, 300 + seed, alike)
+
+
 HOLD = (
     "scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]",
     "scene.hand.path=[{to: [0, 0, 0.0935], time: 0.2}, {hold: 20}]",

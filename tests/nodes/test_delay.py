@@ -64,6 +64,25 @@ def test_the_same_seed_loses_the_same_and_another_others():
 
 
 @pytest.mark.parametrize(
+    ("sets", "samples"),
+    [
+        ((), None),
+        (("rate=500",), None),
+        (("rate=5000",), 200),
+        (("scene.network.delay=100 ms",), 200),
+        (("scene.network.delay=10 ms", "scene.network.jitter=10 ms", "controller.delay=20"), 40),
+        (("controller.delay=0", "controller.passivity=false"), None),
+    ],
+)
+def test_a_controller_that_is_told_of_too_short_a_delay_is_reported(sets, samples):
+    """At 5 kHz the 40 samples of the graph are 8 ms, and a held finger swung by 0.7 N."""
+    notes = [note for note in load("remote", overrides=sets).notes if "network" in note]
+    assert len(notes) == (samples is not None)
+    assert samples is None or f"--set controller.delay={samples}`" in notes[0]
+    assert load("remote", overrides=(*sets, "controller.delay=400")).notes == ()
+
+
+@pytest.mark.parametrize(
     ("settings", "text"),
     [
         ({"delay": -1e-3}, "'delay'.*-0.001.*>= 0"),

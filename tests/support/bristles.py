@@ -9,12 +9,13 @@ Vector = tuple[float, float, float]
 
 class Bristles(NamedTuple):
     """Deflection [m], normal [1] and normal force [N] that it was found under, the finger's place from the point that
-    it drags [m]."""
+    it drags [m]; the energy that a falling load took [J]."""
 
     z: Vector = NOTHING
     normal: Vector = UP
     load: float = 0.0
     slack: Vector = NOTHING
+    spare: float = 0.0
 
 
 def kernel_form(law: Any) -> Any:

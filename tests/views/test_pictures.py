@@ -26,6 +26,7 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.bodies import Bodies
 from palpate.views.pictures import PictureError, compression, deformation, draw, force
+from palpate.views.pictures.device import absorbed
 from palpate.views.pictures.regions import _stretches, regions
 from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
@@ -178,6 +179,17 @@ def test_the_area_of_a_loop_is_the_work_that_was_dissipated():
     s, rate = 8e-3 * np.sin(np.pi * time / 0.4) ** 2, 8e-3 * np.pi / 0.4 * np.sin(2 * np.pi * time / 0.4)
     lost = np.trapezoid(3e3 * s**1.5 * 5.0 * rate**2, time)
     assert work(s, 3e3 * s**1.5 * (1.0 + 5.0 * rate)) == pytest.approx(lost, rel=1e-6)
+
+
+def test_the_energy_of_the_hand_is_the_work_of_the_forces_as_they_were_sent():
+    """Each force works on the way to the next pose. The controller's `energy` pairs it with an older place."""
+    force = {"tick": np.array([1, 2, 4]), "force": np.array([[0, 0, 1.0], [0, 2.0, 0], [0, 0, 5.0]])}
+    pose = {
+        "tick": np.arange(5),
+        "position": 1e-3 * np.array([[9, 9, 9], [0, 0, 0], [1, 0, -2], [7, 7, 7], [0, 3, 0.0]]),
+    }
+    assert absorbed(force, pose) == pytest.approx([0.0, 2e-3, 2e-3 - 6e-3])
+    assert absorbed(force, {key: column[:4] for key, column in pose.items()}) is None
 
 
 @pytest.mark.parametrize(

@@ -8,13 +8,19 @@ from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
 POINT = (-0.02, 0.003, 0.0985)
+FAR, LIGHT = (-0.03, 0.004, 0.0975), (0.008, -0.004, 0.1015)
+STROKE = (0.006, -0.003, 0.0)  # [m]
 COUNT = 60e-6  # [m]
+BRISTLES, MU = 500.0, 0.7  # [1/m], [1] sigma_0 and g at rest in the kidney
 
 
-def press(folder, rate, *sets):
-    """Forces [N] (k,3) of the controller and of friction: a finger goes to a point in 0.4 s and stays for 0.6 s."""
-    path = f"[{{to: {list(POINT)}, time: 0.4}}, {{hold: 0.6}}]"
-    place = (f"scene.hand.begin=[{POINT[0]}, {POINT[1]}, 0.116]", f"scene.hand.path={path}")
+def press(folder, rate, point, stroke, *sets):
+    """Forces [N] (k,3) of the controller and of friction: a finger goes to a point in 0.25 or 0.4 s, strokes from there
+    for 0.2 s or not at all, and stays for 0.6 s."""
+    end = [round(x + d, 6) for x, d in zip(point, stroke or (0.0, 0.0, 0.0), strict=True)]
+    moves = f"{{to: {list(point)}, time: 0.2}}, {{to: {end}, time: 0.2, shape: linear}}"
+    path = f"[{moves if stroke else f'{{to: {end}, time: 0.4}}'}, {{hold: 0.6}}]"
+    place = (f"scene.hand.begin=[{point[0]}, {point[1]}, 0.116]", f"scene.hand.path={path}")
     launch = find("kidney").but(
         record=folder / "run.mcap", place="fused", duration=1.0, wanted=("controller", "friction"),
         overrides=(f"rate={rate}", "scene.surface.vertices=1500", *place, *sets),
@@ -24,10 +30,24 @@ def press(folder, rate, *sets):
     return [recording.columns(node)["force"] for node in ("controller", "friction")]
 
 
-@pytest.mark.parametrize("rate", [500, 1000, 2000, 5000, 10_000])
-def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate):
-    force, rubbed = press(tmp_path, rate)
-    exact, rubs = press(tmp_path, rate, "device.resolution=0", "finger.resolution=0")
+def long(*case):
+    return pytest.param(*case, marks=pytest.mark.long)
+
+
+@pytest.mark.parametrize(
+    ("rate", "point", "stroke", "worn"),
+    [
+        *((rate, POINT, None, 0.0) for rate in (500, 1000, 2000, 5000, 10_000)),
+        (1000, FAR, None, 1.0),
+        (1000, LIGHT, STROKE, 1.0),
+        *(long(rate, FAR, None, 1.0) for rate in (500, 5000, 10_000)),
+        *(long(rate, point, STROKE, 1.0) for rate in (500, 5000, 10_000) for point in (LIGHT, POINT)),
+    ],
+)
+def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate, point, stroke, worn):
+    """worn: counts of path by which friction may seem to have slid farther."""
+    force, rubbed = press(tmp_path, rate, point, stroke)
+    exact, rubs = press(tmp_path, rate, point, stroke, "device.resolution=0", "finger.resolution=0")
     peak = np.linalg.norm(exact, axis=1).max()
     assert abs(np.linalg.norm(force, axis=1).max() - peak) < 0.02 * peak
     last = round(0.2 * rate)
@@ -36,5 +56,8 @@ def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate
     noise, smooth = (np.sqrt(np.mean(np.sum(np.diff(f, axis=0) ** 2, axis=1))) for f in (force, exact))
     assert noise - smooth < 0.005 * peak
     assert np.sqrt(np.sum(np.var(force[-last:], axis=0))) < 0.01
-    # Friction at rest is a spring along the surface, 500/m times the force: half a count cannot be seen.
-    assert np.linalg.norm((rubbed - rubs)[-last:].mean(axis=0)) < 500.0 * 0.5 * COUNT * wanted
+    # Friction at rest is a spring along the surface, sigma_0 times the force, and wears by sigma_0/g of the path: half
+    # a count of place, and a count of path, cannot be seen.
+    friction = rubs[-last:].mean(axis=0)
+    unseen = BRISTLES * COUNT * (0.5 * wanted + worn * np.linalg.norm(friction) / MU)
+    assert np.linalg.norm(rubbed[-last:].mean(axis=0) - friction) < unseen

@@ -1,4 +1,7 @@
-"""A finger held still on the kidney: what is left of the encoder's steps in the force, without any filter."""
+"""A finger held still: what is left of the encoder's steps in the force, without any filter."""
+
+import runpy
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,6 +10,7 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
+HOLD = Path(__file__).parents[2] / "benchmarks" / "hold.py"
 EXACT = ("device.resolution=0", "finger.resolution=0", "controller.resolution=0")
 
 
@@ -69,6 +73,16 @@ def test_every_body_lets_a_finger_hold_still_under_the_encoder(tmp_path, body, h
     """Without a filter, about a parabola: beams go on relaxing."""
     held = force(tmp_path, (0.0, 0.0, height), f"tissue.use=deformation.{body}", f"rate={rate}")
     assert noise(held, rate, trend=True) < 0.03
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("body", ["BeamBundle", "ReducedFE", "Rigid"])
+@pytest.mark.parametrize("graph", ["fingertip", "nodule", "remote", "organs", "pinch", "palpate-two"])
+def test_a_finger_holds_still_in_every_graph_with_every_body(graph, body):
+    """On its shipped touch. MassSpring and the other rates: benchmarks/hold.py."""
+    for hold in runpy.run_path(str(HOLD))["run"](graph, body, 1000).values():
+        assert hold.held > 0.2 and hold.noise < 0.03
 
 
 @pytest.mark.parametrize(("body", "told"), [("MassSpring", 0), ("Rigid", 1)])
