@@ -7,7 +7,6 @@ from pathlib import Path
 EXTRAS = {
     "devices": {"pyusb": "usb", "hidapi": "hid", "pyserial": "serial", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
-    "fmu": {"pythonfmu3": "pythonfmu3"},
     "gym": {"gymnasium": "gymnasium"},
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},

@@ -70,11 +70,10 @@ MAY = {
     "views": HIGH,
     "studies": HIGH,
     "launch": HIGH,
-    "launch.fmu": (*HIGH, "launch", "stepping"),
     "calling": (*HIGH, "launch"),
     "stepping": (*HIGH, "launch"),
     "gym": (*HIGH, "calling", "stepping"),
-    "cli": (*HIGH, "launch", "launch.fmu", "cli.machine", "studies", "calling", "stepping"),
+    "cli": (*HIGH, "launch", "cli.machine", "studies", "calling", "stepping"),
     "__init__": (*HIGH, "studies", "calling", "stepping"),
 }
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are

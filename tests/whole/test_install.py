@@ -35,7 +35,6 @@ LOG = ["log.use=logger.LSL", 'log.fields=["force"]', "log.in=[contact]", "scene.
 PURPOSE = {
     "devices": ["palpate run falcon --duration 0.1", "palpate run kidney --set device.use=device.RawHid --clock real"],
     "page": ["/usr/bin/timeout -s INT 8 palpate view touch.mcap --no-open"],
-    "fmu": ["palpate build fmu kidney -o kidney.fmu"],
     "gym": [f"python -c {shlex.quote(GYM)}"],
     "view": [
         "palpate picture touch.mcap contact.force",
