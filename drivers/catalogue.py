@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from palpate.drivers import falcon
-from palpate.drivers.hid import spacemouse
 
 
 @dataclass(frozen=True)
@@ -12,8 +11,8 @@ class Known:
 
     name     as its maker calls it
     use      the node that drives it
-    ids      USB vendor and product, both in hexadecimal of four digits; a product of "*" is any
-    through  "usb", "hidraw" or "tty": which file of the system it is reached by; "network": none
+    ids      USB vendor and product, both in hexadecimal of four digits
+    through  "usb" or "tty": which file of the system it is reached by; "network": none
     needs    the module that the driver imports, "" for none
     """
 
@@ -30,27 +29,18 @@ def _hex(number: int) -> str:
 
 KNOWN = (
     Known(falcon.NAME, "device.Falcon", ((_hex(falcon.VENDOR), _hex(falcon.PRODUCT)),), "usb", "usb"),
-    Known(
-        "3Dconnexion SpaceMouse",
-        "device.Hid",
-        (("256f", "*"), *(("046d", _hex(product)) for product in sorted(spacemouse.OLD))),
-        "hidraw",
-        "hid",
-    ),
-    Known("raw-HID device", "device.RawHid", (("16c0", "0486"),), "hidraw", "hid"),
-    Known("Haply 2diy", "device.Haply2Diy", (("2341", "003d"), ("2341", "003e"), ("2341", "804d")), "tty", "serial"),
     Known("Dot Pad", "display.DotPad", (("0403", "6010"),), "tty", "serial"),
     Known("USB serial port (inFORM, Bota)", "display.InForm, sensor.Bota", (("0403", "6001"),), "tty", "serial"),
     Known("Haply Inverse3", "device.Inverse3", (), "network", "websockets"),
     Known("ATI Net F/T", "sensor.NetFT", (), "network", ""),
 )
-"""Boards with a common USB chip (Arduino, FTDI) share its numbers with other things: they are told as what may be."""
+"""Devices with a common USB chip (FTDI) share its numbers with other things: they are told as what may be."""
 
 
 def fitting(vendor: str, product: str) -> Known | None:
     for kind in KNOWN:
         for known_vendor, known_product in kind.ids:
-            if vendor == known_vendor and known_product in (product, "*"):
+            if vendor == known_vendor and product == known_product:
                 return kind
     return None
 
@@ -66,7 +56,8 @@ def udev_rules() -> str:
             continue
         lines.append(f"# {kind.name}: {kind.use}")
         for vendor, product in kind.ids:
-            only = "" if product == "*" else f', ATTRS{{idProduct}}=="{product}"'
             grant = 'MODE="0660", GROUP="plugdev", TAG+="uaccess"'
-            lines.append(f'SUBSYSTEM=="{kind.through}", ATTRS{{idVendor}}=="{vendor}"{only}, {grant}')
+            lines.append(
+                f'SUBSYSTEM=="{kind.through}", ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", {grant}'
+            )
     return "\n".join(lines) + "\n"

@@ -60,9 +60,8 @@ def _found(kind: Known, folder: Path) -> Found:
     if kind.through == "usb":
         file, port = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3), f"{bus}:{number}"
     else:
-        below = {"tty": "*/tty*/*", "hidraw": "*/*/hidraw/hidraw*"}[kind.through]
-        names = sorted({p.name for p in folder.glob(below)} | {p.name for p in folder.glob("*/ttyUSB*")})
-        names = [n for n in names if n.startswith(("ttyUSB", "ttyACM", "hidraw"))]
+        names = sorted({p.name for p in folder.glob("*/tty*/*")} | {p.name for p in folder.glob("*/ttyUSB*")})
+        names = [n for n in names if n.startswith(("ttyUSB", "ttyACM"))]
         file = DEV / names[0] if names else None
         port = str(file) if file else ""
     return Found(

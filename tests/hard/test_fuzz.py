@@ -22,7 +22,6 @@ from mcap.records import Chunk
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import frames
 from palpate.drivers.haply import inverse3
-from palpate.drivers.hid import descriptor, raw
 from palpate.drivers.pins import dotpad
 from palpate.drivers.sensors import bota, netft
 from palpate.launch.load.files import GRAPHS, SCENES
@@ -307,14 +306,6 @@ def test_frames_of_a_device_among_rubbish_are_read_and_the_rest_does_not_pile_up
     for _ in range(20):
         reader.feed(rng.randbytes(500))
     assert len(reader._rest) < 2000
-
-
-@settings(max_examples=150)
-@given(data=st.binary(max_size=200))
-def test_reports_and_descriptors_of_hid_devices_are_read_or_refused(data):
-    for field in descriptor.fields(data):
-        field.scaled(data)
-    raw.unpack(data.ljust(raw.LENGTH, b"\0")[: raw.LENGTH])
 
 
 JSON = st.recursive(

@@ -33,7 +33,7 @@ env.step(env.action_space.sample())
 """
 LOG = ["log.use=logger.LSL", 'log.fields=["force"]', "log.in=[contact]", "scene.hand.begin=[0, 0, 0.107]"]
 PURPOSE = {
-    "devices": ["palpate run falcon --duration 0.1", "palpate run kidney --set device.use=device.RawHid --clock real"],
+    "devices": ["palpate run falcon --duration 0.1", "palpate run cartesian --duration 0.1"],
     "page": ["/usr/bin/timeout -s INT 8 palpate view touch.mcap --no-open"],
     "gym": [f"python -c {shlex.quote(GYM)}"],
     "view": [

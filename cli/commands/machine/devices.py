@@ -15,7 +15,7 @@ from palpate.physics.errors import TROUBLE
 if TYPE_CHECKING:
     from palpate.drivers.discover import Found
 
-EXAMPLE = "palpate devices --emulate falcon"
+EXAMPLE = "palpate devices --probe"
 
 
 def devices(
@@ -25,10 +25,6 @@ def devices(
     probe: Annotated[
         bool, typer.Option("--probe", help="Open the devices that need firmware, and report whether it runs.")
     ] = False,
-    emulate: Annotated[
-        str | None, typer.Option(help="Run an emulator instead and print its answers: falcon, rawhid, ...")
-    ] = None,
-    seconds: Annotated[float, typer.Option(help="How long to run it.", min=0.1, max=3600)] = 3.0,
     as_json: Json = False,
 ) -> None:
     """List connected devices, their permissions and the next step.
@@ -37,8 +33,6 @@ def devices(
     """
     if install_udev:
         _install(as_json)
-    elif emulate is not None:
-        _emulate(emulate, seconds, as_json)
     else:
         _list(probe, as_json)
 
@@ -97,15 +91,3 @@ def _firmware_of(usb_device: Found) -> str:
     finally:
         device.close()
     return "runs"
-
-
-def _emulate(name: str, seconds: float, as_json: bool) -> None:
-    from palpate.cli.machine.emulated import run
-
-    counts = run(name, seconds, (lambda _: None) if as_json else typer.echo)
-    if as_json:
-        tell(counts)
-    else:
-        typer.echo(f"{counts['answers']} answers of {counts['cycles']} cycles in {seconds:g} s")
-    if not counts["ok"]:
-        raise typer.Exit(TROUBLE)
