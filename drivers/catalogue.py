@@ -12,7 +12,7 @@ class Known:
     name     as its maker calls it
     use      the node that drives it
     ids      USB vendor and product, both in hexadecimal of four digits
-    through  "usb" or "tty": which file of the system it is reached by; "network": none
+    through  "usb": its file of the system; "network": none
     needs    the module that the driver imports, "" for none
     """
 
@@ -29,12 +29,9 @@ def _hex(number: int) -> str:
 
 KNOWN = (
     Known(falcon.NAME, "device.Falcon", ((_hex(falcon.VENDOR), _hex(falcon.PRODUCT)),), "usb", "usb"),
-    Known("Dot Pad", "display.DotPad", (("0403", "6010"),), "tty", "serial"),
-    Known("USB serial port (inFORM, Bota)", "display.InForm, sensor.Bota", (("0403", "6001"),), "tty", "serial"),
     Known("Haply Inverse3", "device.Inverse3", (), "network", "websockets"),
     Known("ATI Net F/T", "sensor.NetFT", (), "network", ""),
 )
-"""Devices with a common USB chip (FTDI) share its numbers with other things: they are told as what may be."""
 
 
 def fitting(vendor: str, product: str) -> Known | None:

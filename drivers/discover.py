@@ -20,7 +20,7 @@ class Found:
     name, use   what it is or may be, and the node that drives it
     ids         vendor:product
     port        what to give a node as `port`
-    file        of the system by which it is reached; empty where there is none yet
+    file        of the system by which it is reached
     permitted   whether this user may read and write that file
     bound       kernel driver of its first interface; empty: none
     missing     module that has to be installed first; empty: none
@@ -42,8 +42,6 @@ class Found:
         """What stands in the way; empty: nothing."""
         if self.missing:
             return install("devices")
-        if not self.file:
-            return "no device file: its kernel driver is not bound"
         return "" if self.permitted else "not permitted: palpate devices --install-udev"
 
 
@@ -56,21 +54,14 @@ def devices() -> Iterator[Found]:
 
 def _found(kind: Known, folder: Path) -> Found:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
-    file: Path | None
-    if kind.through == "usb":
-        file, port = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3), f"{bus}:{number}"
-    else:
-        names = sorted({p.name for p in folder.glob("*/tty*/*")} | {p.name for p in folder.glob("*/ttyUSB*")})
-        names = [n for n in names if n.startswith(("ttyUSB", "ttyACM"))]
-        file = DEV / names[0] if names else None
-        port = str(file) if file else ""
+    file = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3)
     return Found(
         name=kind.name,
         use=kind.use,
         ids=f"{_word(folder / 'idVendor')}:{_word(folder / 'idProduct')}",
-        port=port,
-        file=str(file or ""),
-        permitted=file is not None and os.access(file, os.R_OK | os.W_OK),
+        port=f"{bus}:{number}",
+        file=str(file),
+        permitted=os.access(file, os.R_OK | os.W_OK),
         bound=_bound(folder),
         missing=kind.needs if kind.needs and find_spec(kind.needs) is None else "",
         serial=_word(folder / "serial"),

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 EXTRAS = {
-    "devices": {"pyusb": "usb", "pyserial": "serial", "websockets": "websockets"},
+    "devices": {"pyusb": "usb", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
     "gym": {"gymnasium": "gymnasium"},
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},

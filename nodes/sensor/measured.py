@@ -15,9 +15,10 @@ from palpate.nodes.sensor.force_sensor import direction
 Wrench = tuple[float, ...]
 
 
-class _Measured(Wired):
-    """What the sensors share: the force along `normal` that something presses on them with. Settings:
+class NetFT(Wired):
+    """ATI's Net F/T on the network: the force along `normal` that something presses on it with. Settings:
 
+    port    its address, 192.168.1.1 as delivered; `emulator`: none at all
     normal  out of the sensor's face, in its own frame: a press is a force against it
     foot    where it lies in the world
     tare    [s] at the start in which nothing touches it: the mean force of this time is taken away
@@ -93,10 +94,6 @@ class _Measured(Wired):
     def _go(self) -> None:
         self.begun = time.monotonic_ns()
 
-
-class NetFT(_Measured):
-    """ATI's Net F/T on the network. `port`: its address, 192.168.1.1 as delivered; `emulator`: none at all."""
-
     def driver(self) -> Driver:
         from palpate.drivers.sensors.netft import EmulatedNetFT
         from palpate.drivers.sensors.netft import NetFT as Sensor
@@ -113,23 +110,3 @@ class NetFT(_Measured):
         finally:
             if hasattr(self, "emulated"):
                 self.emulated.close()
-
-
-class Bota(_Measured):
-    """Bota Systems' SensONE, Rokubi or MiniONE on a serial port. `port`: /dev/ttyUSB0; `emulator`: none at all.
-
-    sinc  length of its filter: 51 200 / sinc samples a second; 57 is the fastest at this baud rate
-    """
-
-    sinc: Annotated[int, "1", msgspec.Meta(ge=51, le=512)] = 57
-
-    def driver(self) -> Driver:
-        from palpate.drivers.emulate.line import EmulatedLine
-        from palpate.drivers.sensors import bota
-        from palpate.drivers.transport.serial import SerialLine
-
-        if self.port != EMULATOR:
-            return bota.Bota(lambda: SerialLine(self.port, bota.BAUD, bota.NAME), self.sinc)
-        line = EmulatedLine(bota.EmulatedBota(self.felt), bota.BAUD, bota.NAME, self.faults)
-        self.go = self._go
-        return bota.Bota(line.connect, self.sinc)

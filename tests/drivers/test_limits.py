@@ -15,9 +15,6 @@ from palpate.drivers.falcon.driver import FalconDriver
 from palpate.drivers.guard import DeviceSample, Guard
 from palpate.drivers.haply.inverse3 import Inverse3
 from palpate.drivers.limits import LIMITS
-from palpate.drivers.pins.dotpad import DotPad
-from palpate.drivers.pins.inform import InForm
-from palpate.drivers.sensors.bota import Bota
 from palpate.drivers.sensors.netft import NetFT
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
@@ -48,11 +45,8 @@ def test_each_driver_has_its_own_row(name):
     assert DRIVERS[name].limits is LIMITS[name]
 
 
-@pytest.mark.parametrize(
-    ("driver", "command", "silence"), [(Bota, 0.0, 0.5), (NetFT, 0.0, 2.5), (InForm, 0.1, 0.5), (DotPad, math.inf, 2.0)]
-)
-def test_sensors_take_no_command_and_displays_no_force(driver, command, silence):
-    assert driver.limits.command == command and driver.limits.silence == silence
+def test_a_sensor_takes_no_command():
+    assert NetFT.limits.command == 0.0 and NetFT.limits.silence == 2.5
 
 
 def test_the_times_of_the_guard_are_those_that_the_page_states():
@@ -60,7 +54,7 @@ def test_the_times_of_the_guard_are_those_that_the_page_states():
     text = " ".join(PAGE.split())
     assert "falls to zero within 15 ms" in text and "three answers are missing or none came for 20 ms" in text
     assert "the command is older than 10 ms" in text and "by 5 ms at most" in text
-    assert "does not answer for 0.5 s (a Dot Pad 2 s, a Net F/T 2.5 s)" in text
+    assert "does not answer for 0.5 s (a Net F/T 2.5 s)" in text
 
 
 @pytest.mark.parametrize(
