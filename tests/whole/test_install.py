@@ -43,7 +43,6 @@ PURPOSE = {
     "scan": ["palpate build fingertip --phantom images", "palpate build fingertip images -o finger.npz"],
     "export": ["palpate export touch.mcap --to parquet"],
     "table": [f"python -c {shlex.quote(FRAME)}"],
-    "rerun": ["palpate export touch.mcap --to rerun"],
     "lsl": [
         "palpate run kidney --fused --no-pictures --duration 0.1 "
         + " ".join(f"--set {shlex.quote(one)}" for one in LOG)
@@ -133,7 +132,7 @@ def test_each_extra_by_itself_does_what_it_is_for(wheel, bare, tmp_path, extra):
         assert "Traceback" not in said, said
         if extra == "all":
             short = re.findall(r"note +extra (\w+)", said)
-            assert set(short) <= {"rerun", "bench"}, said
+            assert set(short) <= {"bench"}, said
         elif extra == "devices":
             assert "DeviceError" in said and "is not installed" not in said, said
         else:
