@@ -15,8 +15,7 @@ EXTRAS = {
     "lsl": {"pylsl": "pylsl"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
-    "study": {"dask-jobqueue": "dask_jobqueue", "cryptography": "cryptography", "matplotlib": "matplotlib"}
-    | {name: name for name in ["distributed", "SALib", "xarray", "zarr", "pyarrow", "pandas"]},
+    "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""

@@ -40,7 +40,7 @@ def local(workers: int, log: Path) -> Iterator[Pool]:
 
         executor = ThreadPoolExecutor(workers, "palpate study", start_with, (start,))
         try:
-            yield Pool(executor, lambda: workers)
+            yield Pool(executor, workers)
         finally:
             executor.shutdown(wait=False, cancel_futures=True)
             end.send(None)  # wakes threads that wait for a point, which then kill its process
