@@ -14,7 +14,7 @@ import numpy as np
 from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.progress import Report, unheard
-from palpate.models.fe.study.pressing import Pressing
+from palpate.models.fe.study.pressing import SIDES, Pressing
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 
@@ -67,9 +67,7 @@ class PressRun:
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
             mesh = pressing.solver.mesh
-            self._write(
-                "mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region, sides=pressing.sides
-            )
+            self._write("mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region, sides=SIDES)
             with replacing(self.folder / "run.json") as part:
                 part.write_text(json.dumps(plain, indent=2))
             return [first]
@@ -124,7 +122,7 @@ class PressRun:
         return as_record(self.table().tolist())
 
     def mesh(self) -> tuple[TetMesh, float]:
-        """The mesh, plate included, and the sides that it stands for, see `Pressing.sides`. ArgumentError: no run."""
+        """The mesh, plate included, and the sides that it stands for, see `pressing.SIDES`. ArgumentError: no run."""
         arrays = self._read("mesh.npz")
         try:
             return TetMesh(arrays["points"], arrays["elements"], arrays["region"]), float(arrays["sides"])
@@ -222,10 +220,8 @@ def as_record(rows: list[list[float]]) -> Record:
     return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
 
 
-def run_name(plate: str, material: str, cells: int, friction: float, finger: Path | None = None) -> str:
-    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}" + (
-        "" if finger is None else f"-{finger.stem}"
-    )
+def run_name(plate: str, material: str, cells: int, friction: float) -> str:
+    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}"
 
 
 def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:

@@ -49,8 +49,7 @@ def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
 
 
 def force(runs: dict[str, PressRun]) -> Figure:
-    """Force against indentation, with the paper's points where it is the paper's finger, and contact area against
-    force."""
+    """Force against indentation, with the paper's points, and contact area against force."""
     fig, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
     records = {plate: run.record() for plate, run in runs.items()}
     top = reached = min(TOP, 1.05 * max(float(record.force[-1]) for record in records.values()))
@@ -58,11 +57,10 @@ def force(runs: dict[str, PressRun]) -> Figure:
         colour = COLOURS[plate]
         left.plot(1e3 * record.indentation, record.force, color=colour, label=plate)
         right.plot(record.force, 1e6 * record.area, color=colour, label=plate)
-        if "measured" not in runs[plate].settings()["finger"]:
-            depths, forces = [1e3 * d for _, d in PAPER[plate]], [f for f, _ in PAPER[plate]]
-            left.plot(depths, forces, "o", mfc="white", mec=colour, mew=1.8, ms=7, zorder=5,
-                      label=f"{plate}, the paper's Table III")  # fmt: skip
-            top = max(top, 0.55)
+        depths, forces = [1e3 * d for _, d in PAPER[plate]], [f for f, _ in PAPER[plate]]
+        left.plot(depths, forces, "o", mfc="white", mec=colour, mew=1.8, ms=7, zorder=5,
+                  label=f"{plate}, the paper's Table III")  # fmt: skip
+        top = max(top, 0.55)
     left.set(xlabel="indentation [mm]", ylabel="force [N]", ylim=(0, top), xlim=(0, None))
     within = max(1e6 * float(np.interp(reached, r.force, r.area)) for r in records.values())
     right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, reached), ylim=(0, 1.08 * within))
