@@ -31,7 +31,6 @@ env = gymnasium.make("palpate/FindNodule-v0")
 env.reset()
 env.step(env.action_space.sample())
 """
-LOG = ["log.use=logger.LSL", 'log.fields=["force"]', "log.in=[contact]", "scene.hand.begin=[0, 0, 0.107]"]
 PURPOSE = {
     "devices": ["palpate run falcon --duration 0.1", "palpate run cartesian --duration 0.1"],
     "page": ["/usr/bin/timeout -s INT 8 palpate view touch.mcap --no-open"],
@@ -43,10 +42,6 @@ PURPOSE = {
     "scan": ["palpate build fingertip --phantom images", "palpate build fingertip images -o finger.npz"],
     "export": ["palpate export touch.mcap --to parquet"],
     "table": [f"python -c {shlex.quote(FRAME)}"],
-    "lsl": [
-        "palpate run kidney --fused --no-pictures --duration 0.1 "
-        + " ".join(f"--set {shlex.quote(one)}" for one in LOG)
-    ],
     "film": ["palpate picture touch.mcap --film -o touch.gif", "palpate picture touch.mcap --film -o touch.mp4"],
     "mesh": ["palpate run kidney --organ ball.stl --unit mm --fused --no-pictures --duration 0.1"],
     "bench": [
