@@ -219,9 +219,10 @@ def test_damaged_images_are_told(tmp_path, kind, seeds):
     pytest.importorskip("pydicom")
     pytest.importorskip("nibabel")
     pytest.importorskip("skimage")
+    import phantom_finger as phantom
     from scan_images import write_images
 
-    from palpate.models.scan import phantom, read
+    from palpate.models.scan import read
 
     small = phantom.scan(slices=4, pixels=19, spacing=(1.2e-3, 1.4e-3, 1.4e-3))
     folder = tmp_path / "spoilt"

@@ -13,6 +13,7 @@ import tomllib
 from pathlib import Path
 
 import numpy as np
+import phantom_finger
 import pytest
 from trimesh import Trimesh
 
@@ -39,7 +40,7 @@ PURPOSE = {
         "palpate picture touch.mcap contact.force",
         "palpate picture touch.mcap --at 0.35",
     ],
-    "scan": ["palpate build fingertip --phantom images", "palpate build fingertip images -o finger.npz"],
+    "scan": ["palpate build fingertip images -o finger.npz"],
     "export": ["palpate export touch.mcap --to parquet"],
     "table": [f"python -c {shlex.quote(FRAME)}"],
     "film": ["palpate picture touch.mcap --film -o touch.gif", "palpate picture touch.mcap --film -o touch.mp4"],
@@ -121,6 +122,8 @@ def test_each_extra_by_itself_does_what_it_is_for(wheel, bare, tmp_path, extra):
     env = environment(tmp_path / "env", wheel, extra)
     folder = tmp_path / "empty"
     shutil.copytree(bare[1], folder, ignore=shutil.ignore_patterns(".*"))
+    if extra == "scan":
+        phantom_finger.write_dicom(phantom_finger.scan(), folder / "images")
     for line in PURPOSE[extra]:
         done = call(env, folder, line)
         said = done.stdout + done.stderr

@@ -15,9 +15,7 @@ Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in th
 
 
 def fingertip(
-    scan: Annotated[
-        Path | None, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")
-    ] = None,
+    scan: Annotated[Path, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("finger.npz"),
     spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
     skin: Annotated[
@@ -32,9 +30,6 @@ def fingertip(
         ),
     ] = "",
     no_pictures: NoPictures = False,
-    phantom: Annotated[
-        Path | None, typer.Option(help="Write images of a synthetic finger, and exit: a new folder, or .nii.gz.")
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """Build a fingertip from images of a finger.
@@ -48,11 +43,6 @@ def fingertip(
         from palpate.views.pictures.models.scan import draw
     except ImportError as error:
         raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
-    if phantom is not None:
-        _phantom(phantom, as_json)
-        return
-    if scan is None:
-        raise typer.BadParameter("no images: give SCAN, or --phantom FOLDER to write some to try")
     if out.suffix != ".npz":
         raise typer.BadParameter(f"found {out}, expected a name that ends in .npz", param_hint="--out")
     if skin is not None and not 0.1 <= skin <= 4:
@@ -72,23 +62,6 @@ def fingertip(
         tell(report)
         return
     _table(report)
-
-
-def _phantom(path: Path, as_json: bool) -> None:
-    """Images of the default anatomy, with noise: a DICOM series in a new folder, or a NIfTI file."""
-    from palpate.models.scan.phantom import scan, write_dicom, write_nifti
-
-    file = path.name.endswith((".nii", ".nii.gz"))
-    if path.exists():
-        raise typer.BadParameter(f"{path} exists; choose a new name", param_hint="--phantom")
-    try:
-        (write_nifti if file else write_dicom)(scan(), path)
-    except OSError as error:
-        raise typer.BadParameter(f"{path}: {error.strerror or error}", param_hint="--phantom") from None
-    if as_json:
-        tell({"ok": True, "phantom": str(path)})
-    else:
-        typer.echo(f"Wrote images of a synthetic finger to {path}; read them with `palpate build fingertip {path}`.")
 
 
 def _spacing(text: str) -> tuple[float, float, float] | None:
