@@ -4,7 +4,7 @@ transport  one narrow seam for each way to a device: FTDI over USB, UDP, WebSock
 falcon, haply, sensors  protocols, byte for byte: frames, drivers, and an emulator beside each driver
 emulate    what the emulators share: the hand that holds a grip, bad days
 limits, guard  what a device may do to a hand, as data, and the last step before the wire that holds it to that
-connected, framing  what protocols share: one connection that is opened and closed, frames among bytes
+connected  what protocols share: one connection that is opened and closed
 exchange   the thread that talks to a device, so that the force loop never waits for it
 
 Usable without a graph. numpy and the standard library; what an extra brings is imported when it is called.

@@ -9,8 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.drivers import catalogue, discover
-from palpate.drivers.falcon.emulator import EmulatedFalcon
+from palpate.drivers import discover
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.models.fit.press import Press, _onset, add_session
@@ -57,18 +56,9 @@ def test_devices_says_what_to_do_next(bus, monkeypatch):
     assert "Novint Falcon" in run("devices").stdout
 
 
-@pytest.mark.parametrize(("loaded", "told"), [(True, "runs"), (False, "none runs: give the setting `firmware`")])
-def test_devices_says_whether_the_firmware_runs(bus, monkeypatch, loaded, told):
-    falcon = EmulatedFalcon(loaded=loaded)
-    monkeypatch.setattr("palpate.drivers.transport.ftdi.UsbFtdi", lambda vendor, product, name, port: falcon.connect())
-    listed = json.loads(run("devices", "--probe", "--json").stdout)["devices"]
-    assert [f["firmware"] for f in listed] == [told]
-    assert all(words == (0, 0, 0) for _, words in falcon.seen) and falcon.attempts == 0
-
-
 def test_the_udev_rule_is_written_and_names_every_device(tmp_path, monkeypatch):
     rule = tmp_path / "70-palpate.rules"
-    monkeypatch.setattr(catalogue, "RULE", str(rule))
+    monkeypatch.setattr(discover, "RULE", str(rule))
     assert run("devices", "--install-udev").exit_code == 0
     text = rule.read_text()
     assert 'SUBSYSTEM=="usb", ATTRS{idVendor}=="0403", ATTRS{idProduct}=="cb48", MODE="0660"' in text
@@ -77,7 +67,7 @@ def test_the_udev_rule_is_written_and_names_every_device(tmp_path, monkeypatch):
 
 
 def test_a_rule_that_cannot_be_written_says_how(tmp_path, monkeypatch):
-    monkeypatch.setattr(catalogue, "RULE", str(tmp_path / "none" / "70-palpate.rules"))
+    monkeypatch.setattr(discover, "RULE", str(tmp_path / "none" / "70-palpate.rules"))
     outcome = run("devices", "--install-udev")
     assert outcome.exit_code == 1 and "sudo" in outcome.stderr and "Traceback" not in outcome.stderr
 
