@@ -295,7 +295,7 @@ def test_the_printed_commands_compare_folders_that_they_make(page):
         words = shlex.split(line, comments=True) if line.startswith("palpate build fe ") else []
         if words[3:4] == ["fingertip"]:
             given = verbs["fingertip"].make_context("fingertip", words[4:]).params
-            names = ("plate", "material", "cells", "friction", "finger")
+            names = ("plate", "material", "cells", "friction")
             made.add(str(given["out"] / run_name(*(given[name] for name in names))))
         elif words[3:4] == ["compare"]:
             given = verbs["compare"].make_context("compare", words[4:]).params
