@@ -39,7 +39,6 @@ class Found:
     port        what to give a node as `port`
     file        of the system by which it is reached
     permitted   whether this user may read and write that file
-    bound       kernel driver of its first interface; empty: none
     missing     module that has to be installed first; empty: none
     serial      its serial number
     """
@@ -50,7 +49,6 @@ class Found:
     port: str
     file: str
     permitted: bool
-    bound: str
     missing: str
     serial: str
 
@@ -78,18 +76,9 @@ def _found(kind: Known, folder: Path) -> Found:
         port=f"{bus}:{number}",
         file=str(file),
         permitted=os.access(file, os.R_OK | os.W_OK),
-        bound=_bound(folder),
         missing=kind.needs if find_spec(kind.needs) is None else "",
         serial=_word(folder / "serial"),
     )
-
-
-def _bound(folder: Path) -> str:
-    for interface in sorted(folder.glob(f"{folder.name}:*")):
-        link = interface / "driver"
-        if link.is_symlink():
-            return link.resolve().name
-    return ""
 
 
 def _word(file: Path) -> str:

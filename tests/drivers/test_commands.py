@@ -31,9 +31,6 @@ def bus(tmp_path, monkeypatch):
         (usb / name).mkdir(parents=True)
         for key, word in words.items():
             (usb / name / key).write_text(f"{word}\n")
-    (usb / "1-1" / "1-1:1.0").mkdir()
-    (tmp_path / "drivers" / "ftdi_sio").mkdir(parents=True)
-    (usb / "1-1" / "1-1:1.0" / "driver").symlink_to(tmp_path / "drivers" / "ftdi_sio")
     (dev / "bus" / "usb" / "001").mkdir(parents=True)
     (dev / "bus" / "usb" / "001" / "007").touch(mode=0o600)
     monkeypatch.setattr(discover, "USB", usb)
@@ -45,7 +42,7 @@ def test_devices_lists_what_is_plugged_in(bus):
     data = json.loads(run("devices", "--json").stdout)
     (falcon,) = data["devices"]
     assert (falcon["name"], falcon["use"], falcon["port"]) == ("Novint Falcon", "device.Falcon", "1:7")
-    assert falcon["bound"] == "ftdi_sio" and falcon["serial"] == "FT1" and falcon["next"] == ""
+    assert falcon["serial"] == "FT1" and falcon["next"] == ""
 
 
 def test_devices_says_what_to_do_next(bus, monkeypatch):

@@ -57,5 +57,5 @@ def _list(as_json: bool) -> None:
             wrap=True)  # fmt: skip
         say("Nothing to do: `port: emulator` runs without one.", "dim", wrap=True)
         return
-    rows = ((f"{f.name} {f.ids}", f.use, f.port, f.bound or "-", f.next_step or "ready") for f in usb_devices)
-    console().print(table(("device", "node", "port", "kernel driver", "next step"), rows))
+    rows = ((f"{f.name} {f.ids}", f.use, f.port, f.next_step or "ready") for f in usb_devices)
+    console().print(table(("device", "node", "port", "next step"), rows))
