@@ -1,14 +1,11 @@
 """Real force sensors: the force of a real indentation."""
 
-import time
 from typing import Annotated, Any, ClassVar
 
 import msgspec
-import numpy as np
 
 from palpate.drivers.exchange import Driver
 from palpate.messages import Contact, Pose, Vector3
-from palpate.nodes.base import SettingError
 from palpate.nodes.base.wired import EMULATOR, Wired
 from palpate.nodes.sensor.force_sensor import direction
 
@@ -24,8 +21,7 @@ class NetFT(Wired):
     tare    [s] at the start in which nothing touches it: the mean force of this time is taken away
 
     With `port: emulator` and a pose it feels a sample that the finger presses, in Hunt and Crossley's law: its surface
-    lies at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d'). Without a pose it feels
-    the force of `forces` at `times`, straight in between.
+    lies at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d').
     """
 
     paced: ClassVar[bool] = True
@@ -37,34 +33,21 @@ class NetFT(Wired):
     stiffness: Annotated[float, "N/m^n", msgspec.Meta(ge=0)] = 3e3
     exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
     damping: Annotated[float, "s/m", msgspec.Meta(ge=0)] = 5.0
-    times: Annotated[tuple[float, ...], "s"] = (0.0, 0.5, 2.5, 3.0, 5.0)
-    forces: Annotated[tuple[float, ...], "N"] = (0.0, 0.0, 4.0, 4.0, 0.0)
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.normal = direction(self.normal)
-        if len(self.times) != len(self.forces) or not self.times or not np.all(np.diff(self.times) > 0):
-            raise SettingError(
-                f"settings 'times' and 'forces': found {self.times} and {self.forces}, expected increasing times and as"
-                " many forces"
-            )
 
     def start(self) -> None:
         self.clock = 0.0
-        self.begun: int | None = None
         self.bias, self.seen, self.last = 0.0, 0, -1
-        self.pressed: float | None = None  # [N] by the finger, on the emulated sample
+        self.pressed = 0.0  # [N] by the finger, on the emulated sample
         super().start()
 
     def felt(self, now: int) -> Wrench:
         """What the emulated sensor feels at `now` [ns]."""
-        if self.begun is None:
-            return (0.0,) * 6
-        force = self.pressed
-        if force is None:
-            force = float(np.interp((now - self.begun) * 1e-9, self.times, self.forces))
         x, y, z = self.normal
-        return (-force * x, -force * y, -force * z, 0.0, 0.0, 0.0)
+        return (-self.pressed * x, -self.pressed * y, -self.pressed * z, 0.0, 0.0, 0.0)
 
     def _press(self, pose: Pose) -> float:
         above = sum((p - f) * n for p, f, n in zip(pose.position, self.foot, self.normal, strict=True))
@@ -91,9 +74,6 @@ class NetFT(Wired):
             compression=0.0, indentation=0.0, compression_rate=0.0, indentation_rate=0.0,
         )  # fmt: skip
 
-    def _go(self) -> None:
-        self.begun = time.monotonic_ns()
-
     def driver(self) -> Driver:
         from palpate.drivers.sensors.netft import EmulatedNetFT
         from palpate.drivers.sensors.netft import NetFT as Sensor
@@ -101,7 +81,6 @@ class NetFT(Wired):
         if self.port != EMULATOR:
             return Sensor(self.port)
         self.emulated = EmulatedNetFT(self.felt, self.faults)
-        self.go = self._go
         return self.emulated.driver()
 
     def stop(self) -> None:

@@ -10,6 +10,7 @@ from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.sensors import netft
 from palpate.launch.testing import FakeBus
+from palpate.messages import Pose
 from palpate.nodes.sensor import NetFT
 
 
@@ -85,10 +86,14 @@ def test_no_net_ft_at_an_address_is_told():
 
 def test_a_sensor_node_sends_the_force_on_it():
     # Nothing presses for long: a machine that stands still while the zero is taken does not take the force for it.
-    node = NetFT(port="emulator", times=[0.0, 3.0, 3.01], forces=[0.0, 0.0, 2.5], tare=0.05, normal=[0.0, 0.6, 0.8])
+    node = NetFT(port="emulator", stiffness=1e3, exponent=1.0, damping=0.0, tare=0.05, normal=[0.0, 0.6, 0.8])
     try:
         bus = FakeBus(node)
         first = bus.run(1)[0]
+        for _ in range(200):
+            bus.run(1)
+            time.sleep(0.002)
+        bus.hold("pose", Pose(position=(0.0, -1.5e-3, -2e-3), velocity=(0.0, 0.0, 0.0), dt=1e-3))  # 2.5 mm deep
         assert first.force == 0.0 and first.normal == approx((0.0, 0.6, 0.8))
         forces: list[float] = []
         while len(forces) < 4000 and (not forces or forces[-1] < 2.48):
