@@ -14,7 +14,7 @@ import numpy as np
 from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.progress import Report, unheard
-from palpate.models.fe.study.pressing import SIDES, Pressing
+from palpate.models.fe.study.pressing import Pressing
 from palpate.physics.archive import replacing
 from palpate.physics.errors import ArgumentError
 
@@ -67,7 +67,7 @@ class PressRun:
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
             mesh = pressing.solver.mesh
-            self._write("mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region, sides=SIDES)
+            self._write("mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region)
             with replacing(self.folder / "run.json") as part:
                 part.write_text(json.dumps(plain, indent=2))
             return [first]
@@ -121,18 +121,18 @@ class PressRun:
         """What was found so far. ArgumentError: no run."""
         return as_record(self.table().tolist())
 
-    def mesh(self) -> tuple[TetMesh, float]:
-        """The mesh, plate included, and the sides that it stands for, see `pressing.SIDES`. ArgumentError: no run."""
+    def mesh(self) -> TetMesh:
+        """The mesh, plate included. ArgumentError: no run."""
         arrays = self._read("mesh.npz")
         try:
-            return TetMesh(arrays["points"], arrays["elements"], arrays["region"]), float(arrays["sides"])
+            return TetMesh(arrays["points"], arrays["elements"], arrays["region"])
         except DAMAGED as error:
             raise self._damaged("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
         """Displacement [m] (N,3) of a row of the table. ArgumentError: no such step."""
         if row == 0:
-            return np.zeros_like(self.mesh()[0].points)
+            return np.zeros_like(self.mesh().points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
 
     def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ from palpate.models.fe.meshing.fingertip import PAPER
 from palpate.models.fe.study.isostrain import cross, smooth, strain, volumes_above
 from palpate.models.fe.study.paper_claims import HIGH, LOW
 from palpate.models.fe.study.press_record import PressRun
+from palpate.models.fe.study.pressing import SIDES
 from palpate.models.fe.study.section import finger, flow, section
 from palpate.physics.contact.tactile import growth
 from palpate.views.pictures.style import FAINT, FRICTION, INK, LOOK, NORMAL, deformation_colours, figure
@@ -74,7 +75,7 @@ def strains(runs: dict[str, PressRun]) -> Figure:
     depth = min(float(run.record().indentation[-1]) for run in runs.values())
     cuts = {}
     for plate, run in runs.items():
-        mesh, _ = run.mesh()
+        mesh = run.mesh()
         u = run.displacement_at_depth(depth)
         solid = finger(mesh)
         cuts[plate] = section(mesh, u, smooth(solid, strain(solid, u)))
@@ -125,7 +126,7 @@ def flows(runs: dict[str, PressRun]) -> Figure:
     fig.set_layout_engine("compressed")
     top = 1.25 * LINES[-1]
     for axis, (plate, run) in zip(axes, runs.items(), strict=True):
-        mesh, _ = run.mesh()
+        mesh = run.mesh()
         solid = finger(mesh)
         low, high = run.displacement_at(LOW), run.displacement_at(HIGH)
         mean, motion = flow(solid, low, high, LOW, HIGH)
@@ -151,9 +152,9 @@ def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
     """Forces [N] (k,) of the rows up to past the higher one, and volumes [m³] (k,l) at `LEVELS`."""
     forces = run.record().force
     last = min(len(forces), int(np.searchsorted(forces, HIGH)) + 1)
-    mesh, sides = run.mesh()
+    mesh = run.mesh()
     solid = finger(mesh)
-    volumes = [sides * volumes_above(solid, run.displacement(row), LEVELS) for row in range(last)]
+    volumes = [SIDES * volumes_above(solid, run.displacement(row), LEVELS) for row in range(last)]
     return forces[:last], np.array(volumes)
 
 
