@@ -17,7 +17,6 @@ from palpate.physics.arithmetic import environment
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
-ENOUGH = 1.5  # [s] of work after which a worker reports what it has done of a batch
 SERVE = "from palpate.studies.sweeps.point import main; main()"
 STARTS = 120.0  # [s] for the process to come up
 
@@ -108,24 +107,19 @@ def start_with(start: Callable[[], Runner]) -> None:
     _here.start = start
 
 
-def work(task: Task, points: list[Point]) -> list[Computed]:
-    """Compute points: the first of them, and the next as long as that takes no time.
+def work(task: Task, point: Point) -> Computed:
+    """Compute a point in this thread's process.
 
     RunError: the process computes with other versions than the study's, as after an edit of the sources.
     """
-    since, done = time.monotonic(), []
-    for point in points:
-        runner = getattr(_here, "runner", None)
-        if runner is None or not runner.alive:
-            runner = _here.runner = getattr(_here, "start", Runner)()
-        other = [
-            f"{name} {runner.about.get(name, 'none')} there, {ours} here"
-            for name, ours in task.about.items()
-            if runner.about.get(name) != ours
-        ]
-        if other:
-            raise RunError(f"a new process would not give the same bytes: {'; '.join(other)}")
-        done.append(runner.run(task, point))
-        if done[-1].lost or time.monotonic() - since > ENOUGH:
-            break
-    return done
+    runner = getattr(_here, "runner", None)
+    if runner is None or not runner.alive:
+        runner = _here.runner = _here.start()
+    other = [
+        f"{name} {runner.about.get(name, 'none')} there, {ours} here"
+        for name, ours in task.about.items()
+        if runner.about.get(name) != ours
+    ]
+    if other:
+        raise RunError(f"a new process would not give the same bytes: {'; '.join(other)}")
+    return runner.run(task, point)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from palpate.studies.sweeps.batches import Pool
+    from palpate.studies.sweeps.local import Pool
 
 LEGIBLE = 32  # letters of a value that tables and legends show
 MANY = 100_000  # points that a study computes without `yes`
@@ -133,8 +133,7 @@ class Study:
 
         RunError: the disk is full ... What was computed before is stored, also on Ctrl-C.
         """
-        from palpate.studies.sweeps.batches import compute
-        from palpate.studies.sweeps.local import cores, local
+        from palpate.studies.sweeps.local import compute, cores, local
         from palpate.studies.sweeps.store import Store
 
         if len(self) > MANY and not yes:
