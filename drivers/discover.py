@@ -1,28 +1,44 @@
-"""What is plugged into this machine, as the kernel lists it: no library is needed, nothing is opened."""
+"""The USB devices that palpate drives and that are plugged in, as the kernel lists them: no library is needed, nothing
+is opened. And the rule that permits a user to open them."""
 
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import NamedTuple
 
-from palpate.drivers.catalogue import Known, fitting
+from palpate.drivers import falcon
 from palpate.physics.extras import install
 
 USB = Path("/sys/bus/usb/devices")
 DEV = Path("/dev")
+RULE = "/etc/udev/rules.d/70-palpate.rules"
+
+
+class Known(NamedTuple):
+    """A kind of device: its maker's name, the node that drives it, USB vendor and product in hexadecimal of four
+    digits, and the module that the driver imports."""
+
+    name: str
+    use: str
+    vendor: str
+    product: str
+    needs: str
+
+
+KNOWN = (Known(falcon.NAME, "device.Falcon", f"{falcon.VENDOR:04x}", f"{falcon.PRODUCT:04x}", "usb"),)
 
 
 @dataclass(frozen=True)
 class Found:
     """One device.
 
-    name, use   what it is or may be, and the node that drives it
+    name, use   what it is, and the node that drives it
     ids         vendor:product
     port        what to give a node as `port`
-    file        of the system by which it is reached; empty where there is none yet
+    file        of the system by which it is reached
     permitted   whether this user may read and write that file
-    bound       kernel driver of its first interface; empty: none
     missing     module that has to be installed first; empty: none
     serial      its serial number
     """
@@ -33,7 +49,6 @@ class Found:
     port: str
     file: str
     permitted: bool
-    bound: str
     missing: str
     serial: str
 
@@ -42,48 +57,28 @@ class Found:
         """What stands in the way; empty: nothing."""
         if self.missing:
             return install("devices")
-        if not self.file:
-            return "no device file: its kernel driver is not bound"
         return "" if self.permitted else "not permitted: palpate devices --install-udev"
 
 
 def devices() -> Iterator[Found]:
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
-        kind = fitting(_word(folder / "idVendor"), _word(folder / "idProduct"))
-        if kind is not None:
-            yield _found(kind, folder)
+        ids = _word(folder / "idVendor"), _word(folder / "idProduct")
+        yield from (_found(kind, folder) for kind in KNOWN if ids == (kind.vendor, kind.product))
 
 
 def _found(kind: Known, folder: Path) -> Found:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
-    file: Path | None
-    if kind.through == "usb":
-        file, port = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3), f"{bus}:{number}"
-    else:
-        below = {"tty": "*/tty*/*", "hidraw": "*/*/hidraw/hidraw*"}[kind.through]
-        names = sorted({p.name for p in folder.glob(below)} | {p.name for p in folder.glob("*/ttyUSB*")})
-        names = [n for n in names if n.startswith(("ttyUSB", "ttyACM", "hidraw"))]
-        file = DEV / names[0] if names else None
-        port = str(file) if file else ""
+    file = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3)
     return Found(
         name=kind.name,
         use=kind.use,
-        ids=f"{_word(folder / 'idVendor')}:{_word(folder / 'idProduct')}",
-        port=port,
-        file=str(file or ""),
-        permitted=file is not None and os.access(file, os.R_OK | os.W_OK),
-        bound=_bound(folder),
-        missing=kind.needs if kind.needs and find_spec(kind.needs) is None else "",
+        ids=f"{kind.vendor}:{kind.product}",
+        port=f"{bus}:{number}",
+        file=str(file),
+        permitted=os.access(file, os.R_OK | os.W_OK),
+        missing=kind.needs if find_spec(kind.needs) is None else "",
         serial=_word(folder / "serial"),
     )
-
-
-def _bound(folder: Path) -> str:
-    for interface in sorted(folder.glob(f"{folder.name}:*")):
-        link = interface / "driver"
-        if link.is_symlink():
-            return link.resolve().name
-    return ""
 
 
 def _word(file: Path) -> str:
@@ -91,3 +86,13 @@ def _word(file: Path) -> str:
         return file.read_text().strip()
     except OSError:
         return ""
+
+
+def udev_rules() -> str:
+    """The text of a rules file that permits the user at the machine, and the group plugdev, to use all of them."""
+    lines = ["# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again."]
+    for kind in KNOWN:
+        lines.append(f"# {kind.name}: {kind.use}")
+        ids = f'ATTRS{{idVendor}}=="{kind.vendor}", ATTRS{{idProduct}}=="{kind.product}"'
+        lines.append(f'SUBSYSTEM=="usb", {ids}, MODE="0660", GROUP="plugdev", TAG+="uaccess"')
+    return "\n".join(lines) + "\n"

@@ -41,9 +41,5 @@ class Limits:
 LIMITS = {
     "falcon": Limits(0.4096, 8.0, 1.5, ((-0.09, -0.09, 0.06), (0.09, 0.09, 0.185)), delay=3, each=True),
     "inverse3": Limits(10.0, 10.0, 2.0, delay=2),
-    "haply2diy": Limits(3.0, 3.0, 1.5, ((-0.12, 0.02, -1.0), (0.16, 0.16, 1.0)), delay=3),
-    "rawhid": Limits(5.0, 5.0, 1.5, delay=3),
-    "spacemouse": Limits(0.0, 0.0, math.inf),
-    "gamepad": Limits(0.0, 0.0, math.inf),
 }
 """By the name of the driver."""

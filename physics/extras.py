@@ -5,20 +5,16 @@ from importlib.util import find_spec
 from pathlib import Path
 
 EXTRAS = {
-    "devices": {"pyusb": "usb", "hidapi": "hid", "pyserial": "serial", "websockets": "websockets"},
+    "devices": {"pyusb": "usb", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
-    "fmu": {"pythonfmu3": "pythonfmu3"},
     "gym": {"gymnasium": "gymnasium"},
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},
     "scan": {"scikit-image": "skimage", "pydicom": "pydicom", "nibabel": "nibabel", "matplotlib": "matplotlib"},
     "export": {"pyarrow": "pyarrow"},
     "table": {"pandas": "pandas"},
-    "rerun": {"rerun-sdk": "rerun"},
-    "lsl": {"pylsl": "pylsl"},
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
-    "study": {"dask-jobqueue": "dask_jobqueue", "cryptography": "cryptography", "matplotlib": "matplotlib"}
-    | {name: name for name in ["distributed", "SALib", "xarray", "zarr", "pyarrow", "pandas"]},
+    "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""

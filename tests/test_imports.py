@@ -3,8 +3,8 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from collections import Counter
-from importlib.metadata import requires
 from pathlib import Path
 
 import nodes_for_runs
@@ -70,11 +70,10 @@ MAY = {
     "views": HIGH,
     "studies": HIGH,
     "launch": HIGH,
-    "launch.fmu": (*HIGH, "launch", "stepping"),
     "calling": (*HIGH, "launch"),
     "stepping": (*HIGH, "launch"),
     "gym": (*HIGH, "calling", "stepping"),
-    "cli": (*HIGH, "launch", "launch.fmu", "cli.machine", "studies", "calling", "stepping"),
+    "cli": (*HIGH, "launch", "cli.machine", "studies", "calling", "stepping"),
     "__init__": (*HIGH, "studies", "calling", "stepping"),
 }
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
@@ -234,12 +233,11 @@ def test_reading_the_kidney_graph_neither_starts_the_compiler_nor_imports_what_i
 
 
 def test_the_extras_are_those_of_the_installation():
-    declared = {}
-    for line in requires("palpate") or []:
-        requirement, _, extra = line.partition("; extra == ")
-        if extra:
-            name = requirement.partition(">")[0].partition("[")[0]
-            declared.setdefault(extra.strip("\"'"), set()).add(name)
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = {
+        extra: {line.partition(">")[0].partition("[")[0] for line in lines if ";" not in line}
+        for extra, lines in project["optional-dependencies"].items()
+    }
     for extra, packages in palpate.physics.extras.EXTRAS.items():
         assert set(packages) == declared[extra]
     assert set(declared) == {*palpate.physics.extras.EXTRAS, "all", "dev"}

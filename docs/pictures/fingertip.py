@@ -6,7 +6,6 @@ fingertip-force.png      force and contact area, with the paper's four points
 fingertip-strain.png     strain in the plane of symmetry, deformed
 fingertip-isostrain.png  growth of the isostrain volumes, and the volumes over strain and force
 fingertip-flow.png       tactile flow on isostrain lines
-fingertip-measured.png   strain in a finger read from images: the synthetic one of `palpate build fingertip --phantom`
 
 The first folder holds the runs. Finished runs are read; computing all of them takes about an hour on one core.
 """
@@ -19,20 +18,14 @@ import tempfile
 from pathlib import Path
 
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
-from palpate.models.fe.meshing.layers import Layers
-from palpate.models.fe.meshing.scanned import Scanned
 from palpate.models.fe.study.press_record import PressRun, record
 from palpate.models.fe.study.pressing import Pressing
-from palpate.models.scan import rebuild, segment
-from palpate.models.scan.phantom import scan
 from palpate.views.pictures.models.fe_fingertip import draw
 
 CELLS = 5
-MEASURED = 3
-"""Cells of the measured finger, of which both sides are meshed."""
 
 
-def press(finger: Layers, plate: str, depth: float, folder: Path) -> PressRun:
+def press(finger: FingertipDimensions, plate: str, depth: float, folder: Path) -> PressRun:
     """The calibrated finger on a plate that rises by `depth` [m]."""
     run = PressRun(folder)
     record(Pressing(finger, plate, "calibrated"), depth, run)
@@ -46,16 +39,11 @@ def main(runs: Path, folder: Path) -> list[Path]:
         plate: press(FingertipDimensions(cells=CELLS), plate, 2.4e-3, runs / f"{plate}-calibrated-{CELLS}-0.2")
         for plate in ("steel", "silicone")
     }
-    tip = Scanned(rebuild(segment(scan())), cells=MEASURED)
-    measured = {"steel": press(tip, "steel", 2.4e-3, runs / f"steel-calibrated-{MEASURED}-0.2-finger")}
     made = []
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         for path in draw(both, Path(scratch)):
             made.append(folder / f"fingertip-{path.name}")
             shutil.copyfile(path, made[-1])
-        (strain,) = (path for path in draw(measured, Path(scratch)) if path.name == "strain.png")
-        made.append(folder / "fingertip-measured.png")
-        shutil.copyfile(strain, made[-1])
     return made
 
 

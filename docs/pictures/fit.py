@@ -1,8 +1,7 @@
-"""Fit the example sessions and keep three pictures of their first subject: python docs/pictures/fit.py [folder]
+"""Fit the example sessions and keep two pictures of their first subject: python docs/pictures/fit.py [folder]
 
 fit-subject.png   force and scatter, the chosen curves and the band of a new session
 fit-models.png    all five regressions of the force and of its scatter
-fit-surface.png   the density of the force over depth
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from pathlib import Path
 from palpate.models.fit.fit import fit_sessions, write_example
 from palpate.views.pictures.models.fit import draw_choice
 
-PICTURES = {"fit": "fit-subject.png", "models": "fit-models.png", "surface": "fit-surface.png"}
+PICTURES = {"fit": "fit-subject.png", "models": "fit-models.png"}
 
 
 def main(folder: Path) -> list[Path]:

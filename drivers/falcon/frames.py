@@ -7,8 +7,6 @@ byte of state; one filler. To the device the words are motor commands, from it e
 
 from typing import NamedTuple
 
-from palpate.drivers.framing import FrameReader
-
 LENGTH = 16
 BASE = 0x41
 LARGEST = 4096  # of a motor word
@@ -75,13 +73,41 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
     return a, b, c
 
 
-class FalconFrameReader(FrameReader[bytes]):
-    """Finds the frames of a Falcon."""
+class FalconFrameReader:
+    """Finds the frames of a Falcon in the bytes that come off the line; after a wrong one it goes on at the next head.
 
-    head = b"<"
+    wrong  [1]  bytes that belonged to no frame
+    """
 
-    def parse(self, data: bytes) -> tuple[bytes | None, int]:
-        frame = data[:LENGTH]
-        words, state, end = frame[1:13], frame[13:14], frame[15:]
-        whole = end == b">" and all(BASE <= b <= BASE + 0xF for b in words) and BASE <= state[0] <= BASE + 0x7F
-        return frame if whole else None, LENGTH
+    def __init__(self) -> None:
+        self._rest = b""
+        self.wrong = 0
+
+    def clear(self) -> None:
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Take bytes; the frames among all that came."""
+        rest, frames = self._rest + data, []
+        while (start := rest.find(b"<")) >= 0:
+            self.wrong += start
+            rest = rest[start:]
+            if len(rest) < LENGTH:
+                break
+            if _whole(rest[:LENGTH]):
+                frames.append(rest[:LENGTH])
+                rest = rest[LENGTH:]
+            else:
+                self.wrong += 1
+                rest = rest[1:]
+        else:
+            self.wrong += len(rest)
+            rest = b""
+        self._rest = rest
+        return frames
+
+
+def _whole(frame: bytes) -> bool:
+    """Whether bytes that begin as a frame are one."""
+    words, state = frame[1:13], frame[13]
+    return frame[15:] == b">" and all(BASE <= b <= BASE + 0xF for b in words) and BASE <= state <= BASE + 0x7F

@@ -1,1 +1,1 @@
-"""Force sensors: ATI's Net F/T over UDP, Bota's over a serial line. They measure; they take no command."""
+"""Force sensors: ATI's Net F/T over UDP. It measures; it takes no command."""

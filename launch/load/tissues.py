@@ -109,9 +109,10 @@ def _fault(record: Mapping[str, Any]) -> str:
 def bodies(record: Mapping[str, Any]) -> dict[str, str]:
     """What each kind of body takes of a record."""
     rest = "modulus at rest" + ("" if record["law"] in ("linear", "neo_hooke") else ", stiffening left out")
-    rest += ", relaxation left out" if "relaxation" in record else ""
-    full = f"{record['law']}" + (" with its Prony series" if "relaxation" in record else "")
-    return {"MassSpring": f"{rest}, by Hertz's law of an 8 mm finger", "ReducedFE": rest, "full finite elements": full}
+    relaxes = ", relaxation left out" if "relaxation" in record else ""
+    rest += relaxes
+    spring = f"{rest}, by Hertz's law of an 8 mm finger"
+    return {"MassSpring": spring, "ReducedFE": rest, "full finite elements": f"{record['law']}{relaxes}"}
 
 
 def settings(name: str, place: Location) -> dict[str, float | None]:

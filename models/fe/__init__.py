@@ -5,7 +5,6 @@ Each material law of `palpate.physics.materials` is here by its name: `neo_hooke
 
 from collections.abc import Callable
 
-from palpate.models.fe.contact.meshed import meshed
 from palpate.models.fe.contact.pair import Pair
 from palpate.models.fe.contact.rigid import Rigid, capsule, plane, sphere
 from palpate.models.fe.element.mesh import MeshError, TetMesh, box, quadratic
@@ -14,7 +13,7 @@ from palpate.physics.materials.hyperelastic import Material, MaterialError, cons
 
 __all__ = [
     "ConvergenceError", "Material", "MaterialError", "MeshError", "Pair", "Rigid", "Settings", "Solver", "TetMesh",
-    "box", "capsule", "meshed", "plane", "quadratic", "sphere",
+    "box", "capsule", "plane", "quadratic", "sphere",
 ]  # fmt: skip
 
 

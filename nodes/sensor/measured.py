@@ -1,30 +1,27 @@
 """Real force sensors: the force of a real indentation."""
 
-import time
 from typing import Annotated, Any, ClassVar
 
 import msgspec
-import numpy as np
 
 from palpate.drivers.exchange import Driver
 from palpate.messages import Contact, Pose, Vector3
-from palpate.nodes.base import SettingError
 from palpate.nodes.base.wired import EMULATOR, Wired
 from palpate.nodes.sensor.force_sensor import direction
 
 Wrench = tuple[float, ...]
 
 
-class _Measured(Wired):
-    """What the sensors share: the force along `normal` that something presses on them with. Settings:
+class NetFT(Wired):
+    """ATI's Net F/T on the network: the force along `normal` that something presses on it with. Settings:
 
+    port    its address, 192.168.1.1 as delivered; `emulator`: none at all
     normal  out of the sensor's face, in its own frame: a press is a force against it
     foot    where it lies in the world
     tare    [s] at the start in which nothing touches it: the mean force of this time is taken away
 
     With `port: emulator` and a pose it feels a sample that the finger presses, in Hunt and Crossley's law: its surface
-    lies at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d'). Without a pose it feels
-    the force of `forces` at `times`, straight in between.
+    lies at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d').
     """
 
     paced: ClassVar[bool] = True
@@ -36,34 +33,21 @@ class _Measured(Wired):
     stiffness: Annotated[float, "N/m^n", msgspec.Meta(ge=0)] = 3e3
     exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
     damping: Annotated[float, "s/m", msgspec.Meta(ge=0)] = 5.0
-    times: Annotated[tuple[float, ...], "s"] = (0.0, 0.5, 2.5, 3.0, 5.0)
-    forces: Annotated[tuple[float, ...], "N"] = (0.0, 0.0, 4.0, 4.0, 0.0)
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
         self.normal = direction(self.normal)
-        if len(self.times) != len(self.forces) or not self.times or not np.all(np.diff(self.times) > 0):
-            raise SettingError(
-                f"settings 'times' and 'forces': found {self.times} and {self.forces}, expected increasing times and as"
-                " many forces"
-            )
 
     def start(self) -> None:
         self.clock = 0.0
-        self.begun: int | None = None
         self.bias, self.seen, self.last = 0.0, 0, -1
-        self.pressed: float | None = None  # [N] by the finger, on the emulated sample
+        self.pressed = 0.0  # [N] by the finger, on the emulated sample
         super().start()
 
     def felt(self, now: int) -> Wrench:
         """What the emulated sensor feels at `now` [ns]."""
-        if self.begun is None:
-            return (0.0,) * 6
-        force = self.pressed
-        if force is None:
-            force = float(np.interp((now - self.begun) * 1e-9, self.times, self.forces))
         x, y, z = self.normal
-        return (-force * x, -force * y, -force * z, 0.0, 0.0, 0.0)
+        return (-self.pressed * x, -self.pressed * y, -self.pressed * z, 0.0, 0.0, 0.0)
 
     def _press(self, pose: Pose) -> float:
         above = sum((p - f) * n for p, f, n in zip(pose.position, self.foot, self.normal, strict=True))
@@ -90,13 +74,6 @@ class _Measured(Wired):
             compression=0.0, indentation=0.0, compression_rate=0.0, indentation_rate=0.0,
         )  # fmt: skip
 
-    def _go(self) -> None:
-        self.begun = time.monotonic_ns()
-
-
-class NetFT(_Measured):
-    """ATI's Net F/T on the network. `port`: its address, 192.168.1.1 as delivered; `emulator`: none at all."""
-
     def driver(self) -> Driver:
         from palpate.drivers.sensors.netft import EmulatedNetFT
         from palpate.drivers.sensors.netft import NetFT as Sensor
@@ -104,7 +81,6 @@ class NetFT(_Measured):
         if self.port != EMULATOR:
             return Sensor(self.port)
         self.emulated = EmulatedNetFT(self.felt, self.faults)
-        self.go = self._go
         return self.emulated.driver()
 
     def stop(self) -> None:
@@ -113,23 +89,3 @@ class NetFT(_Measured):
         finally:
             if hasattr(self, "emulated"):
                 self.emulated.close()
-
-
-class Bota(_Measured):
-    """Bota Systems' SensONE, Rokubi or MiniONE on a serial port. `port`: /dev/ttyUSB0; `emulator`: none at all.
-
-    sinc  length of its filter: 51 200 / sinc samples a second; 57 is the fastest at this baud rate
-    """
-
-    sinc: Annotated[int, "1", msgspec.Meta(ge=51, le=512)] = 57
-
-    def driver(self) -> Driver:
-        from palpate.drivers.emulate.line import EmulatedLine
-        from palpate.drivers.sensors import bota
-        from palpate.drivers.transport.serial import SerialLine
-
-        if self.port != EMULATOR:
-            return bota.Bota(lambda: SerialLine(self.port, bota.BAUD, bota.NAME), self.sinc)
-        line = EmulatedLine(bota.EmulatedBota(self.felt), bota.BAUD, bota.NAME, self.faults)
-        self.go = self._go
-        return bota.Bota(line.connect, self.sinc)

@@ -1,4 +1,4 @@
-"""A force that is normally distributed about a mean, but never negative: quantiles, density, replayable draws.
+"""A force that is normally distributed about a mean, but never negative: quantiles, replayable draws.
 
     p(f | d) = N(F(d), sigma(d)²) restricted to f >= 0
 
@@ -66,19 +66,6 @@ def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
     else:
         z = -scipy.special.ndtri_exp(scipy.special.log1p(-level) + scipy.special.log_ndtr(mean / sigma))
     return np.where(sure, np.maximum(mean, 0.0), np.maximum(mean + z * sigma, 0.0))
-
-
-def truncated_density(force, mean, deviation, freedom: float = 0.0):
-    """Density [1/N] (...) of mean + deviation t restricted to f >= 0; 0 for a negative force. deviation > 0."""
-    z = (np.asarray(force, float) - mean) / deviation
-    at_zero = np.asarray(mean, float) / deviation
-    if freedom > 0:
-        half = 0.5 * freedom
-        peak = scipy.special.gammaln(half + 0.5) - scipy.special.gammaln(half) - 0.5 * np.log(np.pi * freedom)
-        log_density = peak - (half + 0.5) * np.log1p(z**2 / freedom) - np.log(scipy.special.stdtr(freedom, at_zero))
-    else:
-        log_density = -0.5 * z**2 - 0.5 * np.log(2.0 * np.pi) - scipy.special.log_ndtr(at_zero)
-    return np.where(np.asarray(force) >= 0, np.exp(log_density) / deviation, 0.0)
 
 
 def uniform(seed: int, tick: int) -> float:

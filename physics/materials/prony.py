@@ -48,12 +48,6 @@ class Prony:
         if not (np.isfinite(self.times).all() and (self.times > 0).all()):
             raise MaterialError(f"Prony times {self.times.tolist()} s: expected positive numbers")
 
-    def step(self, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """What is left after dt [s] >= 0 of the history of each term, exp(-x), and of a change that came evenly within
-        it, (1 - exp(-x))/x, x = dt/tau."""
-        x = dt / self.times
-        return np.exp(-x), np.where(x > 1e-9, -np.expm1(-x) / np.maximum(x, 1e-9), 1.0)
-
     def relaxed(self, time: np.ndarray, elastic: np.ndarray) -> np.ndarray:
         """The response (n,) to an elastic one (n,) at increasing times [s] (n,): from rest before the first, straight
         from one to the next."""

@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
 from palpate.engine.faults import choices
-from palpate.engine.plan import Plan
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
 from palpate.launch.load.launchfile import LaunchFile
@@ -94,16 +93,16 @@ class Stepper:
     GraphError, ArgumentError: what is wrong with the graph.
     """
 
-    def __init__(self, given: LaunchFile | Plan) -> None:
-        launch = given if isinstance(given, LaunchFile) else None
-        self.plan = planned(given) if isinstance(given, LaunchFile) else given  # what runs of the graph
-        graph = self.plan.graph
+    def __init__(self, launch: LaunchFile) -> None:
+        graph = launch.load()
+        set_recording(graph, None)
+        self.plan = plan(graph)  # what runs of the graph
         devices = [name for name in self.plan.order if graph.nodes[name].cls.hardware]
-        if devices or (launch and launch.clock == "real"):
+        if devices or launch.clock == "real":
             what = f"{devices[0]!r} drives a device" if devices else "clock: real"
             name = graph.path.stem
             raise ArgumentError(f"{name}: stepping needs simulated time, but {what}; run it with palpate.run")
-        ticks = max(1, round(launch.duration * graph.rate)) if launch and launch.duration is not None else None
+        ticks = max(1, round(launch.duration * graph.rate)) if launch.duration is not None else None
         (job,) = jobs(self.plan, fused(self.plan), ticks=ticks)
         self._worker = Worker(job, None, lambda report: None)
         self._clock = SimulatedClock(self._worker)
@@ -118,10 +117,6 @@ class Stepper:
     def node(self, name: str) -> Node:
         """A node that runs. ArgumentError: there is no such one."""
         return slot_of(self._worker, name).node
-
-    def sends(self, name: str) -> list[tuple[str, type[Message]]]:
-        """Streams of a node, and their types."""
-        return [(output.stream, output.kind) for output in slot_of(self._worker, name).outputs]
 
     def start(self) -> None:
         """Start all nodes. NodeError: one of them failed; `stop` gives back what the others opened."""
@@ -149,13 +144,6 @@ class Stepper:
     def stop(self) -> None:
         """Stop all nodes."""
         self._worker.stop()
-
-
-def planned(launch: LaunchFile) -> Plan:
-    """What runs of a graph that is not recorded."""
-    graph = launch.load()
-    set_recording(graph, None)
-    return plan(graph)
 
 
 def ticks(stepper: Stepper) -> Iterator[Tick]:

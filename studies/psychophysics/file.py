@@ -112,7 +112,6 @@ class Experiment(msgspec.Struct, kw_only=True):
     seed: Whole = 0
     show: list[Literal["deformation", "force"]] = msgspec.field(default_factory=lambda: ["deformation", "force"])
     record: Literal["sources", "all"] = "sources"
-    lsl: bool = False
     observer: _Values | None = None
 
     @property

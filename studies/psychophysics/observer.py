@@ -13,7 +13,6 @@ function: normal
 
 import os
 import shutil
-import time
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -101,8 +100,7 @@ class SimulatedObserver:
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
         pass
 
-    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
-        begun(time.monotonic())
+    def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
         if interval == 1:
             self._felt = []
         key = f"{trial.block} {trial.levels(self.stimuli.experiment.intervals)[interval - 1]}"
@@ -117,7 +115,6 @@ class SimulatedObserver:
         else:
             _same_file(self._known[key][0], launch.record)
         self._felt.append(self._known[key][1])
-        return time.monotonic()
 
     def _feel(self, file: Path) -> float:
         if not self._feels:

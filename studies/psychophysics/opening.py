@@ -13,7 +13,7 @@ from palpate.studies.files import refuse
 from palpate.studies.psychophysics import observer as simulated
 from palpate.studies.psychophysics.file import LABEL, Experiment, find, load
 from palpate.studies.psychophysics.schedule import Trial
-from palpate.studies.psychophysics.session import Mark, markers, resumed, run
+from palpate.studies.psychophysics.session import resumed, run
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import Table, begin, parse, sessions, table_path
 
@@ -33,19 +33,14 @@ class Sitting:
         self.participant, self.session = participant, session
         self.order, self.trial = resumed(stimuli, table.rows, table.path, participant, session)
         self.ended = self.trial is None
-        self.mark: Mark = lambda text, moment: None
         self.notes = []
         if table.recovered is not None:
             self.notes.append(
                 f"{table.path} was broken: {len(table.rows)} whole trials are kept; as it was: {table.recovered}"
             )
 
-    def send_markers(self) -> None:
-        """Events go to LSL. ArgumentError: pylsl or its library is missing."""
-        self.mark = markers(self.stimuli.experiment.task, self.participant)
-
     def run(self, presenter: Any) -> None:
-        run(self.stimuli, self.table, self.order, self.trial, presenter, self.mark)
+        run(self.stimuli, self.table, self.order, self.trial, presenter)
         self.ended = True
 
     def simulate(self, file: Path | None, done: Callable[[Trial], object]) -> None:

@@ -16,7 +16,6 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.run.execute import RunOutcome, execute
 from palpate.launch.run.forkserver import ForkServer
-from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.reports import Prepare
 from palpate.physics.errors import RunError
 from palpate.studies.psychophysics.schedule import Trial
@@ -78,7 +77,6 @@ class ExperimentPage(Live):
         self._closed, self._ended = threading.Event(), threading.Event()
         self._pages: set[object] = set()
         self._left = False
-        self._begun: Callable[[float], object] = lambda moment: None
         self._error: BaseException | None = None
         self._shown, self._since = 0, 0.0
         self._reloaded = False  # a page was left since the panel is shown: no page knows since when
@@ -143,12 +141,6 @@ class ExperimentPage(Live):
         self.mesh = mesh_frame(self.touched, {"watch": not self.mouse, "bodies": [], "effects": {}})
         self._cover(interval=True, end_key=self.experiment.end_key, show=self.experiment.show)
 
-    def on_update(self, launcher: Launcher) -> None:
-        if launcher.phase == "running":
-            self._begun(launcher.origin * 1e-9)
-            self._begun = lambda moment: None
-        super().on_update(launcher)
-
     # -- as a presenter, in a thread of its own ------------------------------------------------------------------
 
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
@@ -163,12 +155,12 @@ class ExperimentPage(Live):
             self._warm()
             self._answered()
 
-    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
+    def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
         several = self.experiment.intervals > 1
         self._tell(trial, f"interval {interval} of {self.experiment.intervals}" if several else "")
         self._cover(title=f"{'First' if interval == 1 else 'Second'} interval" if several else "", text="")
         self.stopping.clear()
-        self._left, until, self._begun = False, time.monotonic() + self.experiment.gap, begun
+        self._left, until = False, time.monotonic() + self.experiment.gap
         launch = self._steered(launch)
         graph = launch.load()
         self.touched = touched(plan(graph))
@@ -185,7 +177,6 @@ class ExperimentPage(Live):
             raise DisturbedError("The page was closed while the interval went on.")
         if not outcome.ok:
             raise RunError("; ".join(outcome.result.notes) or f"the recording {launch.record} is not whole")
-        return outcome.result.origin + outcome.result.wall
 
     def ask(self, trial: Trial) -> Answer:
         keys = self.experiment.keys

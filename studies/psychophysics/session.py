@@ -1,17 +1,11 @@
 """One session: each trial is presented, asked about, and stored before the next one."""
 
 import datetime
-import socket
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Protocol
 
 from palpate.launch.load.launchfile import SOURCES, LaunchFile
-from palpate.nodes.base import SettingError
-from palpate.nodes.logger.lsl import library
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
 from palpate.studies.psychophysics.stimuli import Stimuli
@@ -39,32 +33,11 @@ class Presenter(Protocol):
         """Show a text until the participant goes on, `pause` [s] at least; a title alone for a moment; trial None: the
         end."""
 
-    def present(self, trial: Trial, interval: int, launch: LaunchFile, begun: Callable[[float], object]) -> float:
-        """Run one interval; when it ended [s, time.monotonic]. `begun` is called with when it began. DisturbedError."""
+    def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
+        """Run one interval. DisturbedError."""
 
     def ask(self, trial: Trial) -> Answer:
         """The answer to the experiment's question."""
-
-
-Mark = Callable[[str, float | None], object]  # Takes an event, and when it was [s, time.monotonic]; None: now
-
-
-def markers(task: str, participant: str) -> Mark:
-    """Sends events to the Lab Streaming Layer, in the stream `palpate.TASK`.
-
-    ArgumentError: pylsl or its library is missing.
-    """
-    try:
-        pylsl = library()
-    except SettingError as error:
-        raise ArgumentError(f"{error}; or leave out `lsl`") from None
-    name = f"palpate.{task}"
-    info = pylsl.StreamInfo(name, "Markers", 1, pylsl.IRREGULAR_RATE, pylsl.cf_string,
-                            f"{name} sub-{participant} on {socket.gethostname()}")  # fmt: skip
-    info.desc().append_child_value("participant", participant)
-    outlet = pylsl.StreamOutlet(info)
-    ahead = pylsl.local_clock() - time.monotonic()
-    return lambda text, moment: outlet.push_sample([text], 0.0 if moment is None else moment + ahead)
 
 
 def resumed(
@@ -88,21 +61,17 @@ def resumed(
     return order, trial
 
 
-def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter, mark: Mark) -> None:
-    """All trials from this one on. OSError: a row cannot be stored.
-
-    mark  is called with each event
-    """
+def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter) -> None:
+    """All trials from this one on. OSError: a row cannot be stored."""
     experiment, first = stimuli.experiment, True
     while trial is not None:
         if first:
             presenter.show(trial, "Welcome" if trial.number == 1 else "Welcome back", experiment.instructions or READY)
         _begin(stimuli, trial, presenter, first)
-        row, first = _trial(stimuli, table, trial, presenter, mark), False
+        row, first = _trial(stimuli, table, trial, presenter), False
         if experiment.blocks[trial.block].feedback and row["hit"] != NONE:
             presenter.show(trial, "Right" if row["hit"] == "1" else "Wrong", "")
         trial = _next(order, row)
-    mark("experiment end", None)
     presenter.show(None, "The end", experiment.closing)
 
 
@@ -122,7 +91,7 @@ def _begin(stimuli: Stimuli, trial: Trial, presenter: Presenter, first: bool) ->
         presenter.show(trial, "Pause", READY, block.pause)
 
 
-def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter, mark: Mark) -> Row:
+def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -> Row:
     experiment = stimuli.experiment
     while True:
         repeat, files = table.begun(trial.number), list[Path]()
@@ -134,16 +103,12 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter, m
                     duration=experiment.duration,
                     only=SOURCES if experiment.record == SOURCES else None,
                 )
-                what = f"trial {trial.number} interval {interval}"
-                begun = partial(mark, f"{what} begin level {_text(level)}")
-                mark(f"{what} end", presenter.present(trial, interval, launch, begun))
+                presenter.present(trial, interval, launch)
             answer = presenter.ask(trial)
             break
         except DisturbedError as error:
-            mark(f"trial {trial.number} disturbed", None)
             presenter.show(trial, f"Trial {trial.number} is repeated", str(error))
     hit = judged(stimuli, trial, answer.value)
-    mark(f"trial {trial.number} response {answer.value}", None)
     names = [str(file.relative_to(table.folder)) for file in files]
     table.add(
         {

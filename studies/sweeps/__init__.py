@@ -1,1 +1,1 @@
-"""Studies: one graph at many points, computed by Dask on any number of processes or machines."""
+"""Studies: one graph at many points, computed by processes of this machine."""

@@ -14,7 +14,6 @@ import msgspec
 
 from palpate.launch.load.files import GRAPHS
 from palpate.launch.load.values.lines import quantity
-from palpate.physics.errors import ArgumentError
 from palpate.studies.files import Text, Whole, filled, found, graph_of
 from palpate.studies.sweeps.point import overrides
 from palpate.studies.sweeps.study import Study
@@ -24,7 +23,7 @@ _Mapping = Annotated[dict[str, Any], msgspec.Meta(description="a mapping")]
 
 
 class _File(msgspec.Struct, kw_only=True):
-    """What the file says: the arguments of `Study`, and where it runs."""
+    """What the file says: the arguments of `Study`."""
 
     graph: Text = "kidney"
     over: Annotated[_Mapping, msgspec.Meta(description="a mapping such as {tissue.stiffness: [2e3, 4e3]}")]
@@ -37,7 +36,6 @@ class _File(msgspec.Struct, kw_only=True):
     seed: Whole = 0
     sensitivity: Text | None = None
     limit: Annotated[float, quantity("s", 1e-3, 1e9)] | Literal["none"] = 600.0
-    slurm: _Mapping = {}
 
 
 def find(name: str) -> Path:
@@ -45,17 +43,14 @@ def find(name: str) -> Path:
     return found(name, STUDIES, "study")
 
 
-def load(path: Path, sensitivity: str | None = None, samples: int | None = None) -> tuple[Study, dict[str, Any]]:
-    """The study that a file describes, and its `slurm:`. The other arguments replace what it says.
+def load(path: Path, sensitivity: str | None = None, samples: int | None = None) -> Study:
+    """The study that a file describes. The other arguments replace what it says.
 
     GraphError: what is wrong with the file. ArgumentError: what is wrong with the study.
     """
     given, _ = filled(_File, path, "graph, over and keep")
     own = msgspec.structs.asdict(given)
-    slurm, sets = own.pop("slurm"), overrides(own.pop("set"), "set")
+    sets = overrides(own.pop("set"), "set")
     own |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}
     own |= {"sensitivity": sensitivity or given.sensitivity, "samples": given.samples if samples is None else samples}
-    study, jobs = Study(**own, sets=sets), slurm.get("jobs", 1)
-    if not isinstance(jobs, int) or jobs < 1:
-        raise ArgumentError(f"{path}: slurm: jobs: found {jobs!r}, expected a whole number from 1")
-    return study, slurm
+    return Study(**own, sets=sets)

@@ -1,6 +1,6 @@
 """One point of a study: the run, what is kept of it, and the process that computes one point after another.
 
-A process of its own computes with pinned arithmetic whatever Dask's worker has imported before, and can be ended when
+A process of its own computes with pinned arithmetic whatever the study's has imported before, and can be ended when
 a point takes too long or takes its process down.
 """
 

@@ -5,24 +5,18 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import CancelledError
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 from typing import IO
 
-from palpate.physics import kernel_cache
 from palpate.physics.arithmetic import environment
 from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
-ENOUGH = 1.5  # [s] of work after which a worker reports what it has done of a batch
-NETWORK = ("nfs", "lustre", "gpfs", "beegfs", "cifs", "smb", "afs", "ceph", "panfs", "pvfs", "glusterfs", "fuse.")
-"""How Linux calls file systems of other machines, by their beginning."""
 SERVE = "from palpate.studies.sweeps.point import main; main()"
 STARTS = 120.0  # [s] for the process to come up
 
@@ -40,7 +34,6 @@ class Runner:
     ) -> None:
         self.link, theirs = Pipe()
         self._awaited = [self.link] if ended is None else [self.link, ended]
-        cache = local_cache()
         with theirs:
             self.process = subprocess.Popen(
                 [sys.executable, "-c", SERVE, str(theirs.fileno())],
@@ -51,7 +44,6 @@ class Runner:
                 env={
                     **environment(),
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-                    **({"NUMBA_CACHE_DIR": cache} if cache else {}),
                     **(env or {}),
                 },
                 process_group=0,  # Ctrl-C reaches the study alone
@@ -115,43 +107,19 @@ def start_with(start: Callable[[], Runner]) -> None:
     _here.start = start
 
 
-def work(task: Task, points: list[Point]) -> tuple[str, list[Computed]]:
-    """Compute points, and the name of this machine: the first of them, and the next as long as that takes no time.
+def work(task: Task, point: Point) -> Computed:
+    """Compute a point in this thread's process.
 
-    RunError: this machine computes with other versions than the study's.
+    RunError: the process computes with other versions than the study's, as after an edit of the sources.
     """
-    since, done = time.monotonic(), []
-    for point in points:
-        runner = getattr(_here, "runner", None)
-        if runner is None or not runner.alive:
-            runner = _here.runner = getattr(_here, "start", Runner)()
-        other = [
-            f"{name} {runner.about.get(name, 'none')} there, {ours} here"
-            for name, ours in task.about.items()
-            if runner.about.get(name) != ours
-        ]
-        if other:
-            raise RunError(f"{os.uname().nodename} would not give the same bytes: {'; '.join(other)}")
-        done.append(runner.run(task, point))
-        if done[-1].lost or time.monotonic() - since > ENOUGH:
-            break
-    return os.uname().nodename, done
-
-
-def local_cache(mounts: Path = Path("/proc/mounts")) -> str | None:
-    """A folder of this machine and user for kernels, where theirs lies on a disk of the network, which many machines
-    would write at once; None: theirs will do. `mounts` is the system's list of file systems."""
-    where = Path(os.environ.get("NUMBA_CACHE_DIR") or kernel_cache.folder()).resolve()
-    kinds = {}
-    for line in mounts.read_text(encoding="utf-8").splitlines():
-        _, point, kind, *_ = line.split()
-        if where.is_relative_to(point):
-            kinds[len(point)] = kind
-    if not kinds or not kinds[max(kinds)].startswith(NETWORK):
-        return None
-    cache = Path(tempfile.gettempdir()) / f"palpate-kernels-{os.getuid()}"
-    cache.mkdir(mode=0o700, exist_ok=True)
-    about = cache.stat(follow_symlinks=False)
-    if about.st_uid != os.getuid() or about.st_mode & 0o077:  # what others may write there is not to be run
-        return tempfile.mkdtemp(prefix="palpate-kernels-")
-    return str(cache)
+    runner = getattr(_here, "runner", None)
+    if runner is None or not runner.alive:
+        runner = _here.runner = _here.start()
+    other = [
+        f"{name} {runner.about.get(name, 'none')} there, {ours} here"
+        for name, ours in task.about.items()
+        if runner.about.get(name) != ours
+    ]
+    if other:
+        raise RunError(f"a new process would not give the same bytes: {'; '.join(other)}")
+    return runner.run(task, point)

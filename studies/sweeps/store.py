@@ -88,14 +88,14 @@ class Store:
         with self._told():
             replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
 
-    def add(self, base: str, point: Point, done: Computed, worker: str) -> None:
+    def add(self, base: str, point: Point, done: Computed) -> None:
         """Keep a point. RunError: the disk is full, or lost."""
         with self._told():
             for name, (times, values) in done.curves.items():
                 self._curve(f"{name} time", point.slot, times)
                 self._curve(name, point.slot, values)
             when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            told = {"key": point.key, "seconds": round(done.seconds, 3), "worker": worker, "date": when}
+            told = {"key": point.key, "seconds": round(done.seconds, 3), "date": when}
             with open(self.folder / "log.jsonl", "a") as log:
                 log.write(json.dumps(told) + "\n")
         self.rows[point.key] = {

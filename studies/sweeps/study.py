@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,11 +29,10 @@ from palpate.studies.sweeps.sensitivity import indices
 from palpate.studies.sweeps.units import units
 
 if TYPE_CHECKING:
-    from distributed import Client
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from palpate.studies.sweeps.batches import Pool
+    from palpate.studies.sweeps.local import Pool
 
 LEGIBLE = 32  # letters of a value that tables and legends show
 MANY = 100_000  # points that a study computes without `yes`
@@ -116,7 +115,7 @@ class Study:
     def run(
         self,
         folder: str | Path,
-        client: Client | Pool | None = None,
+        pool: Pool | None = None,
         *,
         workers: int | None = None,
         retry: bool = False,
@@ -126,17 +125,15 @@ class Study:
     ) -> Study:
         """Compute the points that the folder does not have yet, and keep them there.
 
-        client   of Dask, or a pool of `local`; None: `workers` processes of this machine, one for each core where that
-                 is None, too
+        pool     of `local`; None: `workers` processes, one for each core where that is None, too
         retry    compute again what failed before
         yes      compute more than 100 000 points
-        told     called with lines on what goes on: what changed since, that no worker is there
+        told     called with lines on what changed since
         done     called after each point, with the number of those that are left
 
-        RunError: the scheduler is lost, the disk is full ... What was computed before is stored, also on Ctrl-C.
+        RunError: the disk is full ... What was computed before is stored, also on Ctrl-C.
         """
-        from palpate.studies.sweeps.batches import Pool, compute
-        from palpate.studies.sweeps.local import cores, local
+        from palpate.studies.sweeps.local import compute, cores, local
         from palpate.studies.sweeps.store import Store
 
         if len(self) > MANY and not yes:
@@ -150,27 +147,19 @@ class Study:
             self.folder = Path(folder)
             left = len(missing)
 
-            def add(point: Point, computed: Computed, machine: str) -> None:
+            def add(point: Point, computed: Computed) -> None:
                 nonlocal left
                 left -= 1
-                store.add(self.base, point, computed, machine)
+                store.add(self.base, point, computed)
                 done(point, computed, left)
 
             if missing:
                 task = Task(self.launch, self.keep, self._about["versions"], self.limit)
-                waits = cache(lambda: told("waiting for a worker"))
-                if client is None:
-                    workers = min(workers or cores(), left)
-                    pool: Any = local(workers, store.folder / "workers.log")
-                elif isinstance(client, Pool):
-                    pool = nullcontext(client)
-                else:
-                    from palpate.studies.sweeps.cluster import pool as of_dask
-
-                    pool = of_dask(client)
+                workers = min(workers or cores(), left)
+                opened = nullcontext(pool) if pool else local(workers, store.folder / "workers.log")
                 try:
-                    with pool as them:
-                        compute(them, task, missing, add, waits)
+                    with opened as them:
+                        compute(them, task, missing, add)
                 finally:
                     store.flush()
         finally:

@@ -150,15 +150,6 @@ def test_plan_as_data(whole, write):
     assert data["groups"][0] == group
 
 
-def test_plan_draws(whole, tmp_path):
-    for args in (["--draw"], ["--draw", "--fused"]):
-        result = run("plan", whole, *args)
-        assert result.exit_code == 0 and result.stdout.startswith("flowchart LR"), result.output
-    assert run("plan", "--draw", whole).stdout.startswith("flowchart LR")
-    assert run("plan", whole, "--draw", "-o", tmp_path / "a.mmd").exit_code == 0
-    assert (tmp_path / "a.mmd").read_text().startswith("flowchart")
-
-
 def test_one_node_class_is_shown_with_ports_and_units():
     result = run("list", "nodes", "graph_nodes.Near")
     for word in ("The nearest point", "pose", "Pose", "drives", "Proximity", "offset", "count", ">= 1"):

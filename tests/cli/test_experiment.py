@@ -223,9 +223,3 @@ def test_an_experiment_that_ships_can_be_run_and_simulated(file, tmp_path):
     with opened(str(file), tmp_path, None, None, [], False, lambda text: None) as sitting:
         assert sitting.trial.total > 40
         simulated.SimulatedObserver(stimuli, settings, "01", 1, 0)
-
-
-def test_events_on_lsl_need_pylsl(mine, monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "pylsl", None)
-    done = call(mine(TEXT + "lsl: true\n"), "--simulate", "-o", "out")
-    assert done.exit_code == 2 and 'pip install "palpate[lsl]"' in done.output

@@ -151,10 +151,8 @@ def test_a_run_hands_ctrl_c_to_its_caller_and_the_next_one_works(tmp_path, monke
         shutil.rmtree(file.parent)
 
 
-@pytest.mark.parametrize("to", ["csv", "parquet", "foxglove", "rerun"])
+@pytest.mark.parametrize("to", ["csv", "parquet", "foxglove"])
 def test_an_export_that_is_stopped_leaves_no_file(file, to, tmp_path, monkeypatch):
-    if to == "rerun":
-        pytest.importorskip("rerun")
     decoded = Recording.decoded
 
     def until_a_file_is_begun(*given):

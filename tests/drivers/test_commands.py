@@ -9,15 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.drivers import catalogue, discover
-from palpate.drivers.falcon.emulator import EmulatedFalcon
+from palpate.drivers import discover
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
 from palpate.models.fit.press import Press, _onset, add_session
 from palpate.models.fit.sessions import SessionError
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}
-PAD = {"idVendor": "0403", "idProduct": "6010", "busnum": "1", "devnum": "8"}
 MOUSE = {"idVendor": "046d", "idProduct": "c077", "busnum": "1", "devnum": "9"}
 
 
@@ -27,19 +25,14 @@ def run(*words):
 
 @pytest.fixture
 def bus(tmp_path, monkeypatch):
-    """A kernel's folders with a Falcon, a Dot Pad and an ordinary mouse."""
+    """A kernel's folders with a Falcon and an ordinary mouse."""
     usb, dev = tmp_path / "usb", tmp_path / "dev"
-    for name, words in {"1-1": FALCON, "1-2": PAD, "1-3": MOUSE}.items():
+    for name, words in {"1-1": FALCON, "1-3": MOUSE}.items():
         (usb / name).mkdir(parents=True)
         for key, word in words.items():
             (usb / name / key).write_text(f"{word}\n")
-    (usb / "1-1" / "1-1:1.0").mkdir()
-    (tmp_path / "drivers" / "ftdi_sio").mkdir(parents=True)
-    (usb / "1-1" / "1-1:1.0" / "driver").symlink_to(tmp_path / "drivers" / "ftdi_sio")
-    (usb / "1-2" / "1-2:1.0" / "ttyUSB3").mkdir(parents=True)
     (dev / "bus" / "usb" / "001").mkdir(parents=True)
     (dev / "bus" / "usb" / "001" / "007").touch(mode=0o600)
-    (dev / "ttyUSB3").touch()
     monkeypatch.setattr(discover, "USB", usb)
     monkeypatch.setattr(discover, "DEV", dev)
     return dev
@@ -47,51 +40,33 @@ def bus(tmp_path, monkeypatch):
 
 def test_devices_lists_what_is_plugged_in(bus):
     data = json.loads(run("devices", "--json").stdout)
-    falcon, pad = data["devices"]
+    (falcon,) = data["devices"]
     assert (falcon["name"], falcon["use"], falcon["port"]) == ("Novint Falcon", "device.Falcon", "1:7")
-    assert falcon["bound"] == "ftdi_sio" and falcon["serial"] == "FT1" and falcon["next"] == ""
-    assert pad["use"] == "display.DotPad" and pad["port"] == str(bus / "ttyUSB3")
+    assert falcon["serial"] == "FT1" and falcon["next"] == ""
 
 
 def test_devices_says_what_to_do_next(bus, monkeypatch):
-    (bus / "ttyUSB3").unlink()
-    assert "--install-udev" in json.loads(run("devices", "--json").stdout)["devices"][1]["next"]
+    (bus / "bus" / "usb" / "001" / "007").unlink()
+    assert "--install-udev" in json.loads(run("devices", "--json").stdout)["devices"][0]["next"]
     monkeypatch.setattr(discover, "find_spec", lambda module: None)
     assert 'pip install "palpate[devices]"' in json.loads(run("devices", "--json").stdout)["devices"][0]["next"]
     assert "Novint Falcon" in run("devices").stdout
 
 
-@pytest.mark.parametrize(("loaded", "told"), [(True, "runs"), (False, "none runs: give the setting `firmware`")])
-def test_devices_says_whether_the_firmware_runs(bus, monkeypatch, loaded, told):
-    falcon = EmulatedFalcon(loaded=loaded)
-    monkeypatch.setattr("palpate.drivers.transport.ftdi.UsbFtdi", lambda vendor, product, name, port: falcon.connect())
-    listed = json.loads(run("devices", "--probe", "--json").stdout)["devices"]
-    assert [f["firmware"] for f in listed] == [told, ""]
-    assert all(words == (0, 0, 0) for _, words in falcon.seen) and falcon.attempts == 0
-
-
 def test_the_udev_rule_is_written_and_names_every_device(tmp_path, monkeypatch):
     rule = tmp_path / "70-palpate.rules"
-    monkeypatch.setattr(catalogue, "RULE", str(rule))
+    monkeypatch.setattr(discover, "RULE", str(rule))
     assert run("devices", "--install-udev").exit_code == 0
     text = rule.read_text()
     assert 'SUBSYSTEM=="usb", ATTRS{idVendor}=="0403", ATTRS{idProduct}=="cb48", MODE="0660"' in text
-    assert 'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="256f", MODE="0660"' in text
     for line in text.splitlines():
         assert line.startswith("#") or re.fullmatch(r'[A-Z]+=="\w+"(, [A-Za-z{}]+(==|\+?=)"\w+")+', line), line
 
 
 def test_a_rule_that_cannot_be_written_says_how(tmp_path, monkeypatch):
-    monkeypatch.setattr(catalogue, "RULE", str(tmp_path / "none" / "70-palpate.rules"))
+    monkeypatch.setattr(discover, "RULE", str(tmp_path / "none" / "70-palpate.rules"))
     outcome = run("devices", "--install-udev")
     assert outcome.exit_code == 1 and "sudo" in outcome.stderr and "Traceback" not in outcome.stderr
-
-
-def test_a_device_is_emulated_from_the_shell():
-    data = json.loads(run("devices", "--emulate", "rawhid", "--seconds", "0.5", "--json").stdout)
-    assert data["ok"] and data["answers"] > 10
-    wrong = run("devices", "--emulate", "omni")
-    assert wrong.exit_code == 2 and "falcon" in wrong.stderr
 
 
 EMULATED = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]

@@ -4,9 +4,8 @@ import json
 
 import pytest
 
-from palpate.drivers.guard import DeviceSample, Guard
-from palpate.drivers.haply import diy, inverse3
-from palpate.drivers.hid import emulator, gamepad, raw, spacemouse
+from palpate.drivers.guard import Guard
+from palpate.drivers.haply import inverse3
 from palpate.drivers.sensors import netft
 from palpate.drivers.transport.burst import MOST
 
@@ -24,11 +23,6 @@ def sampled(number: int) -> bytes:
     return netft.SAMPLE.pack(number, number, 0, number, 0, 0, 0, 0, 0)
 
 
-def at(number: int) -> bytes:
-    """A state of a raw-HID device: `number` counts along x."""
-    return raw.pack(raw.RawState(number, 0, raw.HOMED, 3, 0, (number, 0, 0, 0, 0, 0), 0))
-
-
 class Far:
     """The other end of a link. `waiting`: what it has sent; `flood`: makes what it sends again and again."""
 
@@ -44,9 +38,6 @@ class Far:
             assert self.reads < 100 * MOST, "the driver reads until nothing is left"
             return self.flood(self.reads)
         return self.waiting.pop(0) if self.waiting else ""
-
-    def descriptor(self):
-        return emulator.GAMEPAD
 
     def close(self):
         pass
@@ -67,25 +58,9 @@ def sensor(far):
     return driver
 
 
-def mouse(far, kind=spacemouse.SpaceMouse):
-    driver = kind(lambda: far)
-    driver.open()
-    return driver
-
-
-def board(far):
-    driver = raw.RawHidDriver(lambda: far)
-    driver.port, driver.sequence, driver.wrong, driver.last = far, 0, 0, -1
-    driver.info = raw.Info(0, 3, (1.0,) * 6, (1.0,) * 6)
-    return driver
-
-
 KINDS = {
     "inverse3": (service, state),
     "netft": (sensor, sampled),
-    "spacemouse": (mouse, lambda i: spacemouse.reports((i % 300, 0, 0, 0, 0, 0), 0, together=True)[0]),
-    "gamepad": (lambda far: mouse(far, gamepad.Gamepad), lambda i: bytes((1, i % 256, 128, 128, 128, 0, 0))),
-    "rawhid": (board, at),
 }
 
 
@@ -98,36 +73,18 @@ def test_a_flood_does_not_hold_a_cycle(name):
         driver.cycle((0.0,) * driver.size)
 
 
-def test_a_2diy_that_sends_without_end_is_opened_or_refused():
-    class Answering(diy.Haply2Diy):
-        def cycle(self, command):
-            return DeviceSample(0)
-
-    far = Far(flood=lambda i: b"x" * 100)
-    Answering(lambda: far).open()
-    assert far.sent == 2
-
-
 @pytest.mark.parametrize(
     ("make", "waiting", "newest"),
     [
         (service, [state(float(i)) for i in range(5)], lambda s: s.position[0] == 4.0),
         (sensor, [*(sampled(i) for i in range(5)), b"foreign"], lambda s: s.wrench[0] == 4.0),
-        (board, [at(1), at(2), at(3), b"rubbish"], lambda s: s.position[0] == 3.0),
     ],
-    ids=["inverse3", "netft", "rawhid"],
+    ids=["inverse3", "netft"],
 )
 def test_of_several_states_the_newest_counts(make, waiting, newest):
     driver = make(Far())
     driver.port.waiting += waiting
     assert newest(driver.cycle((0.0,) * driver.size))
-
-
-def test_a_state_that_came_before_is_no_new_one():
-    driver = board(Far([at(1)]))
-    assert driver.cycle((0.0,) * 3) is not None
-    driver.port.waiting.append(at(1))
-    assert driver.cycle((0.0,) * 3) is None
 
 
 def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_while():

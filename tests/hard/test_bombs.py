@@ -230,9 +230,9 @@ def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
     pytest.importorskip("nibabel", reason="nibabel is not installed (extra scan)")
     pytest.importorskip("pydicom", reason="pydicom is not installed (extra scan)")
     pytest.importorskip("skimage", reason="scikit-image is not installed (extra scan)")
+    import phantom_finger as phantom
     from PIL import Image
 
-    from palpate.models.scan import phantom
     from palpate.models.scan.stack import Stack
 
     wide = tmp_path / "wide.nii.gz"

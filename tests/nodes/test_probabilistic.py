@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from pytest import approx
-from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import kstest, truncnorm
 
@@ -11,7 +10,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, pack
 from palpate.nodes.base import SettingError
 from palpate.nodes.contact.probabilistic import Probabilistic
-from palpate.physics.contact.force_band import band_at, truncated_density, truncated_quantile, uniform
+from palpate.physics.contact.force_band import band_at, truncated_quantile, uniform
 
 MEAN = [0.02100, 0.24919, 0.73183, 1.38392, 2.09062, 2.72747]
 DEVIATION = [0.02272, 0.03311, 0.04825, 0.07032, 0.10248, 0.14934]
@@ -49,8 +48,6 @@ def test_quantiles_are_those_of_the_law_cut_off_at_zero(mean, sigma):
     levels = np.array([1e-6, 0.025, 0.18, 0.5, 0.975, 1 - 1e-9])
     other = truncnorm(-mean / sigma, np.inf, mean, sigma)
     assert truncated_quantile(levels, mean, sigma) == approx(other.ppf(levels), rel=1e-6, abs=1e-12)
-    assert truncated_density([0.01, 0.5], mean, sigma) == approx(other.pdf([0.01, 0.5]), rel=1e-9, abs=1e-12)
-    assert quad(lambda f: float(truncated_density(f, mean, sigma)), 0, max(mean, 0) + 12 * sigma)[0] == approx(1.0)
 
 
 def test_quantiles_stay_finite_however_far_below_zero_the_mean_lies():
@@ -61,7 +58,6 @@ def test_quantiles_stay_finite_however_far_below_zero_the_mean_lies():
 
 def test_the_part_below_zero_is_18_percent_at_no_depth():
     (mean, deviation, _) = band_at([0.0, 0.5e-3])
-    assert truncated_density(-1e-9, mean[0], deviation[0]) == 0
 
     assert ndtr(-mean / deviation) == approx([0.18, 1.4e-4], rel=0.03)
 

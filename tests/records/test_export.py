@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -124,7 +123,7 @@ def test_every_nth_message_only(recording, tmp_path):
 
 def test_what_cannot_be_exported_is_told(recording, tmp_path):
     for args, words in (
-        (("xls",), "expected one of foxglove, rerun, parquet, csv"),
+        (("xls",), "expected one of foxglove, parquet, csv"),
         (("csv", tmp_path, ["contct"]), "Did you mean 'contact'"),
         (("foxglove", TOUCH), "is the recording itself"),
     ):
@@ -144,43 +143,3 @@ def test_the_command_exports_a_file_that_was_cut_off(tmp_path):
     cut.write_bytes(data[: len(data) - 400])
     result = CliRunner().invoke(app, ["export", str(cut), "--to", "csv"], env={"COLUMNS": "200"})
     assert result.exit_code == 0 and " files" in result.stdout and "cut off" in result.stdout
-
-
-def test_rerun_reads_curves_and_surfaces_back(recording, tmp_path):
-    """By its own reader."""
-    pytest.importorskip("rerun")
-    reading = pytest.importorskip("rerun.chunk")
-    (path,) = export(recording, "rerun", tmp_path / "a.rrd")
-    batches: dict[str, list] = {}
-    for chunk in reading.RrdReader(str(path)).stream().to_chunks():
-        if not chunk.is_static:
-            batches.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
-    column = next(name for name in batches["/contact/force"][0].schema.names if "calars" in name)
-    curve = np.concatenate([np.array(batch[column].to_pylist()).ravel() for batch in batches["/contact/force"]])
-    assert np.array_equal(np.sort(curve), np.sort(recording.columns("contact")["force"]))
-    assert {"/contact/foot/2", "/contact/arrow", "/tissue/surface", "/tissue/stiffness"} <= set(batches)
-    shown = sum(batch.num_rows for batch in batches["/tissue/surface"])
-    assert 2 <= shown <= 1 + 30 * recording.columns("contact")["time"].max() + 1
-
-
-def test_reruns_own_command_finds_no_fault_in_the_file(recording, tmp_path):
-    pytest.importorskip("rerun", reason="rerun-sdk is not installed (extra rerun)")
-    (path,) = export(recording, "rerun", tmp_path / "a.rrd")
-    done = subprocess.run([sys.executable, "-m", "rerun", "rrd", "verify", str(path)], capture_output=True, text=True)
-    assert done.returncode == 0 and "1 file verified without error" in done.stdout + done.stderr, done.stderr
-
-
-def test_rerun_has_the_numbers_of_a_body_without_a_mesh(recording, tmp_path, monkeypatch):
-    pytest.importorskip("rerun")
-    reading = pytest.importorskip("rerun.chunk")
-
-    class Meshless:
-        def make(self, _: str) -> object:
-            return object()
-
-    monkeypatch.setattr("palpate.records.export.shape.plan_of", lambda _: Meshless())
-    notes: list[str] = []
-    (path,) = export(recording, "rerun", tmp_path / "a.rrd", tell=notes.append)
-    assert len(notes) == 1 and "'tissue'" in notes[0] and "no mesh to draw" in notes[0]
-    entities = {chunk.entity_path for chunk in reading.RrdReader(str(path)).stream().to_chunks()}
-    assert "/tissue/stiffness" in entities and "/tissue/surface" not in entities

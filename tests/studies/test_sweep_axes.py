@@ -12,7 +12,6 @@ import scipy.stats
 import palpate
 from palpate.physics.errors import ArgumentError, PalpateError
 from palpate.studies.sweeps.axes import Space, axis
-from palpate.studies.sweeps.runner import local_cache
 
 
 def points(*axes, **options):
@@ -141,26 +140,11 @@ def test_ten_million_points_are_counted_not_made(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-def test_describing_a_study_imports_no_dask():
+def test_describing_a_study_imports_nothing_slow():
     code = "import sys, palpate; palpate.Study('kidney', {'tissue.stiffness': [1e3, 2e3]}).points; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    assert not {"dask", "distributed", "pandas", "pyarrow", "zarr", "xarray", "SALib", "matplotlib"}.intersection(
-        loaded
-    )
+    assert not {"pandas", "pyarrow", "zarr", "xarray", "SALib", "matplotlib"}.intersection(loaded)
 
 
 def test_a_part_of_the_scene_needs_no_scene_before_it():
     assert palpate.Study("kidney", {"hand": {"named": {"slow": {"path": [{"hold": 1}]}}}}).space.paths == ["scene.hand"]
-
-
-def test_kernels_are_kept_on_this_machine_where_theirs_lie_on_a_disk_of_the_network(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "/home/lab/palpate/kernels-1")
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    mounts = tmp_path / "mounts"
-    mounts.write_text("/dev/sda / ext4 rw 0 0\nserver:/home /home nfs4 rw 0 0\n")
-    cache = local_cache(mounts)
-    assert cache is not None and cache.startswith(str(tmp_path))
-    (tmp_path / cache).chmod(0o777)
-    assert local_cache(mounts) != cache, "what others may write is not to be run"
-    mounts.write_text("server:/ / nfs4 rw 0 0\n/dev/sda /home ext4 rw 0 0\n")
-    assert local_cache(mounts) is None

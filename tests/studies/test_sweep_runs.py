@@ -3,20 +3,12 @@
 import fcntl
 import json
 import math
-import os
 import re
 import resource
-import signal
-import stat
-import subprocess
-import sys
 import time
-from pathlib import Path
 
-import distributed
 import numba
 import numpy as np
-import psutil
 import pyarrow.parquet
 import pytest
 
@@ -24,11 +16,10 @@ import palpate
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.physics.errors import PalpateError, RunError
-from palpate.studies.sweeps import cluster, runner
 from palpate.studies.sweeps import point as point_process
-from palpate.studies.sweeps.file import load
+from palpate.studies.sweeps import runner
 from palpate.studies.sweeps.local import local
-from palpate.studies.sweeps.point import Task, compute, fingerprint
+from palpate.studies.sweeps.point import Task, compute
 from palpate.studies.sweeps.store import Store
 
 KEEP = ("peak ball.force", "mean ball.force", "at 2 ms ball.indentation", "curve ball.force")
@@ -42,19 +33,10 @@ OVER = {"ball.young": [1e4, 2e4, 4e4], "ball.depth": ["1 mm", "2 mm"]}
 
 
 @pytest.fixture(scope="module")
-def client(tmp_path_factory):
+def pool(tmp_path_factory):
     """Two workers, processes of their own, for all tests that leave them alive."""
-    with local(2, tmp_path_factory.mktemp("local") / "workers.log") as pool:
-        yield pool
-
-
-@pytest.fixture(scope="module")
-def dask(tmp_path_factory):
-    """Two workers of Dask, processes of their own."""
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
-    folder = tmp_path_factory.mktemp("dask")
-    with distributed.LocalCluster(**options, local_directory=folder) as cluster, distributed.Client(cluster) as client:
-        yield client
+    with local(2, tmp_path_factory.mktemp("local") / "workers.log") as workers:
+        yield workers
 
 
 @pytest.fixture
@@ -71,16 +53,16 @@ def hertz(young, depth, radius=8e-3, poisson=0.5):
     return 4.0 / 3.0 * young / (1.0 - poisson**2) * math.sqrt(radius) * depth**1.5
 
 
-def computed(study, folder, client, **options):
+def computed(study, folder, pool, **options):
     """Runs a study; the numbers of the points that it computed."""
     numbers = []
-    study.run(folder, client, done=lambda point, done, left: numbers.append(point.slot), **options)
+    study.run(folder, pool, done=lambda point, done, left: numbers.append(point.slot), **options)
     return sorted(numbers)
 
 
-def test_a_row_for_each_point_with_numbers_and_curves(ball, client, tmp_path):
+def test_a_row_for_each_point_with_numbers_and_curves(ball, pool, tmp_path):
     study = palpate.Study(ball, OVER, KEEP)
-    assert computed(study, tmp_path, client) == list(range(6))
+    assert computed(study, tmp_path, pool) == list(range(6))
     table = study.table()
     assert (
         list(table["ball.young"]) == [1e4, 1e4, 2e4, 2e4, 4e4, 4e4]
@@ -103,11 +85,11 @@ def test_a_row_for_each_point_with_numbers_and_curves(ball, client, tmp_path):
     assert data["ball.young"].units == "Pa"
 
 
-def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers(client, tmp_path):
+def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers(pool, tmp_path):
     """On the shipped kidney: two workers, one worker, and `palpate.run` in this process."""
     over = {"tissue.stiffness": [2.5e3, 3.5e3], "hand": {"named": {"fast": press(0.05), "slow": press(0.08)}}}
     arguments = {"keep": ["peak contact.force", "curve contact.force"], "duration": 0.15}
-    several = palpate.Study("kidney", over, **arguments).run(tmp_path / "two", client)
+    several = palpate.Study("kidney", over, **arguments).run(tmp_path / "two", pool)
     palpate.Study("kidney", over, **arguments).run(tmp_path / "one", workers=1)
     for file in (tmp_path / "two").rglob("*"):
         if file.is_file() and file.name not in ("log.jsonl", ".lock", "workers.log"):
@@ -126,32 +108,32 @@ def press(time):
             "path": [{"to": [0, 0, 0.104], "time": time}, {"hold": 0.1}]}  # fmt: skip
 
 
-def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, client, tmp_path, said):
-    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client) == list(range(6))
-    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client, told=said.append) == []
+def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, pool, tmp_path, said):
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == list(range(6))
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool, told=said.append) == []
     assert said == ["6 points, 6 stored, 0 to compute"]
     more = palpate.Study(ball, OVER | {"ball.young": [1e4, 1.5e4, 2e4, 4e4]}, KEEP)
     said.clear()
-    assert len(computed(more, tmp_path, client, told=said.append)) == 2
+    assert len(computed(more, tmp_path, pool, told=said.append)) == 2
     changed = "changed: study.over.ball.young: 4 values, 10000 to 40000, was 3 values, 10000 to 40000"
     assert changed in said and said[-1] == "8 points, 6 stored, 2 to compute"
     assert more.table()["peak ball.force"].to_numpy()[2] == pytest.approx(hertz(1.5e4, 1e-3))
     assert more.xarray()["curve ball.force"].to_numpy()[1, 0, -1] == pytest.approx(hertz(1.5e4, 1e-3))
     other = palpate.Study(ball, OVER, KEEP, sets=["ball.radius=4 mm"])
     said.clear()
-    assert len(computed(other, tmp_path, client, told=said.append)) == 6
+    assert len(computed(other, tmp_path, pool, told=said.append)) == 6
     assert any("changed: graph.nodes.ball.radius: 4 mm, was nothing" in line for line in said)
     assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
-    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, client) == [], "nothing of the former study is lost"
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == [], "nothing of the former study is lost"
     assert len(Store(tmp_path, write=False).rows) == 14
 
 
-def test_curves_of_other_lengths_lie_in_one_folder(ball, client, tmp_path):
-    long, short = (palpate.Study(ball, OVER, KEEP, duration=d).run(tmp_path, client) for d in ("8 ms", "3 ms"))
+def test_curves_of_other_lengths_lie_in_one_folder(ball, pool, tmp_path):
+    long, short = (palpate.Study(ball, OVER, KEEP, duration=d).run(tmp_path, pool) for d in ("8 ms", "3 ms"))
     for study, count in ((long, 8), (short, 3)):
         curve = study.xarray()["curve ball.force"]
         assert curve.shape == (3, 2, count) and curve.notnull().all()
-    rates = palpate.Study(ball, {"rate": [1000, 2000]}, ["curve ball.force"]).run(tmp_path / "rates", client).xarray()
+    rates = palpate.Study(ball, {"rate": [1000, 2000]}, ["curve ball.force"]).run(tmp_path / "rates", pool).xarray()
     assert rates["curve ball.force"].dims == ("rate", "tick") and rates["time"].dims == ("rate", "tick")
     assert rates["time"].sel(rate=2000).to_numpy() == pytest.approx(np.arange(10) * 5e-4)
     assert rates["curve ball.force"].sel(rate=1000).notnull().sum() == 5
@@ -197,10 +179,10 @@ def test_kernels_that_are_compiled_first_do_not_count(ball, tmp_path, monkeypatc
     assert len(told) == 4
 
 
-def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
+def test_points_that_fail_are_rows_with_their_error(ball, pool, tmp_path):
     over = {"ball.young": [1e4, 2e4], "ball.what": ["", "fail", "kill", "hang"]}
     study = palpate.Study(ball, over, ["peak ball.force"], limit="700 ms")
-    assert computed(study, tmp_path, client) == list(range(8))
+    assert computed(study, tmp_path, pool) == list(range(8))
     errors = list(study.table()["error"])
     assert errors == 2 * [
         "",
@@ -209,9 +191,9 @@ def test_points_that_fail_are_rows_with_their_error(ball, client, tmp_path):
         "took longer than 0.7 s",
     ]
     assert study.table()["peak ball.force"].isna().tolist() == [False, True, True, True] * 2
-    assert computed(study, tmp_path, client) == [], "they are not computed again"
+    assert computed(study, tmp_path, pool) == [], "they are not computed again"
     study.limit = 10.0
-    assert computed(palpate.Study(ball, {**over, "ball.what": ["", "fail"]}, ["peak ball.force"]), tmp_path, client,
+    assert computed(palpate.Study(ball, {**over, "ball.what": ["", "fail"]}, ["peak ball.force"]), tmp_path, pool,
                     retry=True) == [1, 5]  # fmt: skip
 
 
@@ -227,20 +209,20 @@ LIMITED = BALL.replace("Ball", "Limited")
         ({"uniform": [-3e-3, -1e-3]}, 0.0),
     ],
 )
-def test_a_draw_out_of_range_is_a_row_wherever_it_comes(write, client, tmp_path, seed, law, lowest):
+def test_a_draw_out_of_range_is_a_row_wherever_it_comes(write, pool, tmp_path, seed, law, lowest):
     """Also as the first one, and where all are."""
     graph = write("ball.yaml", LIMITED)
     study = palpate.Study(graph, {"ball.radius": law}, KEEP[:1], samples=5, seed=seed, design="random")
-    assert computed(study, tmp_path / "out", client) == list(range(5))
+    assert computed(study, tmp_path / "out", pool) == list(range(5))
     table = study.table()
     bad = table["ball.radius"] <= lowest
     assert bad.any() and list(table["error"].str.contains("Expected float > 0.0")) == list(bad)
     assert table["peak ball.force"].notna().tolist() == list(~bad)
 
 
-def test_a_list_may_begin_with_a_value_out_of_range(write, client, tmp_path):
+def test_a_list_may_begin_with_a_value_out_of_range(write, pool, tmp_path):
     over = {"ball.radius": [-1e-3, 2e-3], "ball.young": {"linspace": [-1e3, 2e3, 3]}}
-    study = palpate.Study(write("ball.yaml", LIMITED), over, ["peak ball.force"]).run(tmp_path / "out", client)
+    study = palpate.Study(write("ball.yaml", LIMITED), over, ["peak ball.force"]).run(tmp_path / "out", pool)
     assert (study.table()["error"] == "").tolist() == [False, False, False, False, True, True]
     assert study.labelled("ball.radius") == "ball.radius [m]"
 
@@ -260,15 +242,15 @@ def test_what_no_value_can_cure_is_told_before_anything_runs(write, over, said):
     assert len(raised.value.faults) == 1
 
 
-def test_a_long_point_holds_up_no_other(ball, client, tmp_path):
+def test_a_long_point_holds_up_no_other(ball, pool, tmp_path):
     """It is started first, on one of two workers: the short ones come on the other."""
     study = palpate.Study(ball, {"ball.pause": [5.0, *np.arange(12) * 1e-3]}, ["peak ball.force"])
     order = []
-    study.run(tmp_path, client, done=lambda point, done, left: order.append(point.slot))
+    study.run(tmp_path, pool, done=lambda point, done, left: order.append(point.slot))
     assert order[-1] == 0 and len(order) == 13
 
 
-def test_ctrl_c_keeps_what_is_done(ball, client, tmp_path):
+def test_ctrl_c_keeps_what_is_done(ball, pool, tmp_path):
     study, done = palpate.Study(ball, {"ball.pause": list(np.arange(10) * 0.01)}, KEEP), []
 
     def interrupt(point, computed, left):
@@ -277,27 +259,27 @@ def test_ctrl_c_keeps_what_is_done(ball, client, tmp_path):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        study.run(tmp_path, client, done=interrupt)
+        study.run(tmp_path, pool, done=interrupt)
     assert {row["slot"] for row in Store(tmp_path, write=False).rows.values()} == set(done)
-    assert computed(study, tmp_path, client) == sorted(set(range(10)) - set(done))
+    assert computed(study, tmp_path, pool) == sorted(set(range(10)) - set(done))
     assert not study.table()["error"].any()
 
 
-def test_a_full_disk_ends_the_study_and_loses_nothing(ball, client, tmp_path):
+def test_a_full_disk_ends_the_study_and_loses_nothing(ball, pool, tmp_path):
     study = palpate.Study(ball, OVER, KEEP)
-    study.run(tmp_path, client)
+    study.run(tmp_path, pool)
     stored = (tmp_path / "points.parquet").read_bytes()
     more = palpate.Study(ball, OVER | {"ball.radius": ["5 mm", "6 mm"]}, KEEP)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     with pytest.raises(RunError, match=r"File too large\. All points in points.parquet stay"):
         try:
             resource.setrlimit(resource.RLIMIT_FSIZE, (len(stored) // 2, hard))
-            more.run(tmp_path, client)
+            more.run(tmp_path, pool)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert (tmp_path / "points.parquet").read_bytes() == stored
     assert not study.table()["error"].any()
-    more.run(tmp_path, client)
+    more.run(tmp_path, pool)
     assert not more.table()["error"].any()
 
 
@@ -312,60 +294,31 @@ def test_a_full_disk_under_a_point_is_no_fault_of_the_point(ball, tmp_path):
     assert done.lost and not done.error
 
 
-@pytest.mark.long
-def test_a_worker_that_is_killed_is_made_up_for(ball, dask, tmp_path):
-    study, killed = palpate.Study(ball, {"ball.pause": [0.2 + k * 1e-3 for k in range(8)]}, KEEP), []
-
-    def kill(point, computed, left):
-        if not killed:
-            killed.append(next(iter(dask.run(os.getpid).values())))
-            os.kill(killed[0], signal.SIGKILL)
-
-    study.run(tmp_path, dask, done=kill)
-    assert killed and not study.table()["error"].any()
-    dask.wait_for_workers(2, timeout=120)
-
-
-@pytest.mark.long
-def test_a_process_of_points_ends_with_its_worker(ball, dask, tmp_path):
-    flag = tmp_path / "begun"
-    study = palpate.Study(ball, {"ball.pause": [60.0]}, KEEP, sets=[f"ball.flag={flag}"])
-    task = Task(study.launch, study.keep, fingerprint(), None)
-    point = dask.submit(runner.work, task, study.points, pure=False)
-    while not (flag.exists() and flag.read_text()):
-        time.sleep(0.01)
-    child = psutil.Process(int(flag.read_text()))
-    point.cancel()
-    os.kill(child.ppid(), signal.SIGKILL)
-    child.wait(60)
-    dask.wait_for_workers(2, timeout=120)
-
-
-def test_two_studies_do_not_write_one_folder(ball, client, tmp_path):
+def test_two_studies_do_not_write_one_folder(ball, pool, tmp_path):
     held = Store(tmp_path)
     with pytest.raises(RunError, match="another process writes this study"):
-        palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+        palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
     held.close()
-    palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+    palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
 
 
-def test_a_worker_with_other_versions_computes_nothing(ball, client, tmp_path):
+def test_a_worker_with_other_versions_computes_nothing(ball, pool, tmp_path):
     study = palpate.Study(ball, OVER, KEEP)
     study._about["versions"] |= {"numpy": "1.0"}
     with pytest.raises(RunError, match=r"would not give the same bytes: numpy \d\S* there, 1.0 here"):
-        study.run(tmp_path, client)
+        study.run(tmp_path, pool)
 
 
-def test_whole_recordings_on_wish(ball, client, tmp_path):
+def test_whole_recordings_on_wish(ball, pool, tmp_path):
     study = palpate.Study(ball, {"ball.young": [1e4, 2e4]}, ["peak ball.force", "recording"])
-    study.run(tmp_path, client)
+    study.run(tmp_path, pool)
     for force, name in study.table()[["peak ball.force", "recording"]].to_numpy():
         assert palpate.open(tmp_path / "recordings" / name).ball.force.max() == force
     assert len(list((tmp_path / "recordings").iterdir())) == 2
 
 
-def test_what_is_stored_opens_with_other_tools(ball, client, tmp_path):
-    palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+def test_what_is_stored_opens_with_other_tools(ball, pool, tmp_path):
+    palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
     table = pyarrow.parquet.read_table(tmp_path / "points.parquet")
     assert table.column_names == ["key", "base", "slot", *sorted([*KEEP[:3], *OVER]), "error"]
     assert {json.loads(line)["key"] for line in (tmp_path / "log.jsonl").read_text().splitlines()} == set(
@@ -373,14 +326,14 @@ def test_what_is_stored_opens_with_other_tools(ball, client, tmp_path):
     )
     (tmp_path / "points.parquet").write_bytes(b"PAR1 and no more")
     with pytest.raises(RunError, match="this is no study, or a damaged one"):
-        palpate.Study(ball, OVER, KEEP).run(tmp_path, client)
+        palpate.Study(ball, OVER, KEEP).run(tmp_path, pool)
 
 
-def test_pictures_of_numbers_and_curves(ball, client, tmp_path):
+def test_pictures_of_numbers_and_curves(ball, pool, tmp_path):
     study = palpate.Study(ball, OVER, KEEP)
     with pytest.raises(RunError, match="was not run"):
         study.table()
-    study.run(tmp_path, client)
+    study.run(tmp_path, pool)
     (axes,) = study.plot("peak ball.force").axes
     assert [line.get_label() for line in axes.lines] == ["1 mm", "2 mm"] and axes.get_xlabel() == "ball.young [Pa]"
     assert axes.lines[1].get_ydata() == pytest.approx([hertz(e, 2e-3) for e in (1e4, 2e4, 4e4)])
@@ -420,84 +373,9 @@ def test_units_of_a_graph_that_was_changed_since_are_not_left_out_in_silence(bal
         _ = study.units
 
 
-def test_long_values_stand_by_their_number_in_legends(ball, client, tmp_path):
+def test_long_values_stand_by_their_number_in_legends(ball, pool, tmp_path):
     flags = [str(tmp_path / f"{'long' * 20}{number}") for number in (1, 2)]
-    study = palpate.Study(ball, {"ball.young": [1e4, 2e4], "ball.flag": flags}, KEEP).run(tmp_path / "out", client)
+    study = palpate.Study(ball, {"ball.young": [1e4, 2e4], "ball.flag": flags}, KEEP).run(tmp_path / "out", pool)
     (axes,) = study.plot("peak ball.force").axes
     assert [line.get_label() for line in axes.lines] == ["#1", "#2"]
     assert list(study.table()["ball.flag"]) == 2 * flags
-
-
-def test_the_slurm_script_has_one_thread_a_worker(write, tmp_path):
-    study = write("mine.yaml", """
-        graph: kidney
-        over: {tissue.stiffness: [2e3, 3e3]}
-        keep: [peak contact.force]
-        slurm: {jobs: 3, cores: 8, memory: 16 GB, walltime: '02:00:00', queue: short}
-    """)  # fmt: skip
-    with cluster.slurm(load(study)[1], tmp_path / "out") as jobs:
-        script = jobs.job_script()
-        (key,) = (Path(word) for word in re.findall(r"--tls-key (\S+)", script))
-        assert key.read_text().startswith("-----BEGIN PRIVATE KEY") and key.is_relative_to(tmp_path / "out")
-        assert stat.S_IMODE(key.parent.stat().st_mode) == 0o700
-    assert not key.parent.exists(), "the key ends with the study"
-    for line in ("#SBATCH -p short", "#SBATCH --cpus-per-task=8", "#SBATCH --mem=15G", "#SBATCH -t 02:00:00",
-                 "--nthreads 1", "--nworkers 8"):  # fmt: skip
-        assert line in script
-    with pytest.raises(PalpateError, match=r"slurm: .*wall_time"), cluster.slurm({"wall_time": "1"}, tmp_path):
-        pass
-
-
-@pytest.mark.long
-@pytest.mark.timeout(60)
-def test_jobs_of_slurm_are_submitted_and_compute(ball, tmp_path, monkeypatch):
-    """In place of SLURM a program that runs the script at once: what dask-jobqueue writes is a script that works."""
-    submit = f'cd {tmp_path}; cp "$1" job.sh; setsid bash job.sh >job.log 2>&1 & echo "Submitted batch job $!"'
-    for name, text in (("sbatch", submit), ("scancel", 'kill -- -"$1"')):
-        program = tmp_path / "bin" / name
-        program.parent.mkdir(exist_ok=True)
-        program.write_text(f"#!/bin/bash\n{text}\n")
-        program.chmod(0o755)
-    with pytest.raises(RunError, match=r"no `sbatch` here"), cluster.submitted({}, tmp_path):
-        pass
-    monkeypatch.setenv("PATH", f"{tmp_path / 'bin'}:{os.environ['PATH']}")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(path for path in sys.path if path))
-    options = {"jobs": 1, "cores": 2, "memory": "2 GB", "interface": "lo"}
-    with cluster.submitted(options, tmp_path / "out") as client:
-        assert client.scheduler.addr.startswith("tls://") and not cluster.exposed(client)
-        study = palpate.Study(ball, OVER, KEEP).run(tmp_path / "out", client)
-    assert not study.table()["error"].any(), (tmp_path / "job.log").read_text()
-
-
-@pytest.mark.long
-def test_a_scheduler_that_dies_takes_no_point_with_it(ball, tmp_path):
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
-    options = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": env}
-    file = tmp_path / "scheduler.json"
-    dask = [sys.executable, "-m", "dask"]
-    scheduler = subprocess.Popen([*dask, "scheduler", "--port", "0", "--host", "127.0.0.1", "--dashboard-address", ":0",
-                                  "--scheduler-file", str(file)], **options)  # fmt: skip
-    worker = subprocess.Popen([*dask, "worker", "--scheduler-file", str(file), "--nthreads", "1"], **options)
-    try:
-        while not file.exists():
-            time.sleep(0.05)
-        study, done = palpate.Study(ball, {"ball.pause": [0.3 + k * 1e-3 for k in range(12)]}, KEEP), []
-
-        def kill(point, computed, left):
-            done.append(point.slot)
-            if len(done) == 3:
-                scheduler.kill()
-
-        address = json.loads(file.read_text())["address"]
-        with cluster.connect(address) as client, pytest.raises(RunError, match="the scheduler is lost"):
-            study.run(tmp_path / "out", client, done=kill)
-        assert (
-            {row["slot"] for row in Store(tmp_path / "out", write=False).rows.values()} == set(done) != set(range(12))
-        )
-        with pytest.raises(RunError, match="no scheduler of Dask at"):
-            cluster.connect(address)
-    finally:
-        for process in (worker, scheduler):
-            process.kill()
-            process.wait()
-    assert computed(study, tmp_path / "out", None, workers=1) == sorted(set(range(12)) - set(done))

@@ -3,9 +3,8 @@
 from functools import cache
 from pathlib import Path
 
+import phantom_finger as phantom
 from skimage.io import imsave
-
-from palpate.models.scan import phantom
 
 
 @cache

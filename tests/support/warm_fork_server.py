@@ -36,7 +36,7 @@ from typing import Any, NoReturn
 from palpate.launch.run import forkserver
 
 AFTER_IMPORT = {
-    "BROWSER", "COLUMNS", "DISPLAY", "LSLAPICFG", "PALPATE_FAULT", "PALPATE_TEST", "PYTEST_CURRENT_TEST", "PYTHONPATH",
+    "BROWSER", "COLUMNS", "DISPLAY", "PALPATE_FAULT", "PALPATE_TEST", "PYTEST_CURRENT_TEST", "PYTHONPATH",
     "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
 """Variables that nothing reads while it is imported."""

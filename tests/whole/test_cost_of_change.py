@@ -150,7 +150,6 @@ COMMANDS = {
     "info": ["info", "rub.mcap", "--json"],
     "csv": ["export", "rub.mcap", "--to", "csv", "--out", "tables"],
     "foxglove": ["export", "rub.mcap", "--to", "foxglove", "--out", "rub-json.mcap"],
-    "emulate": ["devices", "--emulate", "crank", "--seconds", "0.1", "--json"],
 }
 
 
@@ -219,7 +218,3 @@ def test_their_messages_are_exported_with_units(said):
     assert dents == sorted(dents) and dents[-1] > 0.0
     with (said[1] / "tables" / "skin.csv").open() as file:
         assert "power [W]" in next(csv.reader(file))
-
-
-def test_the_device_is_driven_by_hand_too(said):
-    assert json.loads(answer(said, "emulate"))["device"] == "Crank"

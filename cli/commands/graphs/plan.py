@@ -1,4 +1,4 @@
-"""`palpate plan`: what runs, what does not and why; also as a picture."""
+"""`palpate plan`: what runs, what does not and why."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from palpate.cli.terminal.output import console, tell
 from palpate.cli.terminal.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.engine.plan import Plan
     from palpate.launch.load.bill import EffectCost
 
-EXAMPLE = "palpate plan kidney --draw -o kidney.mmd"
+EXAMPLE = "palpate plan kidney --scene frictionless"
 
 
 def plan(
@@ -25,8 +24,6 @@ def plan(
     scene: SceneOption = None,
     place: PlaceOption = None,
     fused: Fused = False,
-    draw: Annotated[bool, typer.Option("--draw", help="Print the graph as Mermaid text.")] = False,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Write what --draw prints to this file.")] = None,
     ablate: Annotated[
         Path | None,
         typer.Option(help="A recorded touch: compute it again with each effect toggled, and show what changes."),
@@ -40,8 +37,6 @@ def plan(
     from palpate.launch.load.bill import bill
     from palpate.records.times import step_times
 
-    if out is not None and not draw:
-        raise typer.BadParameter("-o is the file of --draw: give both")
     run = chosen(graph, sets, scene, place, fused)
     planned = run.plan()
     times, source = step_times(planned, ablate)
@@ -49,9 +44,7 @@ def plan(
     items = bill(planned, times)
     if ablate is not None:
         _prove(ablate, items, sets or [], as_json)
-    if draw:
-        _draw(planned, out, times)
-    elif as_json:
+    if as_json:
         groups = [{"name": g.name, "nodes": g.nodes, "core": g.core, "priority": g.priority, "host": g.host,
                    "why": g.why}
                   for g in placement.groups]  # fmt: skip
@@ -81,14 +74,3 @@ def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -
 
     with steps(f"plan: the touch again with each of {len(items)} effects toggled", len(items), silent=silent) as done:
         prove(Recording(file), items, sets, lambda name: done(f"{name} toggled"))
-
-
-def _draw(planned: Plan, out: Path | None, times: dict[str, float]) -> None:
-    from palpate.launch.load.draw import mermaid
-
-    text = mermaid(planned, times)
-    if out is None:
-        typer.echo(text, nl=False)
-    else:
-        out.write_text(text, encoding="utf-8")
-        typer.echo(out)

@@ -15,15 +15,15 @@ MCAP = "mcap"
 
 def export(
     file: File,
-    to: Annotated[str, typer.Option(help="foxglove, rerun, parquet or csv; mcap: a complete recording.")],
+    to: Annotated[str, typer.Option(help="foxglove, parquet or csv; mcap: a complete recording.")],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="File (foxglove, rerun, mcap) or folder; by default next to the recording."),
+        typer.Option("-o", "--out", help="File (foxglove, mcap) or folder; by default next to the recording."),
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
         int | None,
-        typer.Option(help="Only every n-th message; by default all numbers, and 30 surfaces per second.", min=1),
+        typer.Option(help="Only every n-th message.", min=1),
     ] = None,
     full: Annotated[
         bool, typer.Option("--full", help="With --to mcap, of a recording of sources: compute and write all messages.")
@@ -33,9 +33,9 @@ def export(
 ) -> None:
     """Write a recording for other tools, or repair a truncated one.
 
-    As MCAP with a scene (Foxglove, PlotJuggler), for Rerun, as Parquet or CSV. With --to mcap: a
-    complete recording from the readable part of a truncated or damaged one. Exit code 1 if a message that --full
-    computes differs from the recorded one; the messages before it are written.
+    As MCAP with JSON (Foxglove, PlotJuggler), as Parquet or CSV. With --to mcap: a complete recording from the
+    readable part of a truncated or damaged one. Exit code 1 if a message that --full computes differs from the
+    recorded one; the messages before it are written.
     """
     if to == MCAP:
         if stream or every:
@@ -50,17 +50,14 @@ def export(
 
     one_of("--to", to, *FORMATS, MCAP)
     recording = Recording(file)
-    notes: list[str] = []
-    written = write(recording, to, out, stream or (), every=every, tell=notes.append)
+    written = write(recording, to, out, stream or (), every=every)
     if as_json:
         files = [str(path) for path in written]
-        tell({"ok": True, "files": files, "notes": notes, "complete": recording.complete, "ending": recording.ending})
+        tell({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
         return
     size = sum(path.stat().st_size for path in written)
     where = written[0] if len(written) == 1 else written[0].parent
     say(f"{where}: {len(written)} file{'s' * (len(written) != 1)}, {size / 1e6:.2f} MB", wrap=True)
-    for note in notes:
-        say(note, "yellow")
     if not recording.complete:
         say(recording.ending, "yellow")
 

@@ -53,8 +53,6 @@ def experiment(
 
     with opened(file, out, participant, session, list(sets or []), resume, _sure) as sitting:
         told = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
-        if sitting.stimuli.experiment.lsl:
-            sitting.send_markers()
         for note in [*sitting.notes, told]:
             say(note, err=True)
         with contextlib.suppress(KeyboardInterrupt):  # what was answered is told first

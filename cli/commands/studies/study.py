@@ -1,8 +1,7 @@
-"""`palpate study`: one graph at many points, on the cores of this machine or on a cluster."""
+"""`palpate study`: one graph at many points, on the cores of this machine."""
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,9 +25,6 @@ def study(
         Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/studies/STUDY.")
     ] = None,
     workers: Annotated[int | None, typer.Option(help="Processes here; default: one per core.", min=1)] = None,
-    scheduler: Annotated[str | None, typer.Option(help="Dask scheduler that is running: tls://HOST:PORT.")] = None,
-    slurm: Annotated[bool, typer.Option("--slurm", help="Submit workers to SLURM by the file's `slurm:`.")] = False,
-    job_script: Annotated[bool, typer.Option("--job-script", help="Print the SLURM script, and end.")] = False,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
     retry: Annotated[bool, typer.Option("--retry", help="Compute points again that failed before.")] = False,
@@ -43,28 +39,14 @@ def study(
     from palpate.studies.sweeps.file import find, load
 
     path = find(file)
-    found, options = load(path, sensitivity, samples)
+    found = load(path, sensitivity, samples)
     folder, left = out or Path("runs", "studies", path.stem), len(found)
-    if slurm or job_script or scheduler is not None:
-        from palpate.studies.sweeps import cluster
-    if job_script:
-        with cluster.slurm(options, Path()) as jobs:
-            typer.echo(jobs.job_script())
-        return
 
     def told(text: str) -> None:
         if not as_json:
             say(text, err=True)
 
-    with contextlib.ExitStack() as ending:
-        client = None
-        if slurm:
-            client = ending.enter_context(cluster.submitted(options, folder))
-        elif scheduler is not None:
-            client = ending.enter_context(cluster.connect(scheduler))
-        if client is not None and (warning := cluster.exposed(client)):
-            say(warning, "yellow", err=True, wrap=True)
-        done = ending.enter_context(steps(f"study {path.stem}", len(found), silent=as_json, timed=False))
+    with steps(f"study {path.stem}", len(found), silent=as_json, timed=False) as done:
 
         def each(point: Any, computed: Any, remain: int) -> None:
             nonlocal left
@@ -72,7 +54,7 @@ def study(
             left = remain
 
         try:
-            found.run(folder, client, workers=workers, retry=retry, yes=yes, told=told, done=each)
+            found.run(folder, workers=workers, retry=retry, yes=yes, told=told, done=each)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"

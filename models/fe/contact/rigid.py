@@ -166,7 +166,7 @@ class Rigid(Augmented):
     """A rigid body that moves along `path` and touches some faces of the mesh.
 
     faces       (F,6) outward boundary faces that may touch
-    shape       signed distance, see `Shape`; `plane`, `sphere`, `capsule`, `fe.meshed` or an own function
+    shape       signed distance, see `Shape`; `plane`, `sphere`, `capsule` or an own function
     parameters  its numbers
     path        load -> place of the body's origin [m] (3); or that and its rotation [1] (3,3), from its frame to the
                 world's

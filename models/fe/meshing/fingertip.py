@@ -7,14 +7,13 @@ symmetry. World frame: z up from the plate, origin at the first point of contact
 E. Battaglia et al., A finite element model of tactile flow for softness perception (2015).
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from palpate.models.fe.element.mesh import MeshError
-from palpate.models.fe.meshing.layers import BONE, CORE, DERMIS, EPIDERMIS, NAIL, PLATE, SUBCUTIS, Layers, directions
+from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes
+from palpate.models.fe.meshing.layers import BONE, CORE, DERMIS, EPIDERMIS, NAIL, PLATE, SUBCUTIS, directions, lattice
 from palpate.physics.materials.hencky import hencky
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.mooney_rivlin import mooney_rivlin
@@ -35,7 +34,7 @@ PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-
 
 
 @dataclass(frozen=True)
-class FingertipDimensions(Layers):
+class FingertipDimensions:
     """Dimensions [m] and fineness of the mesh. The paper leaves open: phalanx length, nail thickness, plate size, how
     far round the upper epidermis is held.
 
@@ -51,12 +50,15 @@ class FingertipDimensions(Layers):
     tilt: float = np.deg2rad(15.0)  # [rad] between axis and plate
     plate: tuple[float, float] = (20e-3, 20e-3)  # half-widths of a deformable plate and its thickness
     cells: int = 6  # elements across an eighth of the circumference, 3 and more
-    whole = False
 
     def __post_init__(self) -> None:
-        self.check(
-            "fingertip", self.bone, self.subcutis, self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate
-        )
+        sizes = self.bone, self.subcutis, self.dermis, self.epidermis, self.nail, self.phalanx, *self.plate
+        if not all(np.isfinite(sizes)) or min(sizes) <= 0:
+            raise MeshError(f"fingertip: found sizes {sizes} m, expected positive ones")
+        if not 0.0 <= self.tilt <= np.pi / 4:
+            raise MeshError(f"fingertip: tilt {self.tilt} rad, expected 0 ... pi/4")
+        if self.cells < 3:
+            raise MeshError(f"fingertip: cells {self.cells}, expected 3 or more")
 
     @cached_property
     def radii(self) -> np.ndarray:
@@ -74,15 +76,60 @@ class FingertipDimensions(Layers):
         core = (1.0 - inside) * (CORE * self.bone) * ray
         return self._world(middle + core + inside * radius * directions(box))
 
-    def describe(self) -> dict[str, Any]:
-        return asdict(self)
-
     def _world(self, p: np.ndarray) -> np.ndarray:
         s, c = np.sin(self.tilt), np.cos(self.tilt)
         normal, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])
         lowest = np.array([0.0, 0.0, self.phalanx]) - self.radii[-1] * normal
         moved = p - lowest
         return np.stack([p[:, 0], -moved @ forward, moved @ normal], axis=1)
+
+    @cached_property
+    def _meshed(self) -> tuple[TetMesh, np.ndarray]:
+        """The mesh, whose edges follow the surfaces, and its nodes' lattice coordinates (N,4)."""
+        blocks = lattice(self.cells, self.radii)
+        count = len(blocks.points)
+        corners = bricks(self.place(blocks.points), blocks.cells)
+        elements, edges = edge_nodes(count, corners)
+        points = np.concatenate([blocks.points, blocks.points[edges].mean(axis=1)])
+        return TetMesh(self.place(points), elements, np.repeat(blocks.region, 6)), points
+
+    @property
+    def mesh(self) -> TetMesh:
+        """The finger; its edges are bent as its surfaces are."""
+        return self._meshed[0]
+
+    @cached_property
+    def cut(self) -> np.ndarray:
+        """Nodes on the plane of symmetry (N,) bool."""
+        return self._meshed[1][:, 0] < 1e-12
+
+    @cached_property
+    def rear(self) -> np.ndarray:
+        """Nodes of the rear face (N,) bool."""
+        return self._meshed[1][:, 2] < -1.0 + 1e-12
+
+    @cached_property
+    def pad(self) -> np.ndarray:
+        """Faces of the lower epidermis that may touch (F,6)."""
+        mesh = self.mesh
+        place = mesh.points[mesh.faces[:, :3]].mean(axis=1)
+        edges = mesh.points[mesh.faces]
+        normal = np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0])
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        inner = self.cut[mesh.faces].all(axis=1) | self.rear[mesh.faces].all(axis=1)
+        near = place[:, 2] < 0.6 * self.radii[-1]
+        return mesh.faces[~inner & near & (normal[:, 2] < -0.3)]
+
+    @cached_property
+    def held(self) -> np.ndarray:
+        """Nodes of the rear face and of the upper epidermis (N,) bool; the upper epidermis is the quarter of the skin
+        that the nail lies on."""
+        mesh = self.mesh
+        held = self.rear.copy()
+        nail = np.unique(mesh.elements[mesh.region == NAIL])
+        skin = np.unique(mesh.elements[mesh.region == EPIDERMIS])
+        held[np.intersect1d(nail, skin)] = True
+        return held
 
 
 def divisor_and_bone(material: str | float) -> tuple[float, float]:

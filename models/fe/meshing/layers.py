@@ -1,17 +1,13 @@
-"""A finger in layers: a bone, three shells round it and a nail, meshed on one lattice whatever the surfaces' shape.
+"""The lattice of a finger in layers: a bone, three shells round it and a nail.
 
-The lattice is an inflated box: a core, and shells of bricks over all its faces but the rear. A subclass says where a
-point of the lattice lies; which brick is of which layer, what is held and what may touch is the same for all.
+The lattice is an inflated box: a core, and shells of bricks over all its faces but the rear and the plane of symmetry.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 
-from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes, grid
+from palpate.models.fe.element.mesh import grid
 
 BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
 
@@ -32,16 +28,15 @@ class Lattice:
     region: np.ndarray  # (C,)
 
 
-def lattice(fine: int, radii: np.ndarray, whole: bool) -> Lattice:
-    """The lattice of a finger.
+def lattice(fine: int, radii: np.ndarray) -> Lattice:
+    """The lattice of half a finger: across >= 0 of the plane of symmetry.
 
     fine   cells across an eighth of the circumference
     radii  [m] (4,) outer ones of bone, subcutis, dermis, epidermis; a layer that is thicker than the faces are wide is
            cut into several
-    whole  both sides of the plane of symmetry, or the half with across >= 0
     """
     n = fine
-    x = np.linspace(-1.0, 1.0, 2 * n + 1) if whole else np.linspace(0.0, 1.0, n + 1)
+    x = np.linspace(0.0, 1.0, n + 1)
     y = np.linspace(-1.0, 1.0, 2 * max(2, n // 2) + 1)
     tip = np.linspace(0.0, 1.0, n + 1)
     back = np.cumsum(1.35 ** np.arange(max(3, n - 1)))
@@ -56,8 +51,6 @@ def lattice(fine: int, radii: np.ndarray, whole: bool) -> Lattice:
         node[:-1, -1, :-1].ravel()[:, None] + corner[1],
         node[:-1, :-1, -1].ravel()[:, None] + corner[2],
     ]
-    if whole:
-        quads.append(node[:-1, :-1, 0].ravel()[:, None] + corner[2])
     upper = len(quads[0]) + len(quads[1]) + np.arange(len(quads[2]))
     skin = np.concatenate(quads)
     surface, on = np.unique(skin, return_inverse=True)
@@ -94,88 +87,3 @@ def directions(box: np.ndarray) -> np.ndarray:
     ray = np.column_stack([box[:, :2], np.maximum(box[:, 2], 0.0)])
     direction = np.tan(np.pi / 4 * ray)
     return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
-
-
-class Layers(ABC):
-    """A meshed finger. World frame: z up from the plate, origin where it first touches, the tip towards -y.
-
-    tilt   [rad] between axis and plate
-    cells  elements across an eighth of the circumference, 3 and more
-    plate  [m] half-widths of a deformable plate and its thickness
-    whole  whether both sides are meshed, or half of it, x >= 0
-    """
-
-    tilt: float
-    cells: int
-    plate: tuple[float, float]
-    whole: bool
-
-    def check(self, finger: str, *sizes: float) -> None:
-        """MeshError: one of the sizes [m], the tilt or the fineness is out of range."""
-        if not all(np.isfinite(sizes)) or min(sizes) <= 0:
-            raise MeshError(f"{finger}: found sizes {sizes} m, expected positive ones")
-        if not 0.0 <= self.tilt <= np.pi / 4:
-            raise MeshError(f"{finger}: tilt {self.tilt} rad, expected 0 ... pi/4")
-        if self.cells < 3:
-            raise MeshError(f"{finger}: cells {self.cells}, expected 3 or more")
-
-    @property
-    @abstractmethod
-    def radii(self) -> np.ndarray:
-        """Outer radius of bone, subcutis, dermis and epidermis [m] (4,), typical ones where they vary."""
-
-    @abstractmethod
-    def place(self, points: np.ndarray) -> np.ndarray:
-        """World coordinates [m] (N,3) of points of the lattice (N,4), see `Lattice`."""
-
-    @abstractmethod
-    def describe(self) -> dict[str, Any]:
-        """What distinguishes this finger from others, as plain data."""
-
-    @cached_property
-    def _meshed(self) -> tuple[TetMesh, np.ndarray]:
-        """The mesh, whose edges follow the surfaces, and its nodes' lattice coordinates (N,4)."""
-        blocks = lattice(self.cells, self.radii, self.whole)
-        count = len(blocks.points)
-        corners = bricks(self.place(blocks.points), blocks.cells)
-        elements, edges = edge_nodes(count, corners)
-        points = np.concatenate([blocks.points, blocks.points[edges].mean(axis=1)])
-        return TetMesh(self.place(points), elements, np.repeat(blocks.region, 6)), points
-
-    @property
-    def mesh(self) -> TetMesh:
-        """The finger; its edges are bent as its surfaces are."""
-        return self._meshed[0]
-
-    @cached_property
-    def cut(self) -> np.ndarray:
-        """Nodes on the plane of symmetry (N,) bool; none in a whole finger."""
-        return np.zeros(len(self.mesh.points), dtype=bool) if self.whole else self._meshed[1][:, 0] < 1e-12
-
-    @cached_property
-    def rear(self) -> np.ndarray:
-        """Nodes of the rear face (N,) bool."""
-        return self._meshed[1][:, 2] < -1.0 + 1e-12
-
-    @cached_property
-    def pad(self) -> np.ndarray:
-        """Faces of the lower epidermis that may touch (F,6)."""
-        mesh = self.mesh
-        place = mesh.points[mesh.faces[:, :3]].mean(axis=1)
-        edges = mesh.points[mesh.faces]
-        normal = np.cross(edges[:, 1] - edges[:, 0], edges[:, 2] - edges[:, 0])
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        inner = self.cut[mesh.faces].all(axis=1) | self.rear[mesh.faces].all(axis=1)
-        near = place[:, 2] < 0.6 * self.radii[-1]
-        return mesh.faces[~inner & near & (normal[:, 2] < -0.3)]
-
-    @cached_property
-    def held(self) -> np.ndarray:
-        """Nodes of the rear face and of the upper epidermis (N,) bool; the upper epidermis is the quarter of the skin
-        that the nail lies on."""
-        mesh = self.mesh
-        held = self.rear.copy()
-        nail = np.unique(mesh.elements[mesh.region == NAIL])
-        skin = np.unique(mesh.elements[mesh.region == EPIDERMIS])
-        held[np.intersect1d(nail, skin)] = True
-        return held

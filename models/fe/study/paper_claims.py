@@ -15,7 +15,7 @@ WEAK = 0.1  # [1] The strain whose volume says on which plate the finger is stra
 LEAST = 1e-3  # [mm³, mm³/N] A smaller isostrain volume, or growth of it, on both plates: the level is not reached
 
 
-def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str, Any]:
+def numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
     """The record as plain data, with the paper's points beside it."""
     divisor, bone = divisor_and_bone(material)
     return {
@@ -23,7 +23,7 @@ def numbers(plate: str, material: str, record: Record, paper: bool) -> dict[str,
         **{name: values.tolist() for name, values in vars(record).items()},
         "paper": [
             {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
-            for f, d in (PAPER[plate] if paper else ())
+            for f, d in PAPER[plate]
         ],
     }  # fmt: skip
 

@@ -67,9 +67,7 @@ class PressRun:
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
             mesh = pressing.solver.mesh
-            self._write(
-                "mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region, sides=pressing.sides
-            )
+            self._write("mesh.npz", points=mesh.points, elements=mesh.elements, region=mesh.region)
             with replacing(self.folder / "run.json") as part:
                 part.write_text(json.dumps(plain, indent=2))
             return [first]
@@ -123,18 +121,18 @@ class PressRun:
         """What was found so far. ArgumentError: no run."""
         return as_record(self.table().tolist())
 
-    def mesh(self) -> tuple[TetMesh, float]:
-        """The mesh, plate included, and the sides that it stands for, see `Pressing.sides`. ArgumentError: no run."""
+    def mesh(self) -> TetMesh:
+        """The mesh, plate included. ArgumentError: no run."""
         arrays = self._read("mesh.npz")
         try:
-            return TetMesh(arrays["points"], arrays["elements"], arrays["region"]), float(arrays["sides"])
+            return TetMesh(arrays["points"], arrays["elements"], arrays["region"])
         except DAMAGED as error:
             raise self._damaged("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
         """Displacement [m] (N,3) of a row of the table. ArgumentError: no such step."""
         if row == 0:
-            return np.zeros_like(self.mesh()[0].points)
+            return np.zeros_like(self.mesh().points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
 
     def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:
@@ -222,10 +220,8 @@ def as_record(rows: list[list[float]]) -> Record:
     return Record(table[:, 0], np.maximum.accumulate(table[:, 1]), table[:, 2], LEVELS, table[:, 3:])
 
 
-def run_name(plate: str, material: str, cells: int, friction: float, finger: Path | None = None) -> str:
-    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}" + (
-        "" if finger is None else f"-{finger.stem}"
-    )
+def run_name(plate: str, material: str, cells: int, friction: float) -> str:
+    return f"{plate}-{material.replace('/', '-by-')}-{cells}-{friction:g}"
 
 
 def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:

@@ -1,7 +1,7 @@
 """One pressing of a finger on a plate: the boundary conditions, the contact, and the strain that comes of it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,14 @@ from palpate.models.fe.contact.pressure import nodal_pressure
 from palpate.models.fe.contact.rigid import Rigid, plane
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.models.fe.element.vtk import write_vtu
-from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone, materials
-from palpate.models.fe.meshing.layers import PLATE, Layers
+from palpate.models.fe.meshing.fingertip import PAPER, FingertipDimensions, divisor_and_bone, materials
+from palpate.models.fe.meshing.layers import PLATE
 from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.models.fe.study.isostrain import strain, volumes_above
 from palpate.physics.materials.hyperelastic import Material
 
 PENETRATION = 2e-6  # [m] that the contact may leave
+SIDES = 2.0  # [1] Half of the finger is meshed
 
 
 @dataclass
@@ -28,7 +29,7 @@ class Pressing:
     material  one of the finger's sets of constants, see `fe.meshing.fingertip.divisor_and_bone`
     """
 
-    finger: Layers
+    finger: FingertipDimensions
     plate: str = "steel"  # "steel" (200 GPa on tissue of kPa: taken as rigid) or "silicone"
     material: str | float = "printed"
     friction: float = 0.2
@@ -64,19 +65,16 @@ class Pressing:
                 return load * up
 
             self.touch = Pair(pad, top, self.friction, PENETRATION)
-        if not self.finger.whole:
-            fixed[np.abs(mesh.points[:, 0]) < 1e-9, 0] = True
+        fixed[np.abs(mesh.points[:, 0]) < 1e-9, 0] = True
         steps = Settings(tolerance=1e-5, step=5e-5, largest=1e-4, least=1e-7)
         self.solver = Solver(mesh, self.laws(self.material), fixed, lift, contacts=[self.touch], settings=steps)
 
     def _block(self) -> TetMesh:
-        """The plate, or the half of it under half a finger; finest under the finger."""
+        """The half of the plate under half a finger; finest under the finger."""
         half, thick = self.finger.plate
         fine = np.pi / 4 * self.finger.radii[-1] / self.finger.cells
         x = _graded(fine, 4.5e-3, half)
         y = np.concatenate([-x[:0:-1], x])
-        if self.finger.whole:
-            x = y
         z = -_graded(1.2 * fine, 1.2 * fine, thick)[::-1]
         points, cells = grid(x, y, z)
         tets = bricks(points, cells)
@@ -87,23 +85,18 @@ class Pressing:
         divisor, bone = divisor_and_bone(self.material)
         return {
             "plate": self.plate, "divisor": divisor, "bone": bone, "friction": self.friction,
-            "finger": self.finger.describe(),
+            "finger": asdict(self.finger),
         }  # fmt: skip
-
-    @property
-    def sides(self) -> float:
-        """1 for a whole finger, 2 for one of which half is meshed."""
-        return 1.0 if self.finger.whole else 2.0
 
     @property
     def force(self) -> float:
         """Normal force of the whole finger on the plate [N]."""
-        return self.sides * float(self.touch.force[2])
+        return SIDES * float(self.touch.force[2])
 
     @property
     def area(self) -> float:
         """Contact area of the whole finger [m²]."""
-        return self.sides * self.touch.contact_area(self.solver.displacement)
+        return SIDES * self.touch.contact_area(self.solver.displacement)
 
     def strain(self) -> np.ndarray:
         """Equivalent strain at the corners of the finger's elements [1] (E,4)."""
@@ -112,7 +105,7 @@ class Pressing:
     def volumes(self, levels: np.ndarray) -> np.ndarray:
         """Deformed volumes of the whole finger in which the equivalent strain is at least a level [m³] (L,)."""
         moved = self.solver.displacement[: len(self.finger.mesh.points)]
-        return self.sides * volumes_above(self.finger.mesh, moved, levels)
+        return SIDES * volumes_above(self.finger.mesh, moved, levels)
 
     def write(self, path: Path) -> None:
         """Displacement, equivalent strain and contact pressure as they are now, as VTK."""

@@ -9,7 +9,6 @@ import pytest
 
 from palpate.engine.faults import GraphError
 from palpate.engine.plan import Plan, force_path
-from palpate.launch.load.draw import mermaid
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import LaunchFile, find, names
 from palpate.launch.load.placement import ProcessGroup, apart, auto, fused, load_place
@@ -316,15 +315,6 @@ def test_what_ships_is_found_by_name():
     assert run.duration == 6.3 and run.clock == "simulated"
     with pytest.raises(GraphError, match="Did you mean 'kidney'"):
         find("kidny")
-
-
-def test_the_drawing_shows_every_node_and_edge(whole):
-    run = planned(whole, "scene.tissue.friction=off")
-    text = mermaid(run)
-    assert text.count("-->") + text.count("-.->") == sum(map(len, run.edges.values()))
-    assert text.count("-.->") == 2 and "class n4 skipped" in text
-    for name in run.graph.nodes:
-        assert f'["{name}<br/>' in text
 
 
 def test_auto_puts_the_force_path_together_and_says_why(whole):

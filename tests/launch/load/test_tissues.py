@@ -97,5 +97,5 @@ def test_the_command_lists_them_with_what_was_left_out():
     assert "liver-bovine-fresh" in listed.output
     told = json.loads(CliRunner().invoke(app, ["list", "tissues", "fat-pig", "--json"]).output)["tissues"]["fat-pig"]
     assert told["source"].startswith("Sims")
-    assert told["bodies"]["full finite elements"] == "neo_hooke with its Prony series"
+    assert told["bodies"]["full finite elements"] == "neo_hooke, relaxation left out"
     assert settings("fat-pig", library.Location())["stiffness"] == told["scene"]["stiffness"]

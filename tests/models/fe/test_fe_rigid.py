@@ -6,41 +6,17 @@ from pytest import approx
 
 from palpate.models.fe import (
     ConvergenceError,
-    MeshError,
     Rigid,
     Settings,
     Solver,
     box,
     capsule,
-    meshed,
     neo_hooke,
     plane,
     sphere,
 )
-from palpate.physics.geometry.mesh import Mesh
 
 SOFT = neo_hooke(1e4, 0.3)
-
-
-def ball(radius, levels):
-    """A sphere of triangles: an octahedron, divided."""
-    points = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]])
-    cells = np.array([[0, 2, 4], [2, 1, 4], [1, 3, 4], [3, 0, 4], [2, 0, 5], [1, 2, 5], [3, 1, 5], [0, 3, 5]])
-    for _ in range(levels):
-        edges, at = np.unique(np.sort(cells[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_inverse=True)
-        i, j, k = (len(points) + at.reshape(-1, 3)).T
-        points = np.concatenate([points, points[edges].mean(axis=1)])
-        a, b, c = cells.T
-        cells = np.concatenate([np.stack(x, axis=1) for x in ((a, i, k), (i, b, j), (k, j, c), (i, j, k))])
-    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
-    return Mesh(points, cells.astype(np.int32))
-
-
-def cube(size):
-    corners = size * (np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]) - 0.5)
-    cells = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
-             [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]  # fmt: skip
-    return Mesh(corners, np.array(cells, dtype=np.int32))
 
 
 def turned(axis, angle):
@@ -63,7 +39,6 @@ SHAPES = {
     "plane": lambda: (plane, (0.6, 0.0, 0.8)),
     "sphere": lambda: (sphere, (1.0,)),
     "capsule": lambda: (capsule, (0.4, 0.7)),
-    "mesh": lambda: meshed(ball(1.0, 3), 0.15),  # compiles
 }
 
 
@@ -133,38 +108,6 @@ def test_a_ball_that_rolls_is_dragged_far_less_than_one_that_slides():
     sliding, rolling = moved(0.0), moved(1.0)
     assert sliding == approx(0.4, abs=0.03)
     assert abs(rolling) < 0.25 * sliding
-
-
-def test_a_cube_from_a_mesh_presses_as_a_plane_does():
-    def path(load):
-        return np.array([0.5, 0.5, 1.5 - 0.05 * load])
-
-    cut, touch = pressed(*meshed(cube(2.0)), path)
-    flat, plain = pressed(plane, (0.0, 0.0, -1.0), lambda load: path(load) - (0, 0, 1.0))
-    cut.advance(1.0)
-    flat.advance(1.0)
-    assert touch.force[2] == approx(plain.force[2], rel=1e-3)
-
-
-def test_a_ball_from_a_mesh_presses_as_a_sphere_does():
-    def path(load):
-        return np.array([0.5, 0.5, 1.0 - 0.1 * load])
-
-    cut, touch = pressed(*meshed(ball(0.5, 4), 0.03), path)
-    exact, plain = pressed(sphere, (0.5,), path)
-    cut.advance(1.0)
-    exact.advance(1.0)
-    assert touch.force[2] == approx(plain.force[2], rel=0.02)  # its facets lie up to 0.3 % of the radius inside
-
-
-def test_a_surface_that_bounds_nothing_is_refused():
-    whole = ball(0.01, 2)
-    with pytest.raises(MeshError, match=r"3 edges without two triangles, the first at \(.*\) mm: not closed"):
-        meshed(Mesh(whole.vertices, whole.triangles[1:]))
-    with pytest.raises(MeshError, match="inside out"):
-        meshed(Mesh(whole.vertices, whole.triangles[:, ::-1]))
-    with pytest.raises(MeshError, match="4 cells or more through its thinnest side"):
-        meshed(whole, 0.01)
 
 
 def test_a_path_that_is_none_is_refused_with_its_load():

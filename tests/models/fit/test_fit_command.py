@@ -99,10 +99,10 @@ def test_a_subject_and_its_models_can_be_named(example, tmp_path):
     assert (law["mean"], law["deviation"]) == ("quadratic", "linear")
 
 
-def test_pictures_of_fit_and_density_are_drawn(example, tmp_path):
+def test_pictures_of_the_fit_are_drawn(example, tmp_path):
     assert run(example, "--folds", "3", "-o", tmp_path / "m.yaml", pictures=True).exit_code == 0
     drawn = sorted(p.name for p in (tmp_path / "m-pictures").iterdir())
-    assert drawn == [f"subject-{n}-{kind}.png" for n in (1, 2) for kind in ("fit", "models", "surface")]
+    assert drawn == [f"subject-{n}-{kind}.png" for n in (1, 2) for kind in ("fit", "models")]
     assert all(p.stat().st_size > 10_000 for p in (tmp_path / "m-pictures").iterdir())
 
 

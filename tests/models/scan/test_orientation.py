@@ -14,13 +14,14 @@ pytest.importorskip("pydicom")
 pytest.importorskip("nibabel")
 
 import nibabel
+import phantom_finger as phantom
 import typer
 from scan_images import coarse, write_images
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from palpate.cli.commands.fitting.build.fingertip import fingertip
-from palpate.models.scan import ScanError, phantom, read, rebuild, segment
+from palpate.models.scan import ScanError, read, rebuild, segment
 from palpate.models.scan.rebuild import reconstruct
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import BundleState, step

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.models.fe import MaterialError, Settings, Solver, box, demiray, mooney_rivlin, neo_hooke, ogden, yeoh
-from palpate.models.fe.solve.relaxation import Relaxation
+from palpate.models.fe import MaterialError, demiray, mooney_rivlin, neo_hooke, ogden, yeoh
 from palpate.physics.materials.hyperelastic import moduli, rest_moduli, uniaxial
 from palpate.physics.materials.prony import Prony
 
@@ -74,74 +73,3 @@ def test_a_prony_series_relaxes_a_step_and_a_ramp_as_the_integral_says():
     ramp = time - 0.3 * (time - 0.1 * -np.expm1(-time / 0.1)) - 0.4 * (time - 2.0 * -np.expm1(-time / 2.0))
     assert series.relaxed(time, time) == approx(ramp, rel=1e-12)
     assert series.relaxed(np.array([0.0, 1e9]), np.ones(2))[1] == approx(0.3)
-
-
-def sheared(material, series, times, rate=0.4, until=0.5):
-    """Reaction along a shear that grows at a rate to `until` [s] and is held: all nodes are held, the volume too."""
-    mesh = box((1e-2, 1e-2, 1e-2), (1, 1, 1))
-    top = mesh.points[:, 2] > 1e-2 - 1e-9
-
-    def held(time):
-        displacement = np.zeros_like(mesh.points)
-        displacement[:, 0] = rate * min(time, until) * mesh.points[:, 2]
-        return displacement
-
-    relaxing = [Relaxation(mesh, {0: material}, {0: series})] if series else []
-    fixed = np.ones_like(mesh.points, dtype=bool)
-    fixed[np.linalg.norm(mesh.points - 5e-3, axis=1).argmin()] = False  # the node in the middle stays by symmetry
-    settings = Settings(step=0.02, largest=0.02)
-    body = Solver(mesh, {0: material}, fixed, held, contacts=relaxing, settings=settings)
-    out = []
-    for time in times:
-        body.advance(time)
-        out.append(body.reaction[top, 0].sum())
-    return np.array(out), body
-
-
-@pytest.mark.parametrize("name", LAWS)
-def test_any_law_relaxes_in_full_finite_elements_as_its_stress_convolved(name):
-    series = Prony([0.3, 0.4], [0.1, 0.8])
-    times = np.linspace(0.02, 1.0, 50)
-    material = LAWS[name][0]
-    elastic, _ = sheared(material, None, times)
-    relaxing, body = sheared(material, series, times)
-    # simple shear: P_xz = S_xz (1 + ...) is not S_xz alone, so compare where the shear is held
-    assert relaxing[0] == approx(elastic[0], rel=0.1)
-    assert body.iterations < 400
-    held = times > 0.5
-    stress = series.relaxed(np.r_[0.0, times], np.r_[0.0, elastic])[1:]
-    assert relaxing[held] == approx(stress[held], rel=2e-2)
-    assert relaxing[-1] < 0.75 * elastic[-1]
-
-
-def test_relaxation_is_objective_and_its_tangent_is_its_slope(tmp_path):
-    mesh = box((1e-2, 1e-2, 1e-2), (1, 1, 1))
-    material = LAWS["ogden"][0]
-    rng = np.random.default_rng(3)
-    relaxing = Relaxation(mesh, {0: material}, {0: Prony([0.3, 0.4], [0.1, 0.8])})
-    body = Solver(mesh, {0: material}, np.ones_like(mesh.points, dtype=bool), contacts=[relaxing])
-    pattern = body._body.tangent.pattern
-    first, then = (0.05 * mesh.points @ rng.standard_normal((3, 3)) * s for s in (1.0, 2.0))
-    relaxing.begin(first, 0.2)
-    count = len(pattern.indices)
-
-    def force(u, data=None):
-        out = np.zeros_like(u)
-        relaxing.add(u, 0.3, data is not None, out, np.zeros((count, 3, 3)) if data is None else data)
-        return out
-
-    data = np.zeros((count, 3, 3))
-    force(then, data)
-    way, h = 1e-3 * rng.standard_normal(then.shape), 1e-4
-    slope = (force(then + h * way) - force(then - h * way)) / (2 * h)
-    assert (pattern.matrix(data) @ way.ravel()).reshape(-1, 3) == approx(slope, abs=1e-6 * np.abs(slope).max())
-    turn = np.array([[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])
-    turned = (mesh.points + then) @ turn.T - mesh.points
-    assert force(turned) == approx(force(then) @ turn.T, abs=1e-9 * np.abs(force(then)).max())
-    body.save(tmp_path / "state.npz")
-    again = Relaxation(mesh, {0: material}, {0: Prony([0.3, 0.4], [0.1, 0.8])})
-    other = Solver(mesh, {0: material}, np.ones_like(mesh.points, dtype=bool), contacts=[again])
-    other.resume(tmp_path / "state.npz")
-    assert again.state()["h0"] == approx(relaxing.state()["h0"], rel=1e-15)
-    with pytest.raises(ValueError, match=r"with relaxation the load is a time"):
-        relaxing.add(then, 0.1, False, np.zeros_like(then), np.zeros((0, 3, 3)))

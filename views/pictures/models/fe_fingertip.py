@@ -14,6 +14,7 @@ from palpate.models.fe.meshing.fingertip import PAPER
 from palpate.models.fe.study.isostrain import cross, smooth, strain, volumes_above
 from palpate.models.fe.study.paper_claims import HIGH, LOW
 from palpate.models.fe.study.press_record import PressRun
+from palpate.models.fe.study.pressing import SIDES
 from palpate.models.fe.study.section import finger, flow, section
 from palpate.physics.contact.tactile import growth
 from palpate.views.pictures.style import FAINT, FRICTION, INK, LOOK, NORMAL, deformation_colours, figure
@@ -49,8 +50,7 @@ def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
 
 
 def force(runs: dict[str, PressRun]) -> Figure:
-    """Force against indentation, with the paper's points where it is the paper's finger, and contact area against
-    force."""
+    """Force against indentation, with the paper's points, and contact area against force."""
     fig, (left, right) = _axes(2, 11.0, 4.6, "Force and contact area")
     records = {plate: run.record() for plate, run in runs.items()}
     top = reached = min(TOP, 1.05 * max(float(record.force[-1]) for record in records.values()))
@@ -58,11 +58,10 @@ def force(runs: dict[str, PressRun]) -> Figure:
         colour = COLOURS[plate]
         left.plot(1e3 * record.indentation, record.force, color=colour, label=plate)
         right.plot(record.force, 1e6 * record.area, color=colour, label=plate)
-        if "measured" not in runs[plate].settings()["finger"]:
-            depths, forces = [1e3 * d for _, d in PAPER[plate]], [f for f, _ in PAPER[plate]]
-            left.plot(depths, forces, "o", mfc="white", mec=colour, mew=1.8, ms=7, zorder=5,
-                      label=f"{plate}, the paper's Table III")  # fmt: skip
-            top = max(top, 0.55)
+        depths, forces = [1e3 * d for _, d in PAPER[plate]], [f for f, _ in PAPER[plate]]
+        left.plot(depths, forces, "o", mfc="white", mec=colour, mew=1.8, ms=7, zorder=5,
+                  label=f"{plate}, the paper's Table III")  # fmt: skip
+        top = max(top, 0.55)
     left.set(xlabel="indentation [mm]", ylabel="force [N]", ylim=(0, top), xlim=(0, None))
     within = max(1e6 * float(np.interp(reached, r.force, r.area)) for r in records.values())
     right.set(xlabel="force [N]", ylabel="contact area [mm²]", xlim=(0, reached), ylim=(0, 1.08 * within))
@@ -76,7 +75,7 @@ def strains(runs: dict[str, PressRun]) -> Figure:
     depth = min(float(run.record().indentation[-1]) for run in runs.values())
     cuts = {}
     for plate, run in runs.items():
-        mesh, _ = run.mesh()
+        mesh = run.mesh()
         u = run.displacement_at_depth(depth)
         solid = finger(mesh)
         cuts[plate] = section(mesh, u, smooth(solid, strain(solid, u)))
@@ -127,7 +126,7 @@ def flows(runs: dict[str, PressRun]) -> Figure:
     fig.set_layout_engine("compressed")
     top = 1.25 * LINES[-1]
     for axis, (plate, run) in zip(axes, runs.items(), strict=True):
-        mesh, _ = run.mesh()
+        mesh = run.mesh()
         solid = finger(mesh)
         low, high = run.displacement_at(LOW), run.displacement_at(HIGH)
         mean, motion = flow(solid, low, high, LOW, HIGH)
@@ -153,9 +152,9 @@ def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
     """Forces [N] (k,) of the rows up to past the higher one, and volumes [m³] (k,l) at `LEVELS`."""
     forces = run.record().force
     last = min(len(forces), int(np.searchsorted(forces, HIGH)) + 1)
-    mesh, sides = run.mesh()
+    mesh = run.mesh()
     solid = finger(mesh)
-    volumes = [sides * volumes_above(solid, run.displacement(row), LEVELS) for row in range(last)]
+    volumes = [SIDES * volumes_above(solid, run.displacement(row), LEVELS) for row in range(last)]
     return forces[:last], np.array(volumes)
 
 

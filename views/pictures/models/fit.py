@@ -1,15 +1,14 @@
-"""Pictures of `palpate fit force`: data with the fitted curve and its band, regressions, and probability density."""
+"""Pictures of `palpate fit force`: data with the fitted curve and its band, and regressions."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.models.fit.curve_fit import Fit, fit_curve
+from palpate.models.fit.curve_fit import fit_curve
 from palpate.models.fit.report import Chosen
-from palpate.physics.contact.force_band import truncated_density, truncated_quantile
+from palpate.physics.contact.force_band import truncated_quantile
 from palpate.physics.contact.force_models import MODELS
 
 STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
@@ -17,16 +16,12 @@ STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
 
 
 def draw_choice(result: Chosen, stem: Path) -> list[Path]:
-    """Draw force and deviation with their fits and with those of all models, and the density over depth and force; the
-    files written."""
-    name, choice = _plain(result.subject.name), result.choice
-    paths = [
+    """Draw force and deviation with their fits and with those of all models; the files written."""
+    name = _plain(result.subject.name)
+    return [
         _fit(result, name, stem.with_name(stem.name + "-fit.png")),
         _models(result, name, stem.with_name(stem.name + "-models.png")),
     ]
-    if choice.deviation is not None:
-        paths.append(_surface(result, choice.deviation, name, stem.with_name(stem.name + "-surface.png")))
-    return paths
 
 
 def _fit(result: Chosen, name: str, path: Path) -> Path:
@@ -90,25 +85,6 @@ def _models(result: Chosen, name: str, path: Path) -> Path:
               title=f"Subject {name}: five regressions of the scatter, RMSE")  # fmt: skip
     for axes in (left, right):
         axes.legend(frameon=False)
-    return _save(figure, path)
-
-
-def _surface(result: Chosen, deviation: Fit, name: str, path: Path) -> Path:
-    figure = Figure(figsize=(8.4, 6.0))
-    figure.subplots_adjust(left=0.0, right=0.96, bottom=0.03, top=0.92)
-    axes: Any = figure.add_subplot(projection="3d")
-    choice, pressed = result.choice, result.depths[result.depths > 0]
-    shown = np.linspace(pressed[0], pressed[-1], 120)
-    shown = shown[deviation(shown) > 0][:, None]
-    mean, scale = np.maximum(choice.mean(shown), 0.0), deviation(shown) * choice.band.widening
-    force = np.maximum(mean + np.linspace(-5.0, 5.0, 161) * scale, 0.0)  # along the ridge, so that it has no teeth
-    density = truncated_density(force, mean, scale, choice.band.freedom)
-    axes.plot_surface(
-        np.broadcast_to(shown * 1e3, force.shape), force, density, cmap="viridis", rcount=120, ccount=161, linewidth=0
-    )
-    axes.set(xlabel="depth [mm]", ylabel="force [N]", zlabel="probability density [1/N]",
-             title=f"Subject {name}: density of the force over depth")  # fmt: skip
-    axes.view_init(elev=30, azim=-60)
     return _save(figure, path)
 
 

@@ -15,9 +15,7 @@ Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in th
 
 
 def fingertip(
-    scan: Annotated[
-        Path | None, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")
-    ] = None,
+    scan: Annotated[Path, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")],
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("finger.npz"),
     spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
     skin: Annotated[
@@ -32,28 +30,20 @@ def fingertip(
         ),
     ] = "",
     no_pictures: NoPictures = False,
-    phantom: Annotated[
-        Path | None, typer.Option(help="Write images of a synthetic finger, and exit: a new folder, or .nii.gz.")
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """Build a fingertip from images of a finger.
 
     Finds skin, tissue and bone, and writes the file that a beam bundle is filled from, with a picture of it.
     """
-    if scan is None and phantom is None:
-        raise typer.BadParameter("no images: give SCAN, or --phantom FOLDER to write some to try")
-    if phantom is None:
-        if scan is not None and not scan.exists():
-            raise typer.BadParameter(f"{scan}: no such file or folder", param_hint="SCAN")
-        if out.suffix != ".npz":
-            raise typer.BadParameter(f"found {out}, expected a name that ends in .npz", param_hint="--out")
-        if skin is not None and not 0.1 <= skin <= 4:
-            raise typer.BadParameter(f"found {skin} mm, expected 0.1 ... 4", param_hint="--skin")
-        if not out.absolute().parent.is_dir():
-            raise typer.BadParameter(f"{out.parent}: no such folder", param_hint="--out")
-    elif phantom.exists():
-        raise typer.BadParameter(f"{phantom} exists; choose a new name", param_hint="--phantom")
+    if not scan.exists():
+        raise typer.BadParameter(f"{scan}: no such file or folder", param_hint="SCAN")
+    if out.suffix != ".npz":
+        raise typer.BadParameter(f"found {out}, expected a name that ends in .npz", param_hint="--out")
+    if skin is not None and not 0.1 <= skin <= 4:
+        raise typer.BadParameter(f"found {skin} mm, expected 0.1 ... 4", param_hint="--skin")
+    if not out.absolute().parent.is_dir():
+        raise typer.BadParameter(f"{out.parent}: no such folder", param_hint="--out")
     known_spacing = _spacing(spacing)
     try:
         from palpate.models.scan import read, segment
@@ -62,10 +52,6 @@ def fingertip(
         from palpate.views.pictures.models.scan import draw
     except ImportError as error:
         raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
-    if phantom is not None:
-        _phantom(phantom, as_json)
-        return
-    assert scan is not None
     stack = read(scan, known_spacing, axes)
     outlines = segment(stack, None if skin is None else skin * 1e-3)
     tip, frame = reconstruct(outlines, dorsal=dorsal)
@@ -79,21 +65,6 @@ def fingertip(
         tell(report)
         return
     _table(report)
-
-
-def _phantom(path: Path, as_json: bool) -> None:
-    """Images of the default anatomy, with noise: a DICOM series in a new folder, or a NIfTI file."""
-    from palpate.models.scan.phantom import scan, write_dicom, write_nifti
-
-    file = path.name.endswith((".nii", ".nii.gz"))
-    try:
-        (write_nifti if file else write_dicom)(scan(), path)
-    except OSError as error:
-        raise typer.BadParameter(f"{path}: {error.strerror or error}", param_hint="--phantom") from None
-    if as_json:
-        tell({"ok": True, "phantom": str(path)})
-    else:
-        typer.echo(f"Wrote images of a synthetic finger to {path}; read them with `palpate build fingertip {path}`.")
 
 
 def _spacing(text: str) -> tuple[float, float, float] | None:

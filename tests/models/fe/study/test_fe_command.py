@@ -24,7 +24,6 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile import Flow
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
-from palpate.physics.fingertip.anatomy import Anatomy
 
 
 def run(*words):
@@ -189,8 +188,6 @@ def test_the_same_command_again_computes_nothing(steel):
         (["--depth", "-1"], "more than 0"),
         (["--depth", "nan"], "more than 0"),
         (["--friction", "-0.1"], "--friction -0.1"),
-        (["--finger", "no.npz"], "no.npz"),
-        (["--finger", __file__], "cannot be read as a fingertip"),
     ],
 )
 def test_fe_fingertip_says_what_it_cannot_use(tmp_path, words, text):
@@ -203,20 +200,6 @@ def test_fe_fingertip_says_what_it_cannot_use(tmp_path, words, text):
 def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
     (tmp_path / "file").write_text("")
     one_line(fingertip("--out", str(tmp_path / "file" / "runs")), 2, "Not a directory")
-
-
-def test_a_measured_finger_that_does_not_fit_is_said(tmp_path):
-    Anatomy(bone_height=2.2e-3).fingertip().save(tmp_path / "thin.npz")
-    one_line(fingertip("--finger", str(tmp_path / "thin.npz"), "--out", str(tmp_path)), 2, "between skin and bone")
-
-
-@pytest.mark.long
-def test_another_finger_of_the_same_name_does_not_go_on_with_a_run(tmp_path):
-    words = ["--depth", "0.05", "--out", str(tmp_path), "--finger", str(tmp_path / "me.npz")]
-    Anatomy().fingertip(8e-4).save(tmp_path / "me.npz")
-    assert fingertip(*words).exit_code == 0
-    Anatomy(width=17e-3).fingertip(8e-4).save(tmp_path / "me.npz")
-    one_line(fingertip(*words), 2, "holds a run with finger.measured")
 
 
 @pytest.mark.parametrize("name", ["state.npz", "table.npz", "run.json"])
@@ -312,7 +295,7 @@ def test_the_printed_commands_compare_folders_that_they_make(page):
         words = shlex.split(line, comments=True) if line.startswith("palpate build fe ") else []
         if words[3:4] == ["fingertip"]:
             given = verbs["fingertip"].make_context("fingertip", words[4:]).params
-            names = ("plate", "material", "cells", "friction", "finger")
+            names = ("plate", "material", "cells", "friction")
             made.add(str(given["out"] / run_name(*(given[name] for name in names))))
         elif words[3:4] == ["compare"]:
             given = verbs["compare"].make_context("compare", words[4:]).params

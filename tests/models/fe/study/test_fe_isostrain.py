@@ -8,13 +8,11 @@ from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh, box
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.layers import NAIL, SUBCUTIS
-from palpate.models.fe.meshing.scanned import Scanned
 from palpate.models.fe.study.isostrain import cross, parts, smooth, strain, subdivided, volumes_above
 from palpate.models.fe.study.paper_claims import HIGH, LOW, points, statements
 from palpate.models.fe.study.press_record import LEVELS, Record, differing
-from palpate.models.fe.study.section import finger, flow, section
+from palpate.models.fe.study.section import flow, section
 from palpate.physics.contact.tactile import equivalent_strain, logarithmic_strain
-from palpate.physics.fingertip.anatomy import Anatomy
 
 
 def block(cells=(4, 4, 4)):
@@ -150,14 +148,6 @@ def section_of(mesh, region):
     own = mesh.region == region
     part = TetMesh(mesh.points, mesh.elements[own], mesh.region[own])
     return section(part, np.zeros_like(mesh.points), np.zeros((own.sum(), 4)))
-
-
-def test_a_whole_finger_is_cut_in_its_middle():
-    whole = Scanned(Anatomy().fingertip(), cells=3)
-    cut = section(whole.mesh, np.zeros_like(whole.mesh.points), np.zeros((len(whole.mesh.elements), 4)))
-    length = whole._axis.length + whole._axis.centre
-    assert size(cut.triangles) == approx(1.25e-2 * (length - 2e-3), rel=0.15)  # a finger about 12.5 mm deep
-    assert finger(whole.mesh).elements.shape == whole.mesh.elements.shape
 
 
 def made(stiffness, spread, depth=2e-3):

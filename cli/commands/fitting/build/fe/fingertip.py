@@ -30,9 +30,6 @@ def fingertip(
     depth: Annotated[float, typer.Option(help="Travel of the plate, mm.")] = 2.4,
     cells: Annotated[int, typer.Option(help="Elements across an eighth of the circumference.")] = 6,
     friction: Annotated[float, typer.Option(help="Coulomb's coefficient.")] = 0.2,
-    finger: Annotated[
-        Path | None, typer.Option(help="A measured finger instead, of `palpate build fingertip SCAN -o FILE`.")
-    ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder; an interrupted run resumes.")] = RUNS,
     as_json: Json = False,
 ) -> None:
@@ -42,8 +39,8 @@ def fingertip(
     from palpate.physics.writable import check_folder
     from palpate.views.pictures.models.fe_fingertip import draw
 
-    pressing = _pressing(plate, material, depth, cells, friction, finger)
-    place = out / run_name(plate, material, cells, friction, finger)
+    pressing = _pressing(plate, material, depth, cells, friction)
+    place = out / run_name(plate, material, cells, friction)
     check_folder(place)
     place.mkdir(parents=True, exist_ok=True)
     record = _press(pressing, 1e-3 * depth, PressRun(place), as_json)
@@ -51,20 +48,18 @@ def fingertip(
     made = drawn(draw, {plate: PressRun(place)}, place)
     if as_json:
         files = {"folder": str(place), "pictures": [str(path) for path in made]}
-        tell({"ok": True} | numbers(plate, material, record, finger is None) | files)
+        tell({"ok": True} | numbers(plate, material, record) | files)
         return
-    _print(plate, material, record, finger is None)
+    _print(plate, material, record)
     lines = f"{place / 'finger.vtu'}: displacement, equivalent strain and contact pressure", *made
     typer.echo("\n".join(map(str, lines)))
 
 
-def _pressing(plate: str, material: str, depth: float, cells: int, friction: float, finger: Path | None) -> Pressing:
+def _pressing(plate: str, material: str, depth: float, cells: int, friction: float) -> Pressing:
     """The pressing that the options describe. MeshError: what is wrong with them."""
     from palpate.models.fe.element.mesh import MeshError
     from palpate.models.fe.meshing.fingertip import FingertipDimensions, divisor_and_bone
-    from palpate.models.fe.meshing.scanned import Scanned
     from palpate.models.fe.study.pressing import Pressing
-    from palpate.physics.fingertip.surfaces import FingertipSurfaces as Measured
 
     try:
         divisor_and_bone(material)
@@ -72,7 +67,7 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
         raise MeshError(f"--{error}") from None
     if not 3 <= cells <= 20:
         raise MeshError(f"--cells {cells}: expected 3 ... 20")
-    tip = FingertipDimensions(cells=cells) if finger is None else Scanned(Measured.load(finger), cells=cells)
+    tip = FingertipDimensions(cells=cells)
     most = 1e3 * float(tip.radii[-1] - tip.radii[0])
     if not 0.0 < depth < most:
         raise MeshError(f"--depth {depth:g}: expected more than 0 and less than {most:.2f} mm, from skin to bone")
@@ -103,7 +98,7 @@ def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record
             raise
 
 
-def _print(plate: str, material: str, record: Record, paper: bool) -> None:
+def _print(plate: str, material: str, record: Record) -> None:
     from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 
     divisor, bone = divisor_and_bone(material)
@@ -115,6 +110,6 @@ def _print(plate: str, material: str, record: Record, paper: bool) -> None:
     cells = ([f"{x:.3g}" if x < 1000 else f"{x:.0f}" for x in row] for row in rows)
     title = f"{plate}, moduli / {divisor:g}, bone {bone / divisor:.3g} Pa; V in mm³ by strain"
     console().print(table(heads, cells, title=title, fixed=heads))
-    for force, depth in PAPER[plate] if paper else ():
+    for force, depth in PAPER[plate]:
         found = f"{1e3 * record.at(force)[0]:.2f} mm" if force <= record.force[-1] else "not reached"
         typer.echo(f"{force} N: {found} (paper: {1e3 * depth:.2f} mm)")

@@ -1,1 +1,0 @@
-"""HID devices: 3Dconnexion's six-axis mice, gamepads, and an open protocol for haptic devices that people build."""
