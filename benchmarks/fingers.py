@@ -34,7 +34,8 @@ def measure(kind: type, count: int, shape: bool = False) -> dict[str, float]:
     """[us] median times of the parts of a step of `count` fingers; `shape`: the displacement as well."""
     body, joint = kind(vertices=VERTICES), Joint()
     body.wanted = FORCE | ({"nodes", "displacement"} if shape else set())
-    finds, shares, spreads = zip(*((Nurbs(), Share(), Kernel(vertices=VERTICES)) for _ in range(count)), strict=True)
+    fingers = ((Nurbs(), Share(finger=i), Kernel(vertices=VERTICES)) for i in range(count))
+    finds, shares, spreads = zip(*fingers, strict=True)
     for node in (body, joint, *finds, *shares, *spreads):
         node.start()
     surface: Surface | None = None

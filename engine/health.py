@@ -61,20 +61,21 @@ class HealthCounters:
     lost  driving messages that were skipped or did not come within the period
     held  inputs older than the tick asks for
     asleep  steps at which the node was at rest, and its last answer was sent again
+    counted  steps that were not timed one by one
     """
 
-    __slots__ = ("age", "asleep", "held", "late", "lost", "overdue", "state", "step", "tick")
+    __slots__ = ("age", "asleep", "counted", "held", "late", "lost", "overdue", "state", "step", "tick")
 
     def __init__(self) -> None:
         self.step, self.age = Histogram(), Histogram()
-        self.late = self.lost = self.held = self.asleep = self.overdue = 0
+        self.late = self.lost = self.held = self.asleep = self.overdue = self.counted = 0
         self.tick = -1
         self.state = "ready"
 
     def report(self, forces: dict[str, float] | None = None) -> Counters:
         """The counters as they travel, with the forces that the node sent last."""
         return Counters(
-            self.tick, self.step.count + self.asleep, self.late, self.lost, self.held, self.asleep, self.state,
+            self.tick, self.step.count + self.counted + self.asleep, self.late, self.lost, self.held, self.asleep, self.state,
             self.step.report(), self.age.report(), forces or {}, self.overdue,
         )  # fmt: skip
 

@@ -9,6 +9,7 @@ from time import perf_counter_ns
 from typing import Any, Protocol
 
 import msgspec
+import numpy as np
 
 from palpate.engine.graph import places
 from palpate.engine.health import HealthCounters
@@ -19,7 +20,8 @@ from palpate.engine.warm import warm
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.base import decoder
 from palpate.messages.checks import finite_check
-from palpate.nodes.base import InputError, Node, Observer, Port, inputs, outputs
+from palpate.messages.record import layout, reader
+from palpate.nodes.base import CompiledNode, InputError, Node, Observer, Port, inputs, outputs
 from palpate.physics.errors import PalpateError
 
 _set = msgspec.structs.force_setattr
@@ -68,6 +70,38 @@ class Output:
         self.period = 1
 
 
+class RecordOutput(Output):
+    """An output of a compiled node. While a segment runs the node, its last message is made when somebody asks.
+
+    record  the message as the node writes it;  used  ticks of the inputs that it was computed from;  source  the node
+    """
+
+    __slots__ = ("_made", "_memory", "_read", "_there", "_tick", "record", "source", "used")
+
+    def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
+        self.record = np.zeros(1, layout(kind))
+        self._memory, self._read = self.record.view(np.uint8).data, reader(kind)
+        self._there, self._tick = self.record["there"], self.record["tick"]
+        self.used, self.source = np.zeros(0, np.int64), ""
+        super().__init__(stream, kind, external)
+
+    @property
+    def last(self) -> Message | None:  # type: ignore[override]
+        """The last message; None before the first."""
+        made = self._made
+        if self._there[0] and (made is None or made.tick != self._tick[0]):
+            made = self._made = self._read(self._memory)
+            _set(made, "source", self.source)
+            _set(made, "used", tuple(self.used.tolist()))
+        return made
+
+    @last.setter
+    def last(self, message: Message | None) -> None:
+        self._made = message
+        if message is None:
+            self._there[0] = False
+
+
 class Inlet(Protocol):
     """Where the payloads of a stream come in."""
 
@@ -94,7 +128,7 @@ class Input:
     """
 
     __slots__ = (
-        "arrived", "dead", "every", "feed", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
+        "arrived", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
         "stream", "waits",
     )  # fmt: skip
 
@@ -103,6 +137,7 @@ class Input:
         given = job or InputJob("", "", "", waits=False)
         self.stream, self.producer, self.every, self.rank = given.stream, given.producer, given.every, given.rank
         self.loop, self.waits, self.dead = given.loop, given.waits, job is None
+        self.inside = False  # whether the sender is of the same segment, whose table knows where the message is
         self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None
@@ -154,8 +189,9 @@ class Slot:
         kinds = outputs(type(node))
         if len(kinds) != len(job.streams):
             raise NodeError(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
+        form = RecordOutput if isinstance(node, CompiledNode) else Output
         self.outputs = [
-            Output(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
+            form(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
         ]
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
@@ -170,6 +206,8 @@ class Slot:
         """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
         self.sends = 0  # tick from which on somebody takes what it sends next
         self.time: int | None = None  # [ns] of the last step; None: there was none since the start
+        self.joined = False  # whether a segment runs it, and delivers what it sends
+        self.renewed: Callable[[], None] | None = None  # called when it has been started anew
         self._single = len(self.outputs) == 1
         self.takes(counts(type(node), [port.name for port in inputs(type(node))]))
 
@@ -236,13 +274,20 @@ class Slot:
 
     def begin(self) -> None:
         """Start the node as a new process would: without a step before. NodeError: it raised."""
-        self.time, self.due = None, 0
+        self.due = 0
         for output in self.outputs:
             output.previous = output.last = None
         try:
             self.node.start()
         except BaseException as error:
             raise NodeError(self.name, "start", error) from error
+        self.forget()
+
+    def forget(self) -> None:
+        """The next step is the first one."""
+        self.time = None
+        if self.renewed is not None:
+            self.renewed()
 
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
         """Run the node on these inputs and set its outputs. Where no time has passed since its last step, because the

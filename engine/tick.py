@@ -7,6 +7,7 @@ node come from, in the time of a step and in what happens to its answers. Each i
 from collections.abc import Iterable
 from typing import Protocol, TypeVar
 
+from palpate.engine.segment import Segment
 from palpate.engine.slot import Slot
 from palpate.messages import Message
 
@@ -30,10 +31,13 @@ class Host(Protocol[S]):
         """Take the answers of a node, which are in its outputs."""
 
 
-def run_tick(slots: Iterable[S], tick: int, host: Host[S]) -> None:
-    """Step the nodes that are due at a tick, in their order. NodeError: one failed."""
+def run_tick(parts: Iterable[S | Segment], tick: int, host: Host[S]) -> None:
+    """Step the nodes that are due at a tick, in their order: one by one, or as a segment. NodeError: one failed."""
     rate = host.rate
-    for slot in slots:
+    for slot in parts:
+        if isinstance(slot, Segment):
+            slot.run(tick, host)
+            continue
         if tick < slot.due or slot.blocked:
             continue
         messages = slot.ready(tick) if slot.near else None

@@ -59,7 +59,6 @@ class Contact(Message):
 class Contacts(Message):
     """How several fingertips press on one body, solved together; `contact.Share` makes a Contact of each.
 
-    fingers           [1]   ()    nodes that the approaches came from, in order, with spaces between
     force             [N]   (c)   magnitude of each normal force, never negative
     compression       [m]   (c)   of each fingertip, s1
     indentation       [m]   (c)   of the tissue under each, s2
@@ -69,7 +68,6 @@ class Contacts(Message):
     stored            [J]   (e)   energy stored in each fingertip; e = c, 0 where nobody reads it
     """
 
-    fingers: Annotated[str, "1"]
     force: Annotated[Vector, "N", ("c",)]
     compression: Annotated[Vector, "m", ("c",)]
     indentation: Annotated[Vector, "m", ("c",)]

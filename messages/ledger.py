@@ -5,6 +5,12 @@ from typing import Annotated
 from palpate.messages.base import Message
 from palpate.messages.fields import OneOf
 
+PARTS = (
+    "fingertip", "tissue", "friction", "display",
+    *(f"{part} {finger}" for finger in range(2, 17) for part in ("fingertip", "friction")),
+)  # fmt: skip
+"""What an energy account is kept of; the first finger's parts have no number."""
+
 
 class Ledger(Message):
     """Energy account of the display: what the hand put in, where it is, and what was generated. All sums run from the
@@ -41,5 +47,5 @@ class Ledger(Message):
     balance: Annotated[float, "J"]
     unexplained: Annotated[float, "J"]
     generated: Annotated[float, "J"]
-    generated_by: Annotated[str, "1", OneOf("", "fingertip", "tissue", "friction", "display")] = ""
+    generated_by: Annotated[str, "1", OneOf("", *PARTS)] = ""
     tripped: Annotated[bool, "1"] = False

@@ -1,6 +1,6 @@
 """Message of a deformable body."""
 
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import msgspec
 import numpy as np
@@ -17,28 +17,6 @@ for _empty in (NO_FLOATS, NO_INTS, NO_LAWS, NO_SLOPES, NO_COUPLING):
 def sent(value: Any) -> Any:
     """A default that is sent all the same."""
     return msgspec.field(default_factory=lambda: value)
-
-
-class SeenSurface(NamedTuple):
-    """A surface as one of several contacts hears it; fields as in `Surface`."""
-
-    stiffness: float
-    exponent: float
-    damping: float
-    rest_indentation: float
-    previous_indentation: float
-    tangential_gradient: Vector3
-    shape_operator: Vector
-    step: float
-    relaxation: float
-    time: int
-    tick: int
-    source: str
-
-    @property
-    def kind(self) -> str:
-        """The message that it is of, for people."""
-        return "Surface"
 
 
 class _Sparse(Message, frozen=True, kw_only=True, omit_defaults=True):
@@ -107,12 +85,6 @@ class Surface(_Sparse):
     laws: Annotated[Floats, "SI", ("c", 5)] = NO_LAWS
     slopes: Annotated[Floats, "SI", ("c", 12)] = NO_SLOPES
     coupling: Annotated[Floats, "1", ("c", "c")] = NO_COUPLING
-
-    def seen(self) -> list[SeenSurface]:
-        """What each of several contacts hears of it."""
-        of_all = self.step, self.relaxation, self.time, self.tick, self.source
-        rows = zip(self.laws.tolist(), self.slopes.tolist(), strict=True)
-        return [SeenSurface._make((*law, tuple(slope[:3]), tuple(slope[3:]), *of_all)) for law, slope in rows]
 
     @classmethod
     def example(cls, loaded: bool) -> Self:

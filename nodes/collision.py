@@ -5,22 +5,23 @@ signed distance d = (p - S).n, and the approach is e = <h0 - d> for a fingertip 
 bone: contact begins at d = h0. Once p has gone in, S is a proxy: it stays on the side where it did.
 """
 
-from typing import Annotated, Any
+from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from palpate.messages import Pose, Proximity
-from palpate.nodes.base import SettingError
-from palpate.nodes.base.surface import OPEN, PLACE, SURFACES, OnSurface, Placed, surface_patch
-from palpate.physics.entry_point import entry_point
+from palpate.messages.record import array_handle
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
+from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, surface_patch
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 from palpate.physics.geometry.orient import edge_counts
 from palpate.physics.geometry.proxy import follow, follow_mesh, memory
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, integers, longs, put, vector
 
 
-class _Nearest(Placed):
+class _Nearest(Placed, CompiledNode):
     """Settings of both."""
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
@@ -29,59 +30,77 @@ class _Nearest(Placed):
     """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
 
 
+@kernel
+def send(own, foot, element, pose, out):
+    """The message of a result: foot (3), normal (3), coordinates (2), signed distance."""
+    n0, n1, n2, depth = foot[3], foot[4], foot[5], own.thickness - foot[8]
+    v = pose.velocity
+    away = v[0] * n0 + v[1] * n1 + v[2] * n2
+    put(out.foot, vector(foot))
+    put(out.normal, (n0, n1, n2))
+    put(out.slip, (v[0] - away * n0, v[1] - away * n1, v[2] - away * n2))
+    out.coordinates[0], out.coordinates[1], out.element, out.gap = foot[6], foot[7], element, foot[8]
+    out.approach, out.separation = (0.0, -depth) if depth < 0.0 else (depth, 0.0)
+
+
 class Nurbs(_Nearest):
     """The closest point of a smooth patch (docs/equations/surface.md)."""
 
+    State = {
+        "data": ARRAY, "layout": ARRAY, "seeds": ARRAY, "index": ARRAY,  # of the patch and its samples
+        "found": ARRAY, "work": ARRAY, "derivatives": array_handle(3), "foot": ARRAY, "memory": ARRAY,
+    }  # fmt: skip
+    """As `physics.geometry.proxy.follow` takes them."""
+
     def start(self) -> None:
+        super().start()
         patch = surface_patch(self.surface, self.position, self.rotation)
         closest = ClosestPoint(patch)
-        self.tables = closest.tables
-        self.scratch = closest.scratch()
-        self.memory = memory(patch.points, self.surface in OPEN)
-        self._follow = entry_point(follow, *self.tables, PLACE, 0.0, *self.scratch, self.memory)
+        arrays = *closest.tables, *closest.scratch(), memory(patch.points, self.surface in OPEN)
+        for name, array in zip(self.State, arrays, strict=True):
+            self.hold(name, array)
 
-    def step(self, pose: Pose) -> Proximity:
-        self._follow(*self.tables, pose.position, self.hysteresis, *self.scratch, self.memory)
-        return _proximity(self.scratch[3], 0, self.thickness, pose)
+    @kernel
+    def compute(own, pose: Pose, out: Out[Proximity], dt):
+        foot = floats(own.foot)
+        follow(
+            floats(own.data), longs(own.layout), floats(own.seeds), longs(own.index), vector(pose.position),
+            own.hysteresis, floats(own.found), floats(own.work), floats(own.derivatives), foot, floats(own.memory),
+        )  # fmt: skip
+        send(own, foot, 0, pose, out)
 
 
 class Mesh(_Nearest, OnSurface):
     """The closest point of a triangle mesh (docs/equations/surface.md)."""
 
+    State = {
+        "points": TABLE, "cells": TABLE, "discs": TABLE, "star_at": ARRAY, "star": ARRAY,  # of the mesh
+        "work": ARRAY, "foot": ARRAY, "memory": ARRAY,
+    }  # fmt: skip
+    """As `physics.geometry.proxy.follow_mesh` takes them."""
+
     def start(self) -> None:
+        super().start()
         mesh = self.mesh()
         closest = MeshClosestPoint(mesh)
         try:
-            self.tables = closest.tables.arrays
+            tables = closest.tables.arrays
         except ValueError as error:
             raise SettingError(f"setting 'surface': {self.surface}: {error}") from None
-        self.work, self.foot = closest.scratch()
-        self.memory = memory(mesh.vertices, edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0)
-        self._follow = entry_point(follow_mesh, *self.tables, PLACE, 0.0, self.work, self.foot, self.memory)
-        self._notes = []
+        border = edge_counts(mesh.triangles, len(mesh.vertices))[0] > 0
+        arrays = *tables, *closest.scratch(), memory(mesh.vertices, border)
+        for name, array in zip(self.State, arrays, strict=True):
+            self.hold(name, array)
         if self.surface not in SURFACES:
             from palpate.nodes.base.mesh_file import flaws  # its package is an extra
 
             self._notes = flaws(self.surface)
 
-    def step(self, pose: Pose) -> Proximity:
-        self._follow(*self.tables, pose.position, self.hysteresis, self.work, self.foot, self.memory)
-        return _proximity(self.foot, int(self.foot[9]), self.thickness, pose)
-
-
-def _proximity(foot: np.ndarray[Any, Any], element: int, thickness: float, pose: Pose) -> Proximity:
-    """The message of a result: foot (3), normal (3), coordinates (2), signed distance."""
-    f0, f1, f2, n0, n1, n2, u, v, gap = foot.tolist()[:9]
-    depth = thickness - gap
-    v0, v1, v2 = pose.velocity
-    out = v0 * n0 + v1 * n1 + v2 * n2
-    return Proximity(
-        foot=(f0, f1, f2),
-        normal=(n0, n1, n2),
-        coordinates=(u, v),
-        element=element,
-        gap=gap,
-        approach=0.0 if depth < 0.0 else depth,
-        separation=-depth if depth < 0.0 else 0.0,
-        slip=(v0 - out * n0, v1 - out * n1, v2 - out * n2),
-    )
+    @kernel
+    def compute(own, pose: Pose, out: Out[Proximity], dt):
+        foot = floats(own.foot)
+        follow_mesh(
+            floats(own.points), integers(own.cells), floats(own.discs), longs(own.star_at), integers(own.star),
+            vector(pose.position), own.hysteresis, longs(own.work), foot, floats(own.memory),
+        )  # fmt: skip
+        send(own, foot, int(foot[9]), pose, out)

@@ -3,44 +3,60 @@
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
 from palpate.messages import DeviceState, Force, MessageError, Pose, Torque, Vector3
-from palpate.nodes.base import Node, Wants
-from palpate.physics.device import observer
+from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.physics.device.falcon import FALCON, HOME
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.tracking import FILLED, buffers, pose, pose_falcon
-from palpate.physics.entry_point import entry_point
+from palpate.physics.device.tracking import FILLED, GOOD, POSE, pose, pose_falcon
+from palpate.physics.kernel import kernel
+from palpate.physics.records import put, vector
 
 ZERO = (0.0, 0.0, 0.0)
+WRONG_DEVICE = 1  # fault: not three numbers
 
 
-class _Tracker(Node):
+class _Tracker(CompiledNode):
     """What both kinds of device share: settings, the filter's state, and the clock of the samples."""
 
     origin: Annotated[Vector3, "m"] = ZERO
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
 
-    def _reset(self, home: Vector3) -> None:
-        self.filter = *buffers(*home), observer.buffers()
-        self.clock = 0
-        self.last = home
+    State = {
+        "samples": np.dtype(("<i8", (5,))), "places": (4, 3), "axes": (3, 11),  # of `physics.device.tracking.pose`
+        "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
+    }  # fmt: skip
+    home = ZERO
 
-    def _stamp(self, state: DeviceState, dt: float) -> int:
-        """Time of the sample [ns]: the message's own, or the sum of the steps where it brings none."""
-        self.clock = state.time if state.time >= 0 else self.clock + round(dt * 1e9)
-        return self.clock
+    def start(self) -> None:
+        super().start()
+        self.own["places"][[GOOD, POSE]] = self.own["last"] = self.home
 
-    def _pose(self, x: float, y: float, z: float, vx: float, vy: float, vz: float, dt: float) -> Pose:
-        self.last = x, y, z
-        ox, oy, oz = self.origin
-        return Pose(position=(x + ox, y + oy, z + oz), velocity=(vx, vy, vz), dt=dt)
 
-    def _lost(self) -> Pose:
-        """The last position at rest, while the device does not know where it is; then the history begins anew."""
-        self.filter[0][FILLED] = 0
-        return self._pose(*self.last, 0.0, 0.0, 0.0, 0.0)
+@kernel
+def send(own, seen, out):
+    """Give a pose, as `physics.device.tracking.pose` has it, its place in the world."""
+    x, y, z, vx, vy, vz, out.dt = seen
+    put(own.last, (x, y, z))
+    put(out.position, (x + own.origin[0], y + own.origin[1], z + own.origin[2]))
+    put(out.velocity, (vx, vy, vz))
+
+
+@kernel
+def sampled(own, state, count, out, dt):
+    """Take the time of a sample of so many numbers: the message's own, or the sum of the steps where it brings none.
+    Whether to take the sample itself: while the device does not know where it is, the last position is sent, at rest,
+    and the history begins anew."""
+    if state.homed and count != 3:
+        own.fault = WRONG_DEVICE
+        return False
+    own.clock = state.time if state.time >= 0 else own.clock + round(dt * 1e9)
+    if not state.homed:
+        own.samples[FILLED] = 0
+        send(own, (own.last[0], own.last[1], own.last[2], 0.0, 0.0, 0.0, 0.0), out)
+    return state.homed
 
 
 class FalconKinematics(_Tracker):
@@ -54,22 +70,23 @@ class FalconKinematics(_Tracker):
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
 
-    def start(self) -> None:
-        self.falcon = FALCON.count, FALCON.geometry
-        self._reset(HOME)
-        self._follow = entry_point(pose_falcon, *self.filter, 0.0, 0.0, 0, ZERO, self.falcon)
+    State = _Tracker.State | {"geometry": (15,)}
+    home = HOME
 
-    def step(self, state: Annotated[DeviceState, Wants("joints", "homed")], *, dt: float) -> Pose:
-        time = self._stamp(state, dt)
-        if not state.homed:
-            return self._lost()
-        if len(state.joints) != 3:
-            raise MessageError(
-                f"DeviceState.joints: found {len(state.joints)} angles, expected 3 [rad]. "
-                "For a device that reports a position use kinematics.Cartesian."
-            )
-        return self._pose(
-            *self._follow(*self.filter, self.resolution, self.speed_limit, time, state.joints, self.falcon)
+    def start(self) -> None:
+        super().start()
+        self.own["geometry"] = FALCON.geometry
+
+    @kernel
+    def compute(own, state: Annotated[DeviceState, Wants("joints", "homed")], out: Out[Pose], dt):
+        if sampled(own, state, state.joints.count, out, dt):
+            given = own.samples, own.places, own.axes, own.resolution, own.speed_limit, own.clock
+            send(own, pose_falcon(*given, vector(state.joints.values), own.geometry), out)
+
+    def explain(self, fault: int, *messages: DeviceState) -> Exception:
+        return MessageError(
+            f"DeviceState.joints: found {len(messages[0].joints)} angles, expected 3 [rad]. "
+            "For a device that reports a position use kinematics.Cartesian."
         )
 
 
@@ -77,23 +94,20 @@ class Cartesian(_Tracker):
     """Pose of a device that reports a position: the same observer, at `resolution`, and the same refusal of impossible
     speeds."""
 
-    def start(self) -> None:
-        self._reset(ZERO)
-        self._follow = entry_point(pose, *self.filter, 0.0, 0.0, 0, ZERO)
+    @kernel
+    def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
+        if sampled(own, state, state.position.count, out, dt):
+            given = own.samples, own.places, own.axes, own.resolution, own.speed_limit, own.clock
+            send(own, pose(*given, vector(state.position.values)), out)
 
-    def step(self, state: Annotated[DeviceState, Wants("position", "homed")], *, dt: float) -> Pose:
-        time = self._stamp(state, dt)
-        if not state.homed:
-            return self._lost()
-        if len(state.position) != 3:
-            raise MessageError(
-                f"DeviceState.position: found {len(state.position)} numbers, expected 3 [m]. "
-                "For a device that reports the angles of a Falcon use kinematics.FalconKinematics."
-            )
-        return self._pose(*self._follow(*self.filter, self.resolution, self.speed_limit, time, state.position))
+    def explain(self, fault: int, *messages: DeviceState) -> Exception:
+        return MessageError(
+            f"DeviceState.position: found {len(messages[0].position)} numbers, expected 3 [m]. "
+            "For a device that reports the angles of a Falcon use kinematics.FalconKinematics."
+        )
 
 
-class FalconStatics(Node):
+class FalconStatics(CompiledNode):
     """Torques that make a Falcon push with the commanded force: G^-T F, scaled as a whole to the motors' limit.
 
     Zero without a force; without a pose it is silent, and the device lets go. `origin` is the same as in
@@ -102,14 +116,23 @@ class FalconStatics(Node):
 
     origin: Annotated[Vector3, "m"] = ZERO
 
-    def start(self) -> None:
-        self.geometry = FALCON.geometry
-        self._torque = entry_point(torque_kernel, self.geometry, *ZERO, *ZERO)
+    State = {"geometry": (15,)}
 
-    def step(self, force: Annotated[Force | None, Wants("force")], pose: Annotated[Pose, Wants("position")]) -> Torque:
-        if force is None:
-            return Torque(torques=ZERO)
-        x, y, z = pose.position
-        ox, oy, oz = self.origin
-        _, t0, t1, t2 = self._torque(self.geometry, *force.force, x - ox, y - oy, z - oz)
-        return Torque(torques=(t0, t1, t2))
+    def start(self) -> None:
+        super().start()
+        self.own["geometry"] = FALCON.geometry
+
+    @kernel
+    def compute(
+        own,
+        force: Annotated[Force | None, Wants("force")],
+        pose: Annotated[Pose, Wants("position")],
+        out: Out[Torque],
+        dt,
+    ):
+        torques = ZERO
+        if force.there:
+            f, p, o = force.force, pose.position, own.origin
+            _, t0, t1, t2 = torque_kernel(own.geometry, f[0], f[1], f[2], p[0] - o[0], p[1] - o[1], p[2] - o[2])
+            torques = (t0, t1, t2)
+        put(out.torques, torques)

@@ -1,19 +1,30 @@
 """The energy of a touch, and the force that is taken away where energy is made (docs/equations/controller.md)."""
 
-from itertools import zip_longest
+from math import nan
 from typing import Annotated
 
 import msgspec
+import numpy as np
 
 from palpate.messages import Contact, Force, Friction, Ledger, Pose, Surface
-from palpate.nodes.base import Node, Wants
-from palpate.physics.contact.ledger import EnergyAccount, Moment
+from palpate.messages.ledger import PARTS
+from palpate.messages.record import array_handle
+from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.physics.contact import ledger
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, nth, vector
 
 ZERO = (0.0, 0.0, 0.0)
 PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", "stored")
 
 
-class Energy(Node):
+@kernel
+def told(stored):
+    """What a part says that it stores [J]; NaN where it says nothing."""
+    return stored.values[0] if stored.count > 0 else nan
+
+
+class Energy(CompiledNode):
     """Energy balance of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
 
     Of several fingers on one body force, contact, pose and friction stand in the same order, and the message has their
@@ -29,78 +40,71 @@ class Energy(Node):
     bound: Annotated[float, "J", msgspec.Meta(ge=0)] = 0.02
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
 
+    State = {
+        "books": ledger.BOOKS, "past": array_handle(3),
+        "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
+    }  # fmt: skip
+
     def start(self) -> None:
-        self._books = EnergyAccount(self.delay)
-        self._tripped = False
-        self._notes = []
+        super().start()
+        self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS, ledger.MOMENT)))
+        self._told = False
 
     def generated(self, part: str) -> float:
         """Energy [J] that one part has given out and cannot have had."""
-        return self._books.part(part).generated
-
-    _tripped = False
+        return float(self.own["books"]["accounts"][PARTS.index(part), ledger.GENERATED])
 
     def condition(self) -> str:
-        return "tripped" if self._tripped else ""
+        return "tripped" if hasattr(self, "own") and self.own["tripped"] else ""
 
-    def step(
-        self,
+    def notes(self) -> list[str]:
+        if self.condition() and not self._told:
+            self._told = True
+            self._notes.append(
+                f"the {PARTS[self.own['by']]} generated {self.own['most'] * 1e3:.3g} mJ, above the bound of "
+                f"{self.bound * 1e3:.3g} mJ, at {self.own['time'] * 1e-9:.3f} s: the force goes to zero"
+            )
+        return super().notes()
+
+    @kernel
+    def compute(
+        own,
         force: Annotated[list[Force], Wants("force")],
         contact: Annotated[list[Contact | None], PRESS],
         pose: Annotated[list[Pose | None], Wants("position")],
         friction: Annotated[list[Friction | None], Wants("force", "stored")],
         body: Annotated[Surface | None, Wants("stored")],
-    ) -> Ledger:
-        books = self._books
-        moments = []
-        for pushed, touch, place, rubbed in zip_longest(force, contact, pose, friction):
-            if pushed is not None and touch is not None and place is not None and body is not None:
-                moments.append(_moment(pushed, touch, place, rubbed, body))
-        if len(moments) == len(force):
-            books.book(*moments)
+        out: Out[Ledger],
+        dt,
+    ):
+        books, past, count = own.books, floats(own.past), force.count
+        whole = body.there and contact.count >= count and pose.count >= count
+        for i in range(count):
+            whole = whole and nth(contact, i).there and nth(pose, i).there
+        if whole:
+            stepped = ledger.begin(books, past, count)
+            for i in range(count):
+                touch = nth(contact, i)
+                along, rubbed, bristles = vector(touch.lateral_force), ZERO, 0.0
+                if i < friction.count and nth(friction, i).there:
+                    rubbed, bristles = vector(nth(friction, i).force), told(nth(friction, i).stored)
+                ledger.take(
+                    books, past, i, nth(pose, i).position, nth(force, i).force, touch.normal, touch.force,
+                    touch.compression, touch.indentation, along, rubbed,
+                )  # fmt: skip
+                if stepped:
+                    stored = (told(touch.stored), told(body.stored), bristles)
+                    ledger.book_finger(books, past, i, along, rubbed, stored)
+            ledger.end(books, past, stepped, told(body.stored))
         else:
-            books.gap()
-        part, most = books.worst()
-        if self.bound and most > self.bound and not self._tripped:
-            self._tripped = True
-            self._notes.append(
-                f"the {part} generated {most * 1e3:.3g} mJ, above the bound of "
-                f"{self.bound * 1e3:.3g} mJ, at {force[0].time * 1e-9:.3f} s: the force goes to zero"
-            )
-        work, balance = books.step
-        return Ledger(
-            hand=books.hand,
-            controller=books.controller,
-            sampling=books.sampling,
-            fingertip_stored=books.stored("fingertip"),
-            fingertip_dissipated=books.dissipated("fingertip"),
-            tissue_stored=books.stored("tissue"),
-            tissue_dissipated=books.dissipated("tissue"),
-            friction_stored=books.stored("friction"),
-            friction_dissipated=books.dissipated("friction"),
-            work=work,
-            balance=balance,
-            unexplained=books.balance,
-            generated=most,
-            generated_by=part if most else "",
-            tripped=self._tripped,
-        )
-
-
-def _moment(force: Force, contact: Contact, pose: Pose, friction: Friction | None, body: Surface) -> Moment:
-    return Moment(
-        pose.position,
-        force.force,
-        contact.normal,
-        contact.force,
-        contact.compression,
-        contact.indentation,
-        contact.lateral_force,
-        friction.force if friction is not None else ZERO,
-        (_told(contact.stored), _told(body.stored), _told(friction.stored) if friction is not None else 0.0),
-    )
-
-
-def _told(stored: tuple[float, ...]) -> float | None:
-    """What a part says that it holds [J]; None where it says nothing."""
-    return stored[0] if stored else None
+            books.moments = 0
+        row, most = ledger.worst(books)
+        if most > own.bound > 0.0 and not own.tripped:
+            own.tripped, own.by, own.most, own.time = True, row, most, nth(force, 0).time
+        out.hand, out.controller, out.sampling = books.hand, books.controller, books.sampling
+        out.fingertip_stored, out.fingertip_dissipated = ledger.totals(books, ledger.FINGERTIP)
+        out.tissue_stored, out.tissue_dissipated = ledger.totals(books, ledger.TISSUE)
+        out.friction_stored, out.friction_dissipated = ledger.totals(books, ledger.FRICTION)
+        out.work, out.balance, out.unexplained = books.work, books.left, books.balance
+        out.generated, out.generated_by = most, row + 1 if most != 0.0 else 0
+        out.tripped = own.tripped

@@ -33,28 +33,10 @@ def row_times(a, b):
     return even + odd
 
 
-@kernel(error_model="numpy")
-def distance(a, b):
-    """Between two points (3) in a kernel, correct to the last bit, as `math.dist`."""
-    total = rest = 0.0
-    for k in range(3):
-        square, error = _square(a[k] - b[k])
-        before, total = total, total + square
-        rest += ((before - total) + square if before > square else (square - total) + before) + error
-    if not total > 0.0:
-        return total
-    root = math.sqrt(total)
-    square, error = _square(root)
-    return root + ((total - square) - error + rest) / (2.0 * root)
-
-
 @kernel
-def _square(x):
-    """x², and its rounding error (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
-    high = x * 134217729.0
-    high -= high - x
-    low, square = x - high, x * x
-    return square, ((high * high - square) + 2.0 * high * low) + low * low
+def distance(a, b):
+    """Between two points (3) in a kernel, to the bit that of `math.dist`."""
+    return hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @kernel(error_model="numpy")
@@ -123,6 +105,37 @@ def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
     out = np.empty(first.shape)
     _fill(which, first.ravel().copy(), second.ravel().copy(), out.reshape(-1))
     return out
+
+
+@kernel(error_model="numpy")
+def hypot(x, y, z):
+    """Euclidean norm of three numbers, to the bit that of `math.hypot`: squares and their sum without loss, and one
+    correction of the root. The sum of their sizes where all are below 1e-300."""
+    most = max(abs(x), abs(y), abs(z))
+    if not 1e-300 < most < math.inf:
+        return abs(x) + abs(y) + abs(z)
+    scale = math.ldexp(1.0, -math.frexp(most)[1])
+    total, lost, rounded = 1.0, 0.0, 0.0
+    for each in (x * scale, y * scale, z * scale):
+        square, rest = squared(each)
+        before, total = total, total + square
+        lost, rounded = lost + rest, rounded + ((before - total) + square)
+    root = math.sqrt(total - 1.0 + (lost + rounded))
+    square, rest = squared(root)
+    before, total = total, total - square
+    lost, rounded = lost - rest, rounded + ((before - total) - square)
+    root += (total - 1.0 + (lost + rounded)) / (2.0 * root)
+    return root / scale
+
+
+@kernel
+def squared(x):
+    """x^2 and its rounding error, without loss (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
+    large = 134217729.0 * x  # 2^27 + 1
+    high = large - (large - x)
+    low = x - high
+    square = x * x
+    return square, (high * high - square + 2.0 * high * low) + low * low
 
 
 @kernel(error_model="numpy")

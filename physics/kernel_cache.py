@@ -17,7 +17,7 @@ from pathlib import Path
 
 KEPT = 3  # States of the sources whose kernels are kept: going back and forth between two branches compiles nothing
 PREFIX = "kernels-"
-COMPILED = ("palpate.physics", "palpate.models.fe", "palpate.nodes")
+COMPILED = ("palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
 
 ROOM = 100_000_000
 """[bytes] free where new kernels are kept; all of ours take about a third. numba ends a program on a full disk."""

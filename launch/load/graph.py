@@ -129,6 +129,7 @@ def load(
     if not unclear:
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
         contacts = Pressing({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
     if any(change.keys == ("wanted",) for change in changes):

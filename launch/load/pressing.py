@@ -109,6 +109,25 @@ class Pressing:
                     )  # fmt: skip
         self._check_orders(faults)
 
+    def place_shares(self, nodes: dict[str, NodeSpec], faults: Faults) -> None:
+        """Give each share of a joint the place of its finger: that of the sender of its approach among the joint's.
+        A fault where the joint does not solve for that finger."""
+        for name in self.names:
+            given = nodes[name].settings
+            joint, approach = self._solver(name), self._of(name, Proximity)
+            if joint == name or not approach or given.get("finger") != -1:
+                continue
+            known = [wire.producer for wire in self._of(joint, Proximity)]
+            own = approach[0].producer
+            if own in known:
+                given["finger"] = known.index(own)
+            else:
+                faults.add(
+                    f"is the finger {own!r}, but {joint!r} solves for {_and(known) or 'none'}",
+                    f"`{joint}: {{in: {{proximity: [{', '.join([*known, own])}]}}}}`, or one of its fingers here.",
+                    approach[0].place, node=name, port=approach[0].port.name,
+                )  # fmt: skip
+
     def _check_orders(self, faults: Faults) -> None:
         """A fault for each node with several inputs that take many, whose senders are of other fingers in one than in
         another."""

@@ -13,7 +13,8 @@ from palpate.launch.load.classes import senders, takers
 from palpate.launch.load.values.lines import fill
 from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Message
-from palpate.nodes.base import Node, Port, inputs
+from palpate.messages.record import ROOM
+from palpate.nodes.base import CompiledNode, Node, Port, inputs
 
 Kinds = dict[str, dict[str, type[Message]]]  # of each node its streams and their message types
 
@@ -80,6 +81,9 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
         if len(several) > 1 and not port.many:
             cure = f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}."
             at_port(f"takes one {port.type.__name__}, found {len(several)} senders", cure, line.place("in", port.name))
+            continue
+        if len(several) > ROOM and issubclass(cls, CompiledNode):
+            at_port(f"takes at most {ROOM} senders, found {len(several)}", "", line.place("in", port.name))
             continue
         heard: set[str] = set()
         for number, one in enumerate(several):

@@ -57,3 +57,64 @@ def faded(state, there, value, dt):
     if gain == 1.0:
         return state.last[0], state.last[1], state.last[2]
     return gain * state.last[0], gain * state.last[1], gain * state.last[2]
+class Pace:
+    """The time between the steps of a node."""
+
+    def __init__(self) -> None:
+        self.usual = 0.0  # [s] the last step's, or the one before's where that was shorter
+        self._last = 0.0
+
+    def update(self, dt: float) -> bool:
+        """Take the time dt [s] since the last step; whether the node stood still meanwhile."""
+        stood = dt > GAP and 0.0 < 3.0 * self._last < dt
+        self.usual = self._last if 0.0 < self._last < dt else dt
+        self._last = dt
+        return stood
+
+
+class Gain:
+    """A share between 0 and 1 [1]: falls to 0 within `fall` [s] while something is missing, rises within `rise` [s]."""
+
+    def __init__(self, fall: float, rise: float) -> None:
+        self.fall, self.rise = fall, rise
+        self.value = 1.0
+
+    def update(self, present: bool, dt: float) -> float:
+        """The share after a step of dt [s]."""
+        if not present:
+            self.value = max(self.value - dt / self.fall, 0.0)
+        elif self.value < 1.0:
+            self.value = min(self.value + dt / self.rise, 1.0) if self.rise > 0.0 else 1.0
+        return self.value
+
+
+class Faded:
+    """A force or a command that may stop coming: its last value fades out within `seconds`, and it fades in again."""
+
+    def __init__(self, seconds: float, size: int = 3) -> None:
+        self._gain = Gain(seconds, seconds)
+        self._last: object = (0.0,) * size
+
+    def update(self, value: object | None, dt: float) -> object:
+        """The value to use in a step of dt [s]; None: there is none."""
+        if value is not None:
+            self._last = value
+            if self._gain.value == 1.0:
+                return value
+        gain = self._gain.update(value is not None, dt)
+        return self._last if gain == 1.0 else tuple(gain * number for number in self._last)
+
+
+class Lost:
+    """Whether a message was computed without an input that earlier ones of its sender had."""
+
+    def __init__(self) -> None:
+        self._had: set[int] = set()
+
+    def update(self, used: tuple[int, ...]) -> bool:
+        """Take the `used` of the next message."""
+        if -1 not in used and len(self._had) == len(used):
+            return False
+        there = {place for place, tick in enumerate(used) if tick >= 0}
+        self._had |= there
+        return there != self._had

@@ -71,7 +71,10 @@ class CompiledNode(Node):
     def start(self) -> None:
         """Make the record of the node: settings, wanted parts, a state of zeros. What needs more calls this first."""
         self._notes = []
-        self.own = np.zeros(1, record(type(self)))[0]
+        if not hasattr(self, "own"):
+            self._record = np.zeros(1, record(type(self)))
+            self.own = self._record[0]  # stays where it is: others know its address
+        self._record[:] = np.zeros(1, self._record.dtype)
         self._held: dict[str, np.ndarray] = {}
         for name in self.own.dtype.names or ():
             if name in settings(type(self)):
@@ -122,7 +125,8 @@ class CompiledNode(Node):
         return self.records(messages).idle()
 
     def step(self, *messages: Any, dt: float = math.inf) -> Any:
-        """One step on messages; the answer, several as a tuple."""
+        """One step on messages, None where there is none; the answer, several as a tuple."""
+        messages += (None,) * (len(inputs(type(self))) - len(messages))
         records = self.records(messages)
         records.compute(messages, dt)
         answers = records.read()
@@ -174,8 +178,10 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
         return (np.dtype(_state(name, form), align=True),)
     if isinstance(form, np.dtype):
         return (form,)
-    if form in KINDS:
+    if isinstance(form, type) and form in KINDS:
         return (KINDS[form],)
+    if isinstance(form, tuple) and form and isinstance(form[-1], dict):
+        return np.dtype(_state(name, form[-1]), align=True), form[:-1]
     if isinstance(form, tuple) and all(isinstance(length, int) for length in form):
         return ("<f8", form) if form else ("<f8",)
     raise TypeError(f"{name}: found {form!r}, expected a shape like () or (3,), int, bool, a dict of these, or ARRAY")
@@ -238,7 +244,7 @@ class Records:
         if raised or own["fault"]:
             fault, own["fault"] = int(own["fault"]), 0
             if raised:
-                self.node.compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
+                type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)  # raises as compiled code did
             raise self.node.explain(fault, *messages)
 
     def read(self) -> tuple[Message, ...]:

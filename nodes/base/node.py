@@ -28,7 +28,7 @@ class InputError(PalpateError, ValueError):
 
     def __init__(self, message: Any, text: str) -> None:
         who = f" of {message.source!r} at tick {message.tick}" if message.source else ""
-        super().__init__(f"{getattr(message, 'kind', type(message).__name__)}{who}: {text}")
+        super().__init__(f"{type(message).__name__}{who}: {text}")
         self.source = message.source
 
 

@@ -4,17 +4,20 @@ import math
 from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from palpate.messages import Load
 from palpate.messages.grip import Grip as GripMessage
-from palpate.nodes.base import Node
+from palpate.messages.record import ROOM
+from palpate.nodes.base import CompiledNode, Out
 from palpate.physics.contact.grip import grip_force
-from palpate.physics.entry_point import entry_point
+from palpate.physics.exact import hypot
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, nth
 
 
-class Grip(Node):
-    """Grip force, load force and safety margins of fingers that press on one body (docs/equations/contact.md).
+class Grip(CompiledNode):
+    """Grip force, load force and safety margins of fingers, 16 at most, that press on one body
+    (docs/equations/contact.md).
 
     Each load is what one finger does to the body, at its foot point. A finger without a sender presses with nothing.
     `mu_static` is the coefficient at which a finger that sticks begins to slip: the friction law's own.
@@ -22,27 +25,37 @@ class Grip(Node):
 
     mu_static: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.7
 
-    def start(self) -> None:
-        self._grip = entry_point(grip_force, np.zeros((2, 3)), np.zeros((2, 3)))
+    State = {"foot": (ROOM, 3), "forces": (ROOM, 3), "one": (3,), "rubbed": (3,)}
+    """Of the fingers that press, their points [m] and forces [N]; force of one; sum along the surface [N]."""
 
-    def step(self, load: list[Load | None]) -> GripMessage:
-        count = len(load)
-        foot, forces, normals = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
-        for i, one in enumerate(load):
-            if one is not None and len(one.nodes):
-                foot[i], normals[i] = one.foot, one.normal
-                forces[i] = one.forces.sum(axis=0)
-        normal = -(forces * normals).sum(axis=1)
-        rubbed = forces + normal[:, None] * normals
-        tangential = np.sqrt((rubbed * rubbed).sum(axis=1))
-        presses = normal > 0.0
-        grip = self._grip(foot[presses], forces[presses]) if presses.any() else 0.0
-        sliding = math.hypot(*rubbed.sum(axis=0).tolist())
-        return GripMessage(
-            grip=grip,
-            load=sliding,
-            ratio=sliding / (2.0 * grip) if grip > 0.0 else 0.0,
-            normal=tuple(normal.tolist()),
-            tangential=tuple(tangential.tolist()),
-            margin=tuple((normal - tangential / self.mu_static).tolist()),
-        )
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load | None], out: Out[GripMessage], dt):
+        force, rubbed, pressing = own.one, own.rubbed, 0
+        rubbed[:] = 0.0
+        for i in range(load.count):
+            one = nth(load, i)
+            there = one.there and one.nodes.shape[0] > 0
+            force[:] = 0.0
+            total = size = 0.0
+            if there:
+                forces = floats(one.forces)
+                for k in range(len(forces)):
+                    for axis in range(3):
+                        force[axis] += forces[k, axis]
+                for axis in range(3):
+                    total += force[axis] * one.normal[axis]
+            normal = -total
+            for axis in range(3):
+                along = force[axis] + normal * one.normal[axis] if there else 0.0
+                size += along * along
+                rubbed[axis] += along
+            if normal > 0.0:
+                for axis in range(3):
+                    own.foot[pressing, axis], own.forces[pressing, axis] = one.foot[axis], force[axis]
+                pressing += 1
+            out.normal.values[i], out.tangential.values[i] = normal, math.sqrt(size)
+            out.margin.values[i] = normal - math.sqrt(size) / own.mu_static
+        out.normal.count = out.tangential.count = out.margin.count = load.count
+        out.grip = grip_force(own.foot[:pressing], own.forces[:pressing]) if pressing > 0 else 0.0
+        out.load = hypot(rubbed[0], rubbed[1], rubbed[2])
+        out.ratio = out.load / (2.0 * out.grip) if out.grip > 0.0 else 0.0

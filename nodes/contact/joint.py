@@ -1,125 +1,175 @@
 """Several fingertips on one body."""
 
-from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Contacts, Proximity, Surface
-from palpate.nodes.base import InputError, Node, Wants, settings
-from palpate.nodes.contact.series import BODY, Heard, Series
-from palpate.physics.bodies.place_energy import on_hand
+from palpate.messages.record import ROOM
+from palpate.nodes.base import TABLE, CompiledNode, InputError, Out, Wants
+from palpate.nodes.contact import finger
+from palpate.nodes.contact.finger import FINGER
+from palpate.nodes.contact.series import BAD_LAW, BODY, Series, law_of
 from palpate.physics.contact.joint import joint_step
+from palpate.physics.contact.series import energy
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, nth, put, vector
+
+MISMATCH = 2  # fault: the body does not have as many laws as there are fingers
+NO_FINGER = 1  # fault: there is no finger at this place
+
+
+@kernel
+def law_for(body, several, i):
+    """Terminal law of contact i; the body's only one unless `several`."""
+    if several:
+        laws = floats(body.laws)
+        return laws[i, 0], laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4]
+    return law_of(body)
+
+
+@kernel
+def slope_for(body, several, i):
+    """Tangential gradient [N] (3) and shape operator [1/m] (9) at contact i, and whether the body knows them."""
+    if several:
+        slopes = floats(body.slopes)
+        return slopes[i, :3], slopes[i, 3:], True
+    return body.tangential_gradient[:], body.shape_operator.values[:9], body.shape_operator.count == 9
+
+
+@kernel
+def fault_of(body, count):
+    """Fault of a body's message for `count` fingers; 0: none."""
+    if count > 1 and len(floats(body.laws)) != count:
+        return MISMATCH
+    for i in range(count):
+        if not finger.in_range(law_for(body, count > 1, i), body.step, body.relaxation):
+            return BAD_LAW
+    return 0
 
 
 class Joint(Series):
-    """Several fingertips on one body, each in series with it as in `Series`: all forces of a step are solved together,
-    so that what one presses in, the others feel at once (docs/equations/contact.md).
+    """Several fingertips, 16 at most, on one body, each in series with it as in `Series`: all forces of a step are
+    solved together, so that what one presses in, the others feel at once (docs/equations/contact.md).
 
     The approaches stand in the order in which the body takes the loads of their fingers. All fingertips have the same
     law. Each gets its Contact by a `contact.Share`.
     """
 
-    _count = 1  # of fingers; kept over a start
+    State = {
+        "finger": (ROOM, FINGER), "law": (5,),  # the fingertips; their elastic law and its damping
+        "approach": (ROOM,), "before": (ROOM,), "terminal": (ROOM, 5), "coupling": (ROOM * ROOM,),  # of `joint_step`
+        "force": (ROOM,), "solved": (ROOM, 3), "lateral": TABLE,
+    }  # fmt: skip
 
     def start(self) -> None:
         super().start()
-        self._resize(self._count)
-        joint_step(
-            self._approach, 1e-3, self._before, self._laws, self._terminal, self._coupling, self._forces, self._solved
-        )
-        on_hand((0.0,) * 3, (0.0,) * 9, 0.0, (0.0, 0.0, 1.0))
+        self.hold("lateral", np.zeros((ROOM, 3)))
 
-    def _resize(self, count: int) -> None:
-        self._count = count
-        own = {name: getattr(self, name) for name in settings(Series)}
-        self._fingers = [Series(**own) for _ in range(count)]
-        for finger in self._fingers:
-            finger.wanted = self.wanted
-            finger.start()
-        self._laws = np.tile(self._law, (count, 1))
-        self._approach, self._before, self._forces = np.zeros(count), np.zeros(count), np.zeros(count)
-        self._terminal, self._solved = np.zeros((count, 5)), np.zeros((count, 3))
-        self._coupling = np.eye(count)
-        self._coupling.setflags(write=False)  # as a message's, which is a type of its own to the compiler
+    @kernel
+    def idle(own, proximity, body, out, dt):
+        count = proximity.count
+        if not body.there or (count > 1 and len(floats(body.laws)) != count):
+            return False
+        for i in range(count):
+            law = law_for(body, count > 1, i)
+            if not finger.at_rest(own.finger[i], nth(proximity, i), True, law, body.step, body.relaxation):
+                return False
+        return True
 
-    def step(  # type: ignore[override]
-        self,
+    @kernel(error_model="numpy")
+    def compute(
+        own,
         proximity: list[Proximity],
         body: Annotated[Surface | None, Wants(*BODY.names, "laws", "slopes", "coupling")],
-        *,
-        dt: float,
-    ) -> Contacts:
-        count = len(proximity)
-        if count != len(self._fingers):
-            self._resize(count)
-        seen: Sequence[Heard | None] = [body] * count
-        if body is not None and count > 1:
-            if len(body.laws) != count:
-                raise InputError(body, f"found laws of {len(body.laws)} contacts, expected {count}: one a finger")
-            seen = body.seen()
-            self._coupling = body.coupling
-        length: float | None = None
-        for i, finger in enumerate(self._fingers):
-            pressing = finger.pressing(proximity[i], seen[i], dt)
-            if pressing is not None:
-                self._approach[i], own, self._terminal[i] = pressing
-                length = max(own, length or 0.0)  # after a gap the softest answer, see `Series._length`
-            self._before[i] = finger.compression
-        if length is not None:
+        out: Out[Contacts],
+        dt,
+    ):
+        count = proximity.count
+        several = body.there and count > 1
+        if body.there:
+            own.fault = fault_of(body, count)
+            if own.fault != 0:
+                return
+        if several:  # kept: the body may be missing in the next step
+            coupling = floats(body.coupling)
+            for i in range(count):
+                for j in range(count):
+                    own.coupling[i * count + j] = coupling[i, j]
+        pressed, length = False, 0.0
+        for i in range(count):
+            one = own.finger[i]
+            presses, approach, step, law = finger.pressing(
+                one, nth(proximity, i), body.there, law_for(body, several, i), body.step, body.relaxation, body.time, dt
+            )
+            if presses:
+                own.approach[i], terminal = approach, own.terminal[i]
+                terminal[0], terminal[1], terminal[2], terminal[3], terminal[4] = law
+                pressed, length = True, max(step, length)  # after a gap the softest answer, see `finger.step_length`
+            own.before[i] = one.compression
+        if pressed:
             joint_step(
-                self._approach, length, self._before, self._laws, self._terminal, self._coupling, self._forces,
-                self._solved,
+                own.approach[:count], length, own.before[:count], own.law[:], own.terminal[:count],
+                own.coupling[: count * count].reshape(count, count), own.force[:count], own.solved[:count],
             )  # fmt: skip
-        answers = [
-            finger.contact(proximity[i], seen[i], None if length is None else tuple(self._solved[i].tolist()), dt)
-            for i, finger in enumerate(self._fingers)
-        ]
-        return Contacts(
-            fingers=" ".join([each.source for each in proximity]),
-            force=tuple([c.force for c in answers]),
-            compression=tuple([c.compression for c in answers]),
-            indentation=tuple([c.indentation for c in answers]),
-            compression_rate=tuple([c.compression_rate for c in answers]),
-            indentation_rate=tuple([c.indentation_rate for c in answers]),
-            lateral_force=np.array([c.lateral_force for c in answers]),
-            stored=tuple([c.stored[0] for c in answers if c.stored]),
-        )
+        lateral = floats(own.lateral)
+        for i in range(count):
+            one, f = own.finger[i], own.solved[i]
+            gradient, shape, sloped = slope_for(body, several, i)
+            out.force.values[i], out.indentation.values[i], rate, out.indentation_rate.values[i], along = finger.settle(
+                one, nth(proximity, i), body.there, gradient, shape, sloped, own.law[4], own.thickness, pressed,
+                (f[0], f[1], f[2]), dt,
+            )  # fmt: skip
+            out.compression.values[i], out.compression_rate.values[i] = one.compression, rate
+            lateral[i, 0], lateral[i, 1], lateral[i, 2] = along
+            if own.energy:
+                out.stored.values[i] = energy(one.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3])
+        out.force.count = out.indentation.count = out.indentation_rate.count = count
+        out.compression.count = out.compression_rate.count = count
+        out.stored.count = count if own.energy else 0
+        out.lateral_force.address = own.lateral.address
+        out.lateral_force.shape[0], out.lateral_force.shape[1] = count, 3
 
-    def notes(self) -> list[str]:
-        return super().notes() + [text for finger in getattr(self, "_fingers", ()) for text in finger.notes()]
-
-    def rests(self, proximity: list[Proximity], body: Surface | None) -> bool:  # type: ignore[override]
-        if body is None or len(proximity) != len(self._fingers):
-            return False
-        if len(proximity) > 1 and len(body.laws) != len(proximity):
-            return False
-        seen: Sequence[Heard] = body.seen() if len(proximity) > 1 else [body]
-        return all(f.rests(p, b) for f, p, b in zip(self._fingers, proximity, seen, strict=True))
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        fingers, body = messages
+        if fault == MISMATCH:
+            count = len(fingers)
+            return InputError(body, f"found laws of {len(body.laws)} contacts, expected {count}: one a finger")
+        return super().explain(fault, *messages)
 
 
-class Share(Node):
+class Share(CompiledNode):
     """The contact of one finger, of those that a `contact.Joint` has solved: the one whose approach comes from the same
-    node as here."""
+    node as here.
 
-    def start(self) -> None:
-        self._names, self._place = "", 0
+    finger  its place among the joint's, from 0; -1: found in the graph when it is loaded
+    """
 
-    def step(self, contacts: Contacts, proximity: Proximity) -> Contact:
-        if contacts.fingers != self._names:
-            names = contacts.fingers.split(" ")
-            if proximity.source not in names:
-                raise InputError(contacts, f"found the fingers {', '.join(names)}, expected {proximity.source!r}")
-            self._names, self._place = contacts.fingers, names.index(proximity.source)
-        i = self._place
-        return Contact(
-            foot=proximity.foot,
-            normal=proximity.normal,
-            force=contacts.force[i],
-            compression=contacts.compression[i],
-            indentation=contacts.indentation[i],
-            compression_rate=contacts.compression_rate[i],
-            indentation_rate=contacts.indentation_rate[i],
-            lateral_force=tuple(contacts.lateral_force[i].tolist()),
-            stored=contacts.stored[i : i + 1],
-        )
+    finger: Annotated[int, "1", msgspec.Meta(ge=-1, lt=ROOM)] = -1
+
+    @kernel
+    def compute(
+        own, contacts: Contacts, proximity: Annotated[Proximity, Wants("foot", "normal")], out: Out[Contact], dt
+    ):
+        i = own.finger
+        if not 0 <= i < contacts.force.count:
+            own.fault = NO_FINGER
+            return
+        put(out.foot, vector(proximity.foot))
+        put(out.normal, vector(proximity.normal))
+        out.force = contacts.force.values[i]
+        out.compression, out.indentation = contacts.compression.values[i], contacts.indentation.values[i]
+        out.compression_rate = contacts.compression_rate.values[i]
+        out.indentation_rate = contacts.indentation_rate.values[i]
+        lateral = floats(contacts.lateral_force)
+        put(out.lateral_force, (lateral[i, 0], lateral[i, 1], lateral[i, 2]))
+        out.stored.count = 1 if contacts.stored.count > i else 0
+        out.stored.values[0] = contacts.stored.values[i]
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        contacts = messages[0]
+        return InputError(
+            contacts, f"found {len(contacts.force)} fingers, expected the one at place {self.finger}, counted from 0. "
+            "The setting `finger` says which; a graph that is loaded finds it by the input `proximity`"
+        )  # fmt: skip

@@ -1,8 +1,9 @@
 """Normal contact of fingertip and tissue."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 
 from palpate.messages import Contact, Proximity, Surface
 from palpate.nodes.base import CompiledNode, InputError, Out, Part, Switch, Wants
@@ -60,7 +61,7 @@ class Series(CompiledNode):
 
     def start(self) -> None:
         super().start()
-        self._told = False
+        self._told: set[int] = set()
         finger.begin(self.own["finger"])
         self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
 
@@ -89,11 +90,10 @@ class Series(CompiledNode):
         solved = (0.0, 0.0, 0.0)
         if pressed:
             k, n, c, free, previous = law
-            solved = laws.series_step(approach, length, own.finger.compression, own.law, k, n, c, free, previous)
-        sloped = body.shape_operator.count == 9
+            solved = laws.series_step(approach, length, own.finger.compression, own.law[:], k, n, c, free, previous)
         out.force, out.indentation, out.compression_rate, out.indentation_rate, lateral = finger.settle(
-            own.finger, proximity, body.there, body.tangential_gradient, body.shape_operator.values, sloped,
-            own.finger_damping, own.thickness, pressed, solved, dt,
+            own.finger, proximity, body.there, body.tangential_gradient[:], body.shape_operator.values[:9],
+            body.shape_operator.count == 9, own.finger_damping, own.thickness, pressed, solved, dt,
         )  # fmt: skip
         out.compression = own.finger.compression
         put(out.foot, vector(proximity.foot))
@@ -102,27 +102,32 @@ class Series(CompiledNode):
         if own.energy:
             one(out.stored, laws.energy(own.finger.compression, int(own.law[0]), own.law[1], own.law[2], own.law[3]))
 
-    def explain(self, fault: int, *messages: Surface) -> Exception:
+    def explain(self, fault: int, *messages: Any) -> Exception:
         """Why the body's law was refused."""
         body = messages[1]
-        try:
-            check_law(Terminal(*(getattr(body, name) for name in LAW)), body.step, body.relaxation)
-        except ValueError as error:
-            return InputError(body, str(error))
+        for law in body.laws.tolist() or [[getattr(body, name) for name in LAW]]:
+            try:
+                check_law(Terminal(*law), body.step, body.relaxation)
+            except ValueError as error:
+                return InputError(body, str(error))
         return super().explain(fault, *messages)
 
     def condition(self) -> str:
-        started = getattr(self, "own", None)
-        deep = started is not None and self.own["finger"]["compression"] > self.thickness > 0.0
+        deep = any(each["compression"] > self.thickness > 0.0 for each in self._fingers())
         return "beyond its law" if deep else ""
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and not self._told and self.own["finger"]["deepest"][0] > 0.0:
-            self._told = True
-            self._notes.append(self._beyond(self.own["finger"]))
+        for place, each in enumerate(self._fingers()):
+            if each["deepest"][0] > 0.0 and place not in self._told:
+                self._told.add(place)
+                self._notes.append(self._beyond(each))
         return super().notes()
 
-    def _beyond(self, state) -> str:
+    def _fingers(self) -> Any:
+        """The state of each fingertip; none before the start."""
+        return np.atleast_1d(self.own["finger"]) if hasattr(self, "own") else ()
+
+    def _beyond(self, state: Any) -> str:
         """The note of a fingertip that was compressed beyond its tissue."""
         (deepest, force, _), time = state["deepest"], state["deepest_time"]
         when = f" at {time * 1e-9:.3f} s" if time >= 0 else ""

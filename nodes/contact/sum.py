@@ -1,13 +1,15 @@
 """One finger that meets several organs."""
 
-import math
 from typing import Annotated
 
-from palpate.messages import Contact, Friction, Vector3
-from palpate.nodes.base import Node, Wants
+from palpate.messages import Contact, Friction
+from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.physics.exact import hypot
+from palpate.physics.kernel import kernel
+from palpate.physics.records import nth, put, vector
 
 
-class Sum(Node):
+class Sum(CompiledNode):
     """What one finger feels of several organs, as one contact and one friction: forces add up.
 
     Each organ has a collision, contact, spread and body of its own. Where one presses, that is the contact. Where
@@ -15,41 +17,54 @@ class Sum(Node):
     adds up, and foot is that of the one that presses most. Organs do not touch each other.
     """
 
-    def step(
-        self, contact: list[Contact], friction: Annotated[list[Friction | None], Wants("force")]
-    ) -> tuple[Contact, Friction]:
-        rubbed: Vector3 = (0.0, 0.0, 0.0)
-        for rubbing in friction:
-            if rubbing is not None:
-                rubbed = _plus(rubbed, rubbing.force)
-        total = along = (0.0, 0.0, 0.0)
-        most, lengths, whole, pressing, stored = contact[0], [0.0] * 4, 0.0, 0, 0.0
-        for one in contact:
+    State = {"total": (3,), "along": (3,), "lengths": (4,)}  # sums over the organs
+
+    @kernel(error_model="numpy")
+    def compute(
+        own,
+        contact: list[Contact],
+        friction: Annotated[list[Friction | None], Wants("force")],
+        out: Out[Contact],
+        rubbed: Out[Friction],
+        dt,
+    ):
+        put(rubbed.force, (0.0, 0.0, 0.0))
+        for i in range(friction.count):
+            rubbing = nth(friction, i)
+            if rubbing.there:
+                for axis in range(3):
+                    rubbed.force[axis] += rubbing.force[axis]
+        total, along, lengths = own.total, own.along, own.lengths
+        total[:], along[:], lengths[:] = 0.0, 0.0, 0.0
+        whole, stored, pressing, most = 0.0, 0.0, 0, 0
+        for i in range(contact.count):
+            one = nth(contact, i)
             f = one.force
-            most = one if f > most.force else most
+            if f > nth(contact, most).force:
+                most = i
             pressing += f > 0.0
             whole += f
-            total, along = _plus(total, one.normal, f), _plus(along, one.lateral_force)
-            own = one.compression, one.indentation, one.compression_rate, one.indentation_rate
-            lengths = [mean + f * length for mean, length in zip(lengths, own, strict=True)]
-            stored += one.stored[0] if one.stored else 0.0
-        sliding = Friction(force=rubbed, bristle=(0.0, 0.0, 0.0), stick=False)
+            for axis in range(3):
+                total[axis] += f * one.normal[axis]
+                along[axis] += one.lateral_force[axis]
+            lengths[0] += f * one.compression
+            lengths[1] += f * one.indentation
+            lengths[2] += f * one.compression_rate
+            lengths[3] += f * one.indentation_rate
+            stored += one.stored.values[0] if one.stored.count > 0 else 0.0
+        first = nth(contact, most)
+        put(out.foot, vector(first.foot))
+        put(out.normal, vector(first.normal))
+        out.stored.count = first.stored.count
         if pressing < 2:
-            return most, sliding
-        force = math.hypot(*total)
-        compression, indentation, compression_rate, indentation_rate = (length / whole for length in lengths)
-        return Contact(
-            foot=most.foot,
-            normal=(total[0] / force, total[1] / force, total[2] / force) if force > 0.0 else most.normal,
-            force=force,
-            compression=compression,
-            indentation=indentation,
-            compression_rate=compression_rate,
-            indentation_rate=indentation_rate,
-            lateral_force=along,
-            stored=(stored,) if most.stored else (),
-        ), sliding
-
-
-def _plus(a: Vector3, b: Vector3, scale: float = 1.0) -> Vector3:
-    return a[0] + scale * b[0], a[1] + scale * b[1], a[2] + scale * b[2]
+            out.force, out.stored.values[0] = first.force, first.stored.values[0]
+            out.compression, out.indentation = first.compression, first.indentation
+            out.compression_rate, out.indentation_rate = first.compression_rate, first.indentation_rate
+            put(out.lateral_force, vector(first.lateral_force))
+            return
+        out.force, out.stored.values[0] = hypot(total[0], total[1], total[2]), stored
+        if out.force > 0.0:
+            put(out.normal, (total[0] / out.force, total[1] / out.force, total[2] / out.force))
+        out.compression, out.indentation = lengths[0] / whole, lengths[1] / whole
+        out.compression_rate, out.indentation_rate = lengths[2] / whole, lengths[3] / whole
+        put(out.lateral_force, vector(along))

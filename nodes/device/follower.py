@@ -5,18 +5,16 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
-from palpate.messages import DeviceState, Force, Torque
-from palpate.nodes.base import SettingError
-from palpate.nodes.device.hand import HeldGrip
-from palpate.physics.device.falcon import FALCON, HOME, reachable
+from palpate.nodes.base import CompiledNode, SettingError
+from palpate.nodes.device.hand import GRIP, HeldGrip, hold_grip, moved
+from palpate.physics.device.falcon import FALCON, HOME, leg
 from palpate.physics.device.falcon_statics import torque_kernel
-from palpate.physics.device.grip import CLOCK, LINEAR, POSITION, grip_kernel
-from palpate.physics.entry_point import entry_point
+from palpate.physics.device.grip import CLOCK, LINEAR, POSITION
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, put, vector
 
-ZERO = (0.0, 0.0, 0.0)
 
-
-class Follower(HeldGrip):
+class Follower(HeldGrip, CompiledNode):
     """Settings of the hand, arm and grip of `device.Simulated` (docs/equations/controller.md), without its path.
 
     The node reports both angles, in whole encoder counts, and the exact position. It takes what the graph sends,
@@ -27,35 +25,40 @@ class Follower(HeldGrip):
 
     resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
 
+    State = GRIP | {"goal": (3,)}
+    """The goal of the hand [m], in the device's own frame."""
+
     def start(self) -> None:
-        self.geometry = FALCON.geometry
+        super().start()
         here = np.array(self.begin) - np.array(self.origin)
-        if not reachable(self.geometry, *here):
+        # Uncompiled, as in `device.Simulated`: it is needed once.
+        if not all(leg.py_func(FALCON.geometry, i, *here.tolist())[0] for i in range(3)):
             raise SettingError(
                 f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
                 f"reach. Points near {HOME} from its origin work; 'origin' places the device in the world."
             )
-        self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
-        self.state[POSITION] = here
-        self.goal = here
-        self._end, self._points = np.zeros(1), np.array([here, here])
-        self._fixed = (self.geometry, self.constants(self.resolution), self.state, self.memory, self._end, self._points)
-        self._shapes = np.array([LINEAR])
-        self._move = entry_point(grip_kernel, *self._fixed, self._shapes, 0.0, 0.0, 0.0, 0.0)
+        hold_grip(self, np.zeros(1), np.array([here, here]), np.array([LINEAR], np.int32))
+        self.own["goal"] = here
 
-    def follow(
-        self, goal: np.ndarray, torque: Torque | None, force: Force | None, buttons: int, dt: float
-    ) -> DeviceState:
-        """Let the hand's goal go evenly to `goal` [m] (3), in the device's own frame, within the step of dt [s]."""
-        torques = ZERO
-        if torque is not None:
-            torques = torque.torques
-        elif force is not None:
-            torques = torque_kernel(self.geometry, *force.force, *self.state[POSITION])[-3:]
-        self.state[CLOCK] = 0.0
-        self._end[0] = dt
-        self._points[0], self._points[1] = self.goal, goal
-        joints = self._move(*self._fixed, self._shapes, *torques, dt)
-        self.goal = goal
-        x, y, z = self.state[POSITION].tolist()
-        return DeviceState(joints=joints, position=(x, y, z), buttons=buttons)
+
+@kernel
+def follow(own, goal, torque, force, out, dt):
+    """Let the hand's goal go evenly to `goal` [m] (3), in the device's own frame, within the step of dt [s]."""
+    torques = (0.0, 0.0, 0.0)
+    if torque.there:
+        torques = vector(torque.torques)
+    elif force.there:
+        f, at = force.force, own.motion[POSITION]
+        _, t0, t1, t2 = torque_kernel(own.geometry, f[0], f[1], f[2], at[0], at[1], at[2])
+        torques = (t0, t1, t2)
+    points = floats(own.points)
+    own.motion[CLOCK] = 0.0
+    floats(own.ends)[0] = dt
+    put(points[0], vector(own.goal))
+    put(points[1], goal)
+    joints = moved(own, torques, dt)
+    put(own.goal, goal)
+    out.joints.count = out.position.count = 3
+    out.homed = True
+    put(out.joints.values, joints)
+    put(out.position.values, vector(own.motion[POSITION]))

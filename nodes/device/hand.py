@@ -7,9 +7,17 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Vector3
-from palpate.nodes.base import Node
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Node
 from palpate.physics.device.falcon import FALCON, HOME
-from palpate.physics.device.grip import LINEAR, MINIMUM_JERK
+from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, POSITION, grip_kernel
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, integers
+
+GRIP = {
+    "geometry": (15,), "constants": (6,), "motion": (3, 3), "memory": (4, 3), "ends": ARRAY, "points": TABLE,
+    "shapes": ARRAY,
+}  # fmt: skip
+"""State of a simulated grip, for `physics.device.grip.grip_kernel`."""
 
 
 class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -26,7 +34,7 @@ class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     time: float | None = None
     shape: Literal["minimum-jerk", "linear"] | None = None
     hold: float | None = None
-    buttons: int = 0
+    buttons: Annotated[int, msgspec.Meta(ge=0, lt=2**31)] = 0
 
     def __post_init__(self) -> None:
         if (self.to is None) == (self.hold is None):
@@ -62,10 +70,24 @@ class HeldGrip(Node):
     hand_stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 500.0
     hand_damping: Annotated[float, "N s/m", msgspec.Meta(ge=0)] = 10.0
 
-    def constants(self, resolution: float) -> np.ndarray:
-        """What `grip_kernel` takes of these settings; resolution [rad] of the encoders."""
-        own = self.mass, self.damping, self.hand_stiffness, self.hand_damping
-        return np.array([*own, resolution, FALCON.limit])
+
+def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: np.ndarray) -> None:
+    """Put the grip of a node with `GRIP` and the settings of `HeldGrip` at rest where its path begins."""
+    own, given = node.own, ("mass", "damping", "hand_stiffness", "hand_damping", "resolution")
+    own["geometry"], own["constants"] = FALCON.geometry, [*(getattr(node, name) for name in given), FALCON.limit]
+    own["motion"][POSITION] = points[0]
+    node.hold("ends", ends)
+    node.hold("points", points)
+    node.hold("shapes", shapes)
+
+
+@kernel
+def moved(own, torques, dt):
+    """Move the grip by one step of dt [s] under motor torques [N m] (3): its driven angles [rad]."""
+    return grip_kernel(
+        own.geometry, own.constants, own.motion, own.memory, floats(own.ends), floats(own.points),
+        integers(own.shapes), torques[0], torques[1], torques[2], dt,
+    )  # fmt: skip
 
 
 class SimulatedOperator(HeldGrip):
@@ -91,4 +113,4 @@ class SimulatedOperator(HeldGrip):
         return np.cumsum([segment.duration for segment in self.path], dtype=float) / self.speed_factor
 
     def shapes(self) -> np.ndarray:
-        return np.array([LINEAR if s.shape == "linear" else MINIMUM_JERK for s in self.path], dtype=np.int64)
+        return np.array([LINEAR if s.shape == "linear" else MINIMUM_JERK for s in self.path], dtype=np.int32)

@@ -8,12 +8,12 @@ import stat
 from typing import Annotated
 
 import msgspec
-import numpy as np
 
 from palpate.messages import DeviceState, Force, Pointed, Torque, Vector3
-from palpate.nodes.base import Node, SettingError
-from palpate.nodes.device.follower import Follower
+from palpate.nodes.base import Node, Out, SettingError
+from palpate.nodes.device.follower import Follower, follow
 from palpate.physics.device.falcon import HOME
+from palpate.physics.kernel import kernel
 
 LONGEST = 512  # [bytes] of a sample on the socket
 MOST = 64  # samples taken in one step: a flood does not hold the loop
@@ -116,9 +116,13 @@ class Mouse(Follower):
     lag: Annotated[float, "s", msgspec.Meta(gt=0, le=1)] = 0.03
     speed: Annotated[float, "m/s", msgspec.Meta(gt=0, le=2)] = 0.5
 
-    def step(self, pointer: Pointed, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
-        away = np.array(pointer.position) - np.array(self.origin) - self.goal
-        length = math.sqrt(away @ away)
-        way = length * -math.expm1(-dt / self.lag)
-        goal = self.goal + away * (min(way, self.speed * dt) / length if length > 0.0 else 0.0)
-        return self.follow(goal, torque, force, pointer.buttons, dt)
+    @kernel(error_model="numpy")
+    def compute(own, pointer: Pointed, torque: Torque | None, force: Force | None, out: Out[DeviceState], dt):
+        p, q, origin = own.goal, pointer.position, own.origin
+        away = (q[0] - origin[0] - p[0], q[1] - origin[1] - p[1], q[2] - origin[2] - p[2])
+        length = math.sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2])
+        way = length * -math.expm1(-dt / own.lag)
+        share = min(way, own.speed * dt) / length if length > 0.0 else 0.0
+        goal = (p[0] + away[0] * share, p[1] + away[1] * share, p[2] + away[2] * share)
+        follow(own, goal, torque, force, out, dt)
+        out.buttons = pointer.buttons

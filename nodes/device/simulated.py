@@ -1,23 +1,25 @@
 """A simulated device and the simulated hand that holds it."""
 
-from collections import deque
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
 from palpate.messages import DeviceState, Torque, Vector3
-from palpate.nodes.base import SettingError
-from palpate.nodes.base.absence import FALL, Faded, Pace
-from palpate.nodes.device.hand import SimulatedOperator
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
+from palpate.nodes.base.absence import FADED, FALL, PACE, begin, faded, paced
+from palpate.nodes.device.hand import GRIP, SimulatedOperator, hold_grip, moved
+from palpate.physics.device import random_numbers
 from palpate.physics.device.falcon import FALCON, HOME, leg
-from palpate.physics.device.grip import CLOCK, POSITION, grip_kernel
-from palpate.physics.entry_point import entry_point
+from palpate.physics.device.grip import CLOCK, angles
+from palpate.physics.device.random_numbers import seeded, uniform
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, integers, put, vector
 
 GLITCH = 1000 * FALCON.count  # [rad]
 
 
-class Simulated(SimulatedOperator):
+class Simulated(SimulatedOperator, CompiledNode):
     """A Falcon held by a hand that follows a scripted path, with a compliant arm (docs/equations/controller.md).
 
     It reports what a real one would: driven angles in whole encoder counts. Torques work on the grip through the same
@@ -35,7 +37,12 @@ class Simulated(SimulatedOperator):
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
     lost: Annotated[float, "1", msgspec.Meta(ge=0, le=1)] = 0.0
     glitches: Annotated[float, "1", msgspec.Meta(ge=0, le=1)] = 0.0
-    seed: Annotated[int, "1", msgspec.Meta(ge=0)] = 0
+    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
+
+    State = GRIP | {
+        "torques": FADED, "pace": PACE, "applied": (3,), "buttons": ARRAY, "random": random_numbers.STATE,
+        "reports": TABLE, "newest": int, "last": (3,),  # a ring of `delay` + 1 reports [rad]; what was reported last
+    }  # fmt: skip
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -55,29 +62,33 @@ class Simulated(SimulatedOperator):
             )
 
     def start(self) -> None:
-        self.geometry = FALCON.geometry
-        self._way = (self.ends(), points := self.points(), self.shapes())
-        self.state, self.memory = np.zeros((3, 3)), np.zeros((4, 3))
-        self.state[POSITION] = points[0]
-        self.random = np.random.Generator(np.random.PCG64(self.seed))
-        self._torques, self._pace = Faded(FALL), Pace()
-        self._fixed = (self.geometry, self.constants(self.resolution), self.state, self.memory, *self._way)
-        self._grip = entry_point(grip_kernel, *self._fixed, 0.0, 0.0, 0.0, 0.0)
-        first = self._move((0.0, 0.0, 0.0), 0.0)
-        self.reports = deque([first] * (self.delay + 1), maxlen=self.delay + 1)
-        self.last = first
+        super().start()
+        hold_grip(self, self.ends(), self.points(), self.shapes())
+        self.hold("buttons", np.array([segment.buttons for segment in self.path] or [0], np.int32))
+        self.hold("reports", np.zeros((self.delay + 1, 3)))
+        self.own["newest"] = -1
+        self.own["random"] = seeded(self.seed)
+        begin(self.own["torques"]["gain"], FALL, FALL)
 
-    def _move(self, torques: Vector3, dt: float) -> tuple[float, float, float]:
-        return self._grip(*self._fixed, *torques, dt)
-
-    def step(self, torque: Torque | None, *, dt: float) -> DeviceState:
-        if self._pace.update(dt):
-            dt = self._pace.usual
-        t0, t1, t2 = self.applied = self._torques.update(torque.torques if torque is not None else None, dt)
-        self.reports.append(self._move((t0, t1, t2), dt))
-        if not self.lost or self.random.random() >= self.lost:
-            self.last = self.reports[0]
-        joints = self.last
-        if self.glitches and self.random.random() < self.glitches:
-            joints = (joints[0] + GLITCH, joints[1], joints[2])
-        return DeviceState(joints=joints, buttons=self.path[int(self.state[CLOCK, 1])].buttons if self.path else 0)
+    @kernel
+    def compute(own, torque: Torque | None, out: Out[DeviceState], dt):
+        reports = floats(own.reports)
+        count = len(reports)
+        if own.newest < 0:
+            first = angles(own.geometry, own.constants, own.motion)
+            for i in range(count):
+                put(reports[i], first)
+            put(own.last, first)
+        if paced(own.pace, dt):
+            dt = own.pace.usual
+        torques = faded(own.torques, torque.there, torque.torques, dt)
+        put(own.applied, torques)
+        own.newest = (own.newest + 1) % count
+        put(reports[own.newest], moved(own, torques, dt))
+        if own.lost == 0.0 or uniform(own.random) >= own.lost:
+            put(own.last, vector(reports[(own.newest + 1) % count]))
+        out.joints.count, out.homed = 3, True
+        put(out.joints.values, vector(own.last))
+        if own.glitches > 0.0 and uniform(own.random) < own.glitches:
+            out.joints.values[0] += GLITCH
+        out.buttons = integers(own.buttons)[int(own.motion[CLOCK, 1])]

@@ -5,7 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from palpate.messages import DeviceState, Force, Torque
-from palpate.nodes.device.follower import Follower
+from palpate.nodes.base import Out
+from palpate.nodes.device.follower import Follower, follow
+from palpate.physics.kernel import kernel
 
 
 class Steered(Follower):
@@ -14,20 +16,27 @@ class Steered(Follower):
 
     paced = True
 
+    State = Follower.State | {"velocity": (3,), "low": (3,), "high": (3,)}
+    """Of the goal: velocity [m/s], and the box that it stays in [m], in the device's own frame."""
+
     def start(self) -> None:
         super().start()
-        self.velocity = np.zeros(3)
-        self._origin = np.array(self.origin)
-        self._low, self._high = np.full(3, -np.inf), np.full(3, np.inf)
+        self.own["low"], self.own["high"] = -np.inf, np.inf
 
     def keep_within(self, low: Sequence[float], high: Sequence[float]) -> None:
         """Let the goal stay in this box [m] (3), world frame, until the next start."""
-        self._low, self._high = np.array(low) - self._origin, np.array(high) - self._origin
+        self.own["low"], self.own["high"] = np.subtract(low, self.origin), np.subtract(high, self.origin)
 
     def steer(self, velocity: Sequence[float]) -> None:
         """Let the goal move with this velocity [m/s] (3) from the next step on."""
-        self.velocity = np.array(velocity)
+        self.own["velocity"] = velocity
 
-    def step(self, torque: Torque | None, force: Force | None, *, dt: float) -> DeviceState:
-        goal = np.minimum(np.maximum(self.goal + self.velocity * dt, self._low), self._high)
-        return self.follow(goal, torque, force, 0, dt)
+    @kernel
+    def compute(own, torque: Torque | None, force: Force | None, out: Out[DeviceState], dt):
+        p, v, low, high = own.goal, own.velocity, own.low, own.high
+        goal = (
+            min(max(p[0] + v[0] * dt, low[0]), high[0]),
+            min(max(p[1] + v[1] * dt, low[1]), high[1]),
+            min(max(p[2] + v[2] * dt, low[2]), high[2]),
+        )
+        follow(own, goal, torque, force, out, dt)

@@ -22,13 +22,13 @@ MOST_STEPS = 60
 
 
 @kernel(error_model="numpy")
-def _one(i, others, approach, dt, before, fingers, laws, out):
+def _one(i, others, approach, dt, before, finger, laws, out):
     """Solve contact i under `others` [N]; fills its row of `out` and returns t."""
     k, n, c, free, previous = laws[i]
     if others < 0.0:  # they push the body against the finger, as from the other side of an organ
         free += others / k if n == 1.0 else 0.0
         others = 0.0
-    f, s1, s2, yields = balance(approach[i], dt, before[i], fingers[i], k, n, c, free, previous, others)
+    f, s1, s2, yields = balance(approach[i], dt, before[i], finger, k, n, c, free, previous, others)
     out[i, 0], out[i, 1], out[i, 2] = f, s1, s2
     return yields if 0.0 <= yields <= 1.0 else 1.0
 
@@ -44,13 +44,13 @@ def _others(i, coupling, force):
 
 
 @kernel(error_model="numpy")
-def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
+def joint_step(approach, dt, before, finger, laws, coupling, force, out):
     """One step of k fingertips on one body.
 
     approach  [m] (k)    e of each at the end of the step
     dt        [s]        T > 0; infinite gives the static split
     before    [m] (k)    compression of each fingertip before the step
-    fingers   (k,5)      law and damping of each, see `series.kernel_form`
+    finger    (5)        law and damping of all, see `series.kernel_form`
     laws      (k,5)      terminal laws: K, n, c, s_free, s_prev
     coupling  [1] (k,k)  O; its diagonal is not read
     force     [N] (k)    where to begin
@@ -62,7 +62,7 @@ def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
     for _ in range(MOST_STEPS):
         worst = total = 0.0
         for i in range(count):
-            yields = _one(i, _others(i, coupling, force), approach, dt, before, fingers, laws, out)
+            yields = _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
             for j in range(count):
                 matrix[i, j] = 1.0 if i == j else yields * coupling[i, j]
             miss[i] = out[i, 0] - force[i]
@@ -80,6 +80,6 @@ def joint_step(approach, dt, before, fingers, laws, coupling, force, out):
         for i in range(count):
             force[i] = best[i]
         for i in range(count):
-            _one(i, _others(i, coupling, force), approach, dt, before, fingers, laws, out)
+            _one(i, _others(i, coupling, force), approach, dt, before, finger, laws, out)
             force[i] = out[i, 0]
         least = np.inf

@@ -20,150 +20,142 @@ J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 """
 
-from collections import deque
-from collections.abc import Iterable
-from functools import reduce
-from operator import add
-from typing import NamedTuple
+import math
 
-Vector = tuple[float, float, float]
+from palpate.physics.device.falcon import dot
+from palpate.physics.kernel import kernel
 
+FINGERS = 16  # at most
+FINGERTIP, TISSUE, FRICTION, DISPLAY, MORE = range(5)
+"""Rows of the accounts: of the first finger, then fingertip and friction of each further one."""
+WORK, STORED, HIGHEST, GENERATED = range(4)
+"""Columns [J]: what a part took up and stores, NaN where it does not report it; the most that it has dissipated; what
+it has given out and cannot have had."""
+PLACE, FORCE, ASKED, NORMAL, PUSH, COMPRESSION, INDENTATION, MOMENT = 0, 3, 6, 9, 12, 13, 14, 15
+"""A finger at the end of a step: place [m] (3), force on the hand and G [N] (3 each), normal [1] (3), f_n [N], s1 and
+s2 [m]; their number."""
+RENDERED = 2  # of the sums, see `_works`; the last one is what all parts store
 
-class Account:
-    """What one part took up and holds [J], and the most that it has given beyond that since any earlier moment."""
-
-    __slots__ = ("_highest", "stored", "work")
-
-    def __init__(self) -> None:
-        self.work = 0.0
-        self.stored: float | None = 0.0
-        self._highest = 0.0
-
-    def book(self, work: float, stored: float | None) -> None:
-        """Work [J] of a step, and what is held at its end."""
-        self.work += work
-        self.stored = stored
-        if stored is not None:
-            self._highest = max(self._highest, self.work - stored)
-
-    @property
-    def dissipated(self) -> float:
-        """D [J]; without a told energy all the work counts."""
-        return self.work - (self.stored or 0.0)
-
-    @property
-    def generated(self) -> float:
-        """Energy [J] that the part has given out and cannot have had."""
-        return max(self._highest - self.dissipated, 0.0) if self.stored is not None else max(-self.work, 0.0)
+BOOKS = {
+    "accounts": (MORE + 2 * (FINGERS - 1), 4), "rows": int,  # rows in use
+    "fingers": int, "moments": int, "newest": int,  # how many moments the past holds, of how many fingers
+    "sums": (7,), "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
+}  # fmt: skip
+"""State of an energy account [J]; `work` and `left` are the hand's work and the balance of the last step. With it goes
+`past`, (d + 2, FINGERS, MOMENT): the last moments, in a ring."""
 
 
-class Moment(NamedTuple):
-    """A touch by one finger at the end of a step.
-
-    compression, indentation [m] s1, s2   along [N] (3) a   friction [N] (3) f_t
-    stored [J] of fingertip, tissue and friction; None where one does not tell. All fingers have the same tissue
-    """
-
-    place: Vector  # [m] (3) of the finger
-    force: Vector  # [N] (3) on the hand
-    normal: Vector  # [1] (3)
-    push: float  # [N] f_n
-    compression: float
-    indentation: float
-    along: Vector
-    friction: Vector
-    stored: tuple[float | None, float | None, float | None]
-
-    @property
-    def asked(self) -> Vector:
-        """G [N] (3)."""
-        (n, m, o), (a, b, c), (p, q, r) = self.normal, self.along, self.friction
-        return self.push * n + a - p, self.push * m + b - q, self.push * o + c - r
+@kernel
+def begin(books, past, count):
+    """Begin the next moment of so many fingers; whether it ends a step, which it does not after a gap."""
+    books.newest = (books.newest + 1) % len(past)
+    if books.fingers != count:
+        books.fingers, books.moments = count, 0
+    books.rows = max(books.rows, MORE + 2 * (count - 1))
+    for i in range(6):
+        books.sums[i] = -0.0  # to which any number adds up exactly, -0.0 too
+    return books.moments > 0
 
 
-NAMES = "fingertip", "tissue", "friction", "display"
+@kernel
+def take(books, past, finger, place, force, normal, push, compression, indentation, along, friction):
+    """Store the moment of a finger; along [N] (3) a, friction [N] (3) f_t."""
+    now = past[books.newest, finger]
+    for i in range(3):
+        now[PLACE + i], now[FORCE + i], now[NORMAL + i] = place[i], force[i], normal[i]
+        now[ASKED + i] = push * normal[i] + along[i] - friction[i]
+    now[PUSH], now[COMPRESSION], now[INDENTATION] = push, compression, indentation
 
 
-class EnergyAccount:
-    """The accounts of a run.
-
-    delay  samples d between the place that a force was computed from and the way that it does its work on
-    """
-
-    def __init__(self, delay: int = 0) -> None:
-        self._parts = {name: Account() for name in NAMES}
-        self.fingertip, self.tissue, self.friction, self.display = self._parts.values()
-        self.controller = self.sampling = self.balance = self.hand = 0.0
-        self.step = (0.0, 0.0)  # [J] hand's work and balance of the last step
-        self._past: deque[tuple[Moment, ...]] = deque(maxlen=delay + 1)
-
-    def gap(self) -> None:
-        """The touch was lost: the way to the next moment is nobody's."""
-        self._past.clear()
-
-    def book(self, *now: Moment) -> None:
-        """Book the step of all fingers from the last moment to this one; the first one books what is held."""
-        if not self._past or len(self._past[0]) != len(now):
-            self._past.clear()
-            self._past.append(now)
-            return
-        steps = []
-        for i, finger in enumerate(zip(now, self._past[-1], self._past[0], strict=True)):
-            steps.append(_works(*finger))
-            for name, work, stored in zip(("fingertip", "friction"), steps[-1][3::2], now[i].stored[::2], strict=True):
-                self._parts.setdefault(f"{name} {i + 1}" if i else name, Account()).book(work, stored)
-        hand, asked, rendered, *parts = (reduce(add, works) for works in zip(*steps, strict=True))
-        self.tissue.book(parts[1], now[0].stored[1])
-        held = [*now[0].stored, *(stored for finger in now[1:] for stored in finger.stored[::2])]
-        told = [stored for stored in held if stored is not None]
-        self.display.book(hand, sum(told) if len(told) == len(held) else None)
-        self.controller += hand - asked
-        self.sampling += asked - rendered
-        self.hand += hand
-        self.step = hand, rendered - sum(parts)
-        self.balance += self.step[1]
-        self._past.append(now)
-
-    def part(self, name: str) -> Account:
-        """One of the accounts by its name: fingertip, tissue, friction, display; of more fingers `fingertip 2`."""
-        return self._parts[name]
-
-    def stored(self, kind: str) -> float:
-        """What the parts of all fingers of one kind hold [J]; 0 for those that do not tell."""
-        return reduce(add, [account.stored or 0.0 for account in self._all(kind)])
-
-    def dissipated(self, kind: str) -> float:
-        """What the parts of all fingers of one kind have dissipated [J]."""
-        return reduce(add, [account.dissipated for account in self._all(kind)])
-
-    def _all(self, kind: str) -> Iterable[Account]:
-        return [account for name, account in self._parts.items() if name.partition(" ")[0] == kind]
-
-    def worst(self) -> tuple[str, float]:
-        """The part that has made most energy, and how much [J]."""
-        made = {name: account.generated for name, account in self._parts.items()}
-        name = max(made, key=lambda each: made[each])
-        return name, made[name]
+@kernel
+def book_finger(books, past, finger, along, friction, stored):
+    """Book the step of a finger; stored [J] (3) in its fingertip, the tissue and its friction, NaN where unknown."""
+    size, sums = len(past), books.sums
+    works = _works(
+        past[books.newest, finger], past[(books.newest - 1) % size, finger],
+        past[(books.newest - books.moments) % size, finger], along, friction,
+    )  # fmt: skip
+    further = MORE + 2 * (finger - 1)
+    _book(books.accounts[further if finger else FINGERTIP], works[3], stored[0])
+    _book(books.accounts[further + 1 if finger else FRICTION], works[5], stored[2])
+    for i in range(6):
+        sums[i] += works[i]
+    sums[6] = sums[6] + stored[0] + stored[2] if finger else 0.0 + stored[0] + stored[1] + stored[2]
 
 
-def _works(now: Moment, last: Moment, held: Moment) -> tuple[float, float, float, float, float, float]:
+@kernel
+def end(books, past, stepped, tissue):
+    """End the moment, after `book_finger` for each finger where it ends a step; tissue [J]: what that stores."""
+    if not stepped:
+        books.moments = 1
+        return
+    sums = books.sums
+    hand, asked, rendered = sums[0], sums[1], sums[RENDERED]
+    _book(books.accounts[TISSUE], sums[4], tissue)
+    _book(books.accounts[DISPLAY], hand, sums[6])
+    books.controller += hand - asked
+    books.sampling += asked - rendered
+    books.hand += hand
+    books.work, books.left = hand, rendered - (0.0 + sums[3] + sums[4] + sums[5])
+    books.balance += books.left
+    books.moments = min(books.moments + 1, len(past) - 1)
+
+
+@kernel
+def _works(now, last, held, along, friction):
     """Of one finger in a step [J]: the hand's work, what was asked for and what was rendered of it, and the works on
     fingertip, tissue and friction. `held`: the moment that the force on the hand was computed from."""
-    way = _less(now.place, last.place)
-    deeper = now.compression - last.compression, now.indentation - last.indentation
-    hand, asked = -_dot(held.force, way), -_dot(held.asked, way)
-    tip, tissue, friction = (
-        now.push * deeper[0], now.push * deeper[1] - _dot(now.along, way), _dot(now.friction, way),
-    )  # fmt: skip
+    way = (now[PLACE] - last[PLACE], now[PLACE + 1] - last[PLACE + 1], now[PLACE + 2] - last[PLACE + 2])
+    tip, deeper = now[COMPRESSION] - last[COMPRESSION], now[INDENTATION] - last[INDENTATION]
+    rubbed = dot(friction, way)
     # Midway between the normals; a finger that came through the air pressed less than it moved.
-    between = -0.5 * (_dot(now.normal, way) + _dot(last.normal, way))
-    pressed = between if last.push > 0.0 else sum(deeper)
-    return hand, asked, now.push * pressed - _dot(now.along, way) + friction, tip, tissue, friction
+    between = -0.5 * (dot(now[NORMAL:PUSH], way) + dot(last[NORMAL:PUSH], way))
+    pressed = between if last[PUSH] > 0.0 else 0.0 + tip + deeper
+    return (
+        -dot(held[FORCE:ASKED], way), -dot(held[ASKED:NORMAL], way),
+        now[PUSH] * pressed - dot(along, way) + rubbed, now[PUSH] * tip, now[PUSH] * deeper - dot(along, way), rubbed,
+    )  # fmt: skip
 
 
-def _dot(a: Vector, b: Vector) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+@kernel
+def _book(account, work, stored):
+    """Book the work [J] of a step on a part, and what it stores at its end."""
+    account[WORK] += work
+    account[STORED] = stored
+    if not math.isnan(stored):
+        account[HIGHEST] = max(account[HIGHEST], account[WORK] - stored)
 
 
-def _less(a: Vector, b: Vector) -> Vector:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+@kernel
+def _stored(account):
+    """What a part stores [J]; 0 where it does not report it."""
+    return account[STORED] if abs(account[STORED]) > 0.0 else 0.0
+
+
+@kernel
+def totals(books, row):
+    """Stored and dissipated energy [J] of the parts of all fingers: row of the first one's."""
+    account = books.accounts[row]
+    stored, dissipated = _stored(account), account[WORK] - _stored(account)
+    if row != TISSUE:
+        for more in range(MORE + (row == FRICTION), books.rows, 2):
+            account = books.accounts[more]
+            stored += _stored(account)
+            dissipated += account[WORK] - _stored(account)
+    return stored, dissipated
+
+
+@kernel
+def worst(books):
+    """The row of the part that has generated most energy, and how much [J]; without a reported energy a part has
+    generated what its work lacks."""
+    row = 0
+    for k in range(max(books.rows, MORE)):
+        account = books.accounts[k]
+        if math.isnan(account[STORED]):
+            account[GENERATED] = max(-account[WORK], 0.0)
+        else:
+            account[GENERATED] = max(account[HIGHEST] - (account[WORK] - _stored(account)), 0.0)
+        if account[GENERATED] > books.accounts[row, GENERATED]:
+            row = k
+    return row, books.accounts[row, GENERATED]

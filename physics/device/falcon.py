@@ -50,14 +50,14 @@ class FalconGeometry:
 
     @property
     def geometry(self) -> np.ndarray:
-        """The constants in the form that the kernels take (17)."""
+        """The constants in the form that the kernels take (15)."""
         a, b, c, d, e, f, r, s, phi, zero, count, limit = astuple(self)
         turned = [g(angle) for angle in phi for g in (math.cos, math.sin)]
         return np.array([a, b, c, d + e, f - s, r, *turned, zero, count, limit])
 
 
 FALCON = FalconGeometry()
-ZERO, LIMIT = 12, 14  # places in the geometry array
+ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
 
 
 @kernel

@@ -121,6 +121,12 @@ def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1
                 state[VELOCITY, 0] = state[VELOCITY, 1] = state[VELOCITY, 2] = 0.0
             px, py, pz = qx, qy, qz
             state[CLOCK, 0], state[CLOCK, 1] = now, segment
+    return angles(geometry, constants, state)
+
+
+@kernel
+def angles(geometry, constants, state):
+    """The driven angles [rad] of a grip as its encoders count them; arguments as of `grip_kernel`."""
     x, y, z = state[POSITION, 0], state[POSITION, 1], state[POSITION, 2]
     return (
         encoded(geometry, constants[RESOLUTION], leg(geometry, 0, x, y, z)[1]),

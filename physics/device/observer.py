@@ -27,8 +27,6 @@ Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as t
 
 import math
 
-import numpy as np
-
 from palpate.physics.kernel import kernel
 
 BANDWIDTH = 400.0  # [1/s] least w
@@ -106,8 +104,3 @@ def follow(axis, reading, count, dt):
         axis[TREND] = 0.0
     axis[PLACE], axis[SPEED] = x, v
     return x
-
-
-def buffers() -> np.ndarray:
-    """Fresh state (3,11) of three axes."""
-    return np.zeros((3, 11))

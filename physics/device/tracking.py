@@ -10,9 +10,7 @@ integrates it is where the position is.
 
 import math
 
-import numpy as np
-
-from palpate.physics.device.falcon import forward_kernel
+from palpate.physics.device.falcon import COUNT, forward_kernel
 from palpate.physics.device.observer import begin, follow
 from palpate.physics.kernel import kernel
 
@@ -111,26 +109,18 @@ def pose(clock, places, axes, resolution, limit, t, place):
 
 
 @kernel
-def pose_falcon(clock, places, axes, resolution, limit, t, angles, falcon):
-    """`pose` of a Falcon's joint angles [rad] (3), observed one by one; `falcon`: their count [rad] and the geometry.
-    Angles that no position has leave the last good one standing."""
-    count, geometry = falcon
+def pose_falcon(clock, places, axes, resolution, limit, t, angles, geometry):
+    """`pose` of a Falcon's joint angles [rad] (3), observed one by one. Angles that no position has leave the last good
+    one standing."""
     last = places[GOOD]
     ok, x, y, z = forward_kernel(geometry, angles[0], angles[1], angles[2], last[0], last[1], last[2])
     kind = judge(clock, places, limit, t, x, y, z) if ok else BAD
     if kind == BAD:
         return hold(places)
-    a0, a1, a2 = between(axes, kind, angles, count if resolution > 0.0 else 0.0, (t - clock[STAMP]) * 1e-9)
+    a0, a1, a2 = between(axes, kind, angles, geometry[COUNT] if resolution > 0.0 else 0.0, (t - clock[STAMP]) * 1e-9)
     seen = x, y, z
     if not (a0 == angles[0] and a1 == angles[1] and a2 == angles[2]):
         ok, sx, sy, sz = forward_kernel(geometry, a0, a1, a2, x, y, z)
         if ok:  # within a count of the reading: at the edge of the reach there may be no place
             seen = sx, sy, sz
     return take(clock, places, kind, t, (x, y, z), seen)
-
-
-def buffers(x: float, y: float, z: float) -> tuple[np.ndarray, np.ndarray]:
-    """Empty state (clock, places) of `pose`; it holds one position [m] until the first good sample comes."""
-    places = np.zeros((4, 3))
-    places[GOOD] = places[POSE] = x, y, z
-    return np.zeros(5, dtype=np.int64), places

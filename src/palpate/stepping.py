@@ -85,7 +85,7 @@ class Tick:
             slot.node.start()
         except Exception as error:
             raise NodeError(node, "start", error) from error
-        slot.time = None
+        slot.forget()
 
 
 class Stepper:

@@ -59,7 +59,7 @@ def test_the_series_law_is_bounded_and_gives_out_no_energy_on_any_path(path, dt,
     f, s1, s2 = series_path(e, dt, finger, C1, stiffness, N, C2)
     assert np.isfinite(f).all() and (f >= 0).all() and (s1 >= 0).all() and (s2 >= 0).all()
     assert (f[e <= 0] == 0).all()
-    held = energy(finger, s1) + stiffness * s2 ** (N + 1) / (N + 1)
+    held = np.array([energy(s, *finger) for s in s1]) + stiffness * s2 ** (N + 1) / (N + 1)
     put_in = f[1:] * (np.diff(s1) + np.diff(s2))
     gained = np.diff(held) - put_in
     assert (gained <= 1e-8 * (held[1:] + held[:-1] + np.abs(put_in)) + 1e-15).all()

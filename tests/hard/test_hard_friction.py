@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
-from palpate.physics.friction import bristle
+import bristles as bristle
 from palpate.physics.friction.bristle import turn
 from palpate.physics.friction.coulomb import Coulomb
 from palpate.physics.friction.elastoplastic import ElastoPlastic

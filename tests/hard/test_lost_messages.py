@@ -58,13 +58,13 @@ def feel(run: Chain, lost: Lost, stalls: Mapping[int, int] = {}) -> Felt:
     run.begin()
     run.lost, run.told = lost, told
     node, geometry = run.device.node, FALCON.geometry
-    place = node.state[0].copy()
+    place = node.own["motion"][0].copy()
     for k in range(TICKS):
         run.stall(stalls.get(k, 0))
         run.run(1)
-        force = np.array(force_kernel(geometry, *node.applied, *place)[1:])
-        energy -= force @ (node.state[0] - place)
-        place = node.state[0].copy()
+        force = np.array(force_kernel(geometry, *node.own["applied"], *place)[1:])
+        energy -= force @ (node.own["motion"][0] - place)
+        place = node.own["motion"][0].copy()
         felt.change = max(felt.change, float(np.linalg.norm(force - before)))
         felt.energy = min(felt.energy, energy)
         felt.places.append(tuple((place + np.array(node.origin)).tolist()))
@@ -288,7 +288,7 @@ def test_after_an_outage_the_force_comes_back_to_a_hand_that_rests(chain, stream
     assert min(force[-100:]) > 0.95 * 2.19
     low = max(sum(f < 0.9 * 2.19 for f in force[250:]) - 30, 0)
     controller = next(slot.node for slot in run.slots if slot.name == "controller")
-    assert low < 600 or any("withheld for more than 0.5 s" in note for note in controller._notes)
+    assert low < 600 or any("withheld for more than 0.5 s" in note for note in controller.notes())
 
 
 @pytest.mark.long

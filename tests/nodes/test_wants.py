@@ -25,7 +25,7 @@ PRICED = {
 def reads(cls, function, name, seen=()):
     """The fields that a function reads of its argument `name`, by its source and that of what it is passed on to; None
     where it is passed to something whose source is not known."""
-    tree = ast.parse(textwrap.dedent(inspect.getsource(inspect.unwrap(function))))
+    tree = ast.parse(textwrap.dedent(inspect.getsource(_plain(function))))
     names, found, inside = {name}, set(), set()
     for node in ast.walk(tree):  # another name for it: `b = body`, `b = body or NONE`, `for b in (body, x)`
         if isinstance(node, ast.Assign | ast.AnnAssign) and isinstance(_target(node), ast.Name):
@@ -49,12 +49,17 @@ def reads(cls, function, name, seen=()):
             if called is None or isinstance(called, type):
                 inside.add(ast.unparse(node.func))
                 continue
-            known = [p for p in inspect.signature(called).parameters if p != "self"]
+            known = [p for p in inspect.signature(_plain(called)).parameters if p != "self"]
             port = known[spot] if isinstance(spot, int) else spot
             if (called, port) not in seen:
                 found |= reads(cls, called, port, (*seen, (called, port)))
     assert not inside - HARMLESS, f"{cls.__name__}: not known what {inside} reads"
-    return found - HEADER
+    return found - HEADER - {"there", "present"}
+
+
+def _plain(function):
+    """A function before it was wrapped or compiled."""
+    return getattr(inspect.unwrap(function), "py_func", inspect.unwrap(function))
 
 
 def _target(node):
@@ -82,10 +87,14 @@ HARMLESS = {"InputError", "bool", "enumerate", "isinstance", "len", "list", "zip
 
 def _called(cls, function, called):
     """The function or method that a call names."""
+    known = _plain(function).__globals__
     if isinstance(called, ast.Name):
-        return inspect.unwrap(function).__globals__.get(called.id)
+        closed = inspect.getclosurevars(_plain(function)).nonlocals
+        return closed.get(called.id, known.get(called.id))
     if not isinstance(called, ast.Attribute):
         return None
+    if isinstance(called.value, ast.Name) and inspect.ismodule(known.get(called.value.id)):
+        return getattr(known[called.value.id], called.attr)
     if isinstance(called.value, ast.Name):  # of its own, or of another of its kind
         return getattr(cls, called.attr, None)
     if isinstance(called.value, ast.Call) and ast.unparse(called.value) == "super()":
@@ -98,10 +107,10 @@ def _called(cls, function, called):
 def test_a_node_wants_what_its_step_reads(use):
     cls = find_class(use)
     for port in inputs(cls):
-        read = reads(cls, cls.step, port.name)
-        resting = inspect.signature(cls.rests).parameters
-        if port.name in resting:
-            read |= reads(cls, cls.rests, port.name)
+        read = reads(cls, cls.wiring(), port.name)
+        resting = getattr(cls, "idle", None) or cls.rests
+        if port.name in inspect.signature(_plain(resting)).parameters:
+            read |= reads(cls, resting, port.name)
         read &= body(port.type)
         assert read <= port.wants, f"{use}: step reads {port.name}.{', '.join(sorted(read - port.wants))}"
         idle = {field for field in (port.wants & body(port.type)) - read if (port.type, field) in PRICED}

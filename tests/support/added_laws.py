@@ -6,10 +6,10 @@ DAHL = '''\
 import math
 from typing import Annotated, NamedTuple
 
-from numba import njit
+from palpate.physics.kernel import kernel
 
 
-@njit
+@kernel
 def dahl(law, z, v, load, dt):
     """dz/dt = v - |v| z/limit, backward Euler."""
     limit = law.mu / law.bristle_stiffness
@@ -25,9 +25,7 @@ class Dahl(NamedTuple):
     mu: Annotated[float, "1", "> 0"] = 0.5
     bristle_stiffness: Annotated[float, "1/m", "> 0"] = 3000.0
 
-    @property
-    def advance(self):
-        return dahl
+    advance = dahl
 '''
 
 GENT = '''\

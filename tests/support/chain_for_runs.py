@@ -14,6 +14,7 @@ from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
 from palpate.launch.run.work import real
 from palpate.messages import Message
+from palpate.nodes.device import Simulated
 
 Lost = Callable[[str, str, int], bool]
 """Whether the message of a stream to a node is lost on its way at a tick."""
@@ -127,7 +128,7 @@ class Chain:
     def torque(self) -> float:
         """The largest that the device works with, after its last step."""
         node, port = self.device.node, self.device.inputs[0]
-        if hasattr(node, "applied"):
-            return max(map(abs, node.applied))
+        if isinstance(node, Simulated):
+            return max(map(abs, node.own["applied"]))
         there = self.device.outputs[0].last.used[0] >= 0 and port.message is not None
         return max(map(abs, port.message.torques)) if there else 0.0

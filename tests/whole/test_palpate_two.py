@@ -107,6 +107,11 @@ FAULTS = {
         "force: controller-1, pose: [finger-1, finger-2], body: tissue}}",
         ["input 'contact': gets 'contact-1' and 'contact-2', but 'controller-1' at 'force'"],
     ),
+    "a finger that is not the joint's": (
+        "joint: {in: {proximity: [collision-1]}}",
+        ["node 'contact-2', input 'proximity'", "is the finger 'collision-2', but 'joint' solves for 'collision-1'",
+         "`joint: {in: {proximity: [collision-1, collision-2]}}`"],
+    ),
     "a load that is left out": (
         "tissue: {in: {load: spread-1}}",
         ["node 'contact-2'", "reads the body 'tissue', which the load of 'contact-1' presses, not its own"],

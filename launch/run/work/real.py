@@ -24,11 +24,9 @@ from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import needed, next_run
 from palpate.engine.slot import Input, Slot
 from palpate.engine.tick import run_tick
+from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
-
-HELD = 0.007  # [s] age at which an input of a node counts as absent
-RELEASED = 0.009  # [s] age at which an input of a paced node counts as absent: the device is without torque
 
 
 def run_real(worker: Worker, origin: int) -> None:
@@ -36,8 +34,6 @@ def run_real(worker: Worker, origin: int) -> None:
     paced = next((slot for slot in worker.slots if slot.node.paced), None)
     lead = paced or worker.slots[0]
     clock = _RealClock(worker, lead, origin)
-    for slot in worker.slots:
-        slot.follows = slot.driver is not None
     while worker.last is None or worker.tick < worker.last:
         started = _pace(worker, lead, origin, 1e9 / clock.rate) if paced else _follow(worker, lead)
         if started is not None:
@@ -57,7 +53,7 @@ class _RealClock:
         worker = self.worker
         worker.tick, self.at = tick, at
         self.deadline = now() + self.period
-        run_tick(worker.slots, tick, self)
+        run_tick(worker.parts, tick, self)
         worker.check_orders()
         worker.housekeep()
 
@@ -130,6 +126,9 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
     """The inputs of a step; None when one that it cannot do without has not come in time."""
     messages: list[Message | None] = []
     for port in slot.inputs:
+        if port.inside:
+            messages.append(None)
+            continue
         drives = port is slot.driver
         waits = (port.waits or drives) and not (leading and drives) and not _silent(worker, slot, port, tick)
         message = _pick(worker, port, tick, deadline, waits)
@@ -155,7 +154,7 @@ def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
 
 def _expired(worker: Worker, slot: Slot, port: Input, message: Message, tick: int) -> bool:
     """Whether a message is older than it may be held."""
-    return (tick - message.tick - _slept(slot, tick)) / worker.job.rate > _permitted(worker, slot, port)
+    return (tick - message.tick - _slept(slot, tick)) / worker.job.rate > permitted(worker.job, slot, port)
 
 
 def _slept(slot: Slot, tick: int) -> int:
@@ -163,14 +162,6 @@ def _slept(slot: Slot, tick: int) -> int:
     as a whole loop does on a machine that stalls, has said all that there was to say. Hardware counts them: it went on
     meanwhile, and is without torque."""
     return max(0, tick - slot.due) if slot.due and not slot.node.hardware else 0
-
-
-def _permitted(worker: Worker, slot: Slot, port: Input) -> float:
-    """The age [s] up to which an input is held."""
-    period = port.every / worker.job.rate
-    age = max(RELEASED if slot.node.paced else HELD, 3 * period)
-    chained = worker.job.links > 1 and not (slot.node.paced or port.port.optional)
-    return max(age / worker.job.links, period) if chained else age
 
 
 def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:

@@ -6,11 +6,14 @@ placement. Every worker runs its nodes in the graph's order, which excludes dead
 
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, next_run
+from palpate.engine.segment import Segment
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.run.reports import Paused
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
+
+BLOCK = 20_000_000  # [ns] that ticks which are run at once may take: Ctrl-C waits for them
 
 
 def run_simulated(worker: Worker, origin: int) -> None:
@@ -21,14 +24,15 @@ def run_simulated(worker: Worker, origin: int) -> None:
     while worker.last is None or tick <= worker.last:
         if pace is not None and lead is not None:
             sleep_until(origin + round(nanoseconds(tick, rate) / pace))
-        clock.run(tick)
+        ticks = clock.ahead(tick) if pace is None else 1
+        clock.run(tick, ticks)
+        tick += ticks
         if lead is not None:
             ended = now()
-            lead.health.age.add(ended - begun)
+            lead.health.age.add((ended - begun) // ticks, ticks)
             begun = ended
             if worker.stopping:
-                _agree_on_the_end(worker, tick)
-        tick += 1
+                _agree_on_the_end(worker, tick - 1)
 
 
 class SimulatedClock:
@@ -36,20 +40,37 @@ class SimulatedClock:
 
     def __init__(self, worker: Worker) -> None:
         self.worker, self.rate, self.at = worker, worker.job.rate, 0
+        self.most = 64  # ticks that are run at once
 
-    def run(self, tick: int) -> None:
-        """Run the nodes that step at this tick, and what is due after it."""
-        self.worker.tick = tick
-        self.at = nanoseconds(tick, self.rate)
-        run_tick(self.worker.slots, tick, self)
-        self.worker.housekeep()
+    def ahead(self, tick: int) -> int:
+        """How many ticks can be run at once from this one on: more than one where all nodes are one segment."""
+        worker = self.worker
+        (part, *others) = worker.parts
+        if others or not isinstance(part, Segment) or not part.alone():
+            return 1
+        return self.most if worker.last is None else max(1, min(worker.last - tick + 1, self.most))
+
+    def run(self, tick: int, ticks: int = 1) -> None:
+        """Run the nodes that step at these ticks, and what is due after the last one."""
+        worker, last = self.worker, tick + ticks - 1
+        worker.tick = last
+        self.at = nanoseconds(last, self.rate)
+        if ticks == 1:
+            run_tick(worker.parts, tick, self)
+        else:
+            begun = now()
+            (part,) = worker.parts
+            assert isinstance(part, Segment)
+            part.run_many(tick, ticks)
+            self.most = max(16, self.most // 2) if now() - begun > BLOCK else min(2 * self.most, 1 << 16)
+        worker.housekeep()
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
         """The messages that a step uses, each waited for; None: the node has been blocked meanwhile."""
         messages: list[Message | None] = [None] * len(slot.inputs)
         for place, port in slot.awaited:
             need = port.need(tick)
-            if need >= 0 and not port.dead:
+            if need >= 0 and not (port.dead or port.inside):
                 messages[place] = port.of(need) or _await(self.worker, slot, port, need)
         return None if slot.blocked else messages
 

@@ -12,11 +12,13 @@ from functools import partial
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
-from palpate.engine.slot import NodeError, RemoteStream, Slot, make
+from palpate.engine.segment import Segment, segments
+from palpate.engine.slot import NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
 from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
+from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Node
@@ -49,6 +51,8 @@ class Worker:
         for slot in self.slots:
             slot.wire(self.outputs)
             self._feed(slot)
+        self.parts: list[Slot | Segment] = list(self.slots)
+        """What runs, in order: once it has begun, compiled nodes that follow one another are a segment."""
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
         self.stopping = False
@@ -143,6 +147,13 @@ class Worker:
             for stream in self.job.external:
                 self.outputs[stream].send = self.bus.sender(stream, self.poll).send
         self._mark_heard()
+        for slot in self.slots:
+            slot.follows = self._real and slot.driver is not None
+        job = self.job
+        ages = partial(permitted, job)
+        self.parts = segments(
+            self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_answer)
+        )
         for observer in self.audience.begun:
             observer.node.begun(origin)
         if self._real:
@@ -163,7 +174,7 @@ class Worker:
         if slot.period > 1:
             slot.sends = slot.health.tick - slot.health.tick % slot.period + slot.period
         for output in slot.outputs:
-            if not (output.external or output.observed or output.listeners):
+            if slot.joined or not (output.external or output.observed or output.listeners):
                 continue
             message = output.last
             assert message is not None
@@ -173,19 +184,23 @@ class Worker:
                 payload = pack(message)
             except Exception as error:  # a type of the user's own may hold anything
                 raise NodeError(slot.name, f"step at tick {message.tick}", error) from error
-            for observer in output.listeners:
-                observer.pending.append((output.stream, message.tick, payload))
-                if self._real:  # a burst would take too long between two ticks
-                    observer.take()
-            if self.bus is None:
-                continue
-            if output.send is not None:
-                if len(payload) > LONGEST_MESSAGE:
-                    text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
-                    raise NodeError(slot.name, f"step at tick {message.tick}", text)
-                output.send(payload)
-            if output.observed:
-                self.bus.keep(output.topic + payload)
+            self._deliver_answer(output, message.tick, payload)
+
+    def _deliver_answer(self, output: Output, tick: int, payload: bytes) -> None:
+        """Give the wire form of an answer to those who take it."""
+        for observer in output.listeners:
+            observer.pending.append((output.stream, tick, payload))
+            if self._real:  # a burst would take too long between two ticks
+                observer.take()
+        if self.bus is None:
+            return
+        if output.send is not None:
+            if len(payload) > LONGEST_MESSAGE:
+                text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
+                raise NodeError(output.stream.partition(".")[0], f"step at tick {tick}", text)
+            output.send(payload)
+        if output.observed:
+            self.bus.keep(output.topic + payload)
 
     def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
         """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one came.
@@ -287,6 +302,9 @@ class Worker:
                     port.dead = not back
                     port.queue.clear()
                     port.message = None
+        for part in self.parts:
+            if isinstance(part, Segment):
+                part.refresh()
 
     def _overhear_some(self) -> None:
         if self.bus is not None and self.audience.slots:
@@ -335,10 +353,16 @@ class Worker:
         if self.bus is not None:
             for output in self.outputs.values():
                 output.observed = self.bus.heard(output.stream)
+            for part in self.parts:
+                if isinstance(part, Segment):
+                    part.listen()
 
     def sign_of_life(self) -> None:
         """Tell the launcher and the observers how the nodes are doing."""
         self._reported = now()
+        for part in self.parts:
+            if isinstance(part, Segment):
+                part.count()
         for slot in self.slots:
             slot.health.state = slot.node.condition() or "ready"
         nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}

@@ -162,7 +162,7 @@ def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every)
     original, steps = real._follow, []
     monkeypatch.setattr(real, "_follow", follow)
     here = worker()
-    here.slots, here.send = [made], lambda slot: steps.append(here.tick)
+    here.slots, here.parts, here.send = [made], [made], lambda slot: steps.append(here.tick)
     here.check_orders = here.housekeep = lambda: None
     real.run_real(here, 0)
     runs = {tick // every for tick in range(1, 101)}
@@ -175,7 +175,7 @@ def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every)
 
 def test_a_run_that_lacks_an_input_is_lost_once(monkeypatch):
     made, here = slot("Drag", ("pose", {}), ("force", {"waits": False})), worker()
-    made.every, here.last, here.slots = 10, 25, [made]
+    made.every, here.last, here.slots, here.parts = 10, 25, [made], [made]
     made.begin()
     here.send = here.check_orders = here.housekeep = lambda *_: None
     ticks = iter(range(26))
@@ -244,6 +244,7 @@ class Here(SimpleNamespace):
         super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, stopping=False)
         self.clock = [0]
         self.slots = [slot("Source", ("torque", {"loop": True, "optional": True})) for _ in range(3)]
+        self.parts = self.slots
         for made in self.slots:
             made.begin()
         self.slots[1].every = 2
@@ -341,7 +342,8 @@ def test_a_step_has_the_time_of_the_message_that_drives_it_and_a_nominal_length_
     made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
     made.every = made.inputs[0].every = 2
     made.begin()
-    here.slots = [made]
+    here.slots = here.parts = [made]
+    made.follows = True
     here.tick = 99
     put(made, 0, POSE, 100)
     put(made, 1, FORCE, 100)

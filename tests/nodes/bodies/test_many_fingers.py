@@ -11,9 +11,9 @@ from pytest import approx
 from scipy.optimize import root
 
 from palpate.launch.testing import FakeBus
-from palpate.messages import Contact, Contacts, Load, MessageError, Pose, Proximity, Surface, pack, unpack
+from palpate.messages import Contact, Contacts, Load, MessageError, Pose, Surface, pack, unpack
 from palpate.nodes import collision
-from palpate.nodes.base import InputError, inputs
+from palpate.nodes.base import inputs
 from palpate.nodes.base.surface import surface_mesh
 from palpate.nodes.contact import Series
 from palpate.nodes.contact.joint import Joint, Share
@@ -39,7 +39,7 @@ class Hand:
         finds = [collision.Nurbs() if mesh is None else collision.Mesh(**mesh) for _ in range(count)]
         mesh = mesh or {"vertices": VERTICES}
         self.body = FakeBus(made(kind, mesh, **more))
-        self.joint, self.share = FakeBus(Joint()), [FakeBus(Share()) for _ in range(count)]
+        self.joint, self.share = FakeBus(Joint()), [FakeBus(Share(finger=i)) for i in range(count)]
         self.collision = [FakeBus(find) for find in finds]
         self.spread = [FakeBus(Kernel(**mesh)) for _ in range(count)]
         self.surface = None
@@ -231,34 +231,6 @@ def test_a_body_says_what_it_is_in_the_message_of_several_contacts_over_the_wire
     assert a[0, 1] == approx(a[1, 0], rel=1e-12)  # compliances between the two, reciprocal
     with pytest.raises(MessageError, match="coupling"):
         msgspec.structs.replace(came, coupling=np.ones((2, 3)))
-
-
-def test_a_body_that_does_not_know_all_contacts_is_refused_by_name():
-    near = Proximity(source="a", foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), coordinates=(0.0, 0.0), element=0,
-                     gap=-1e-3, approach=1e-3, slip=(0.0, 0.0, 0.0))  # fmt: skip
-    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
-                   rest_indentation=0.0, previous_indentation=0.0, source="tissue")  # fmt: skip
-    with pytest.raises(InputError, match=r"'tissue'.*laws of 0 contacts, expected 2"):
-        FakeBus(Joint(), body=body).publish([near, near])
-    zero = (0.0, 0.0)
-    one = Contacts(fingers="b c", force=zero, compression=zero, indentation=zero, compression_rate=zero,
-                   indentation_rate=zero, lateral_force=np.zeros((2, 3)))  # fmt: skip
-    with pytest.raises(InputError, match="fingers b, c, expected 'a'"):
-        FakeBus(Share(), proximity=near).publish(one)
-
-
-def test_a_wrong_law_for_one_of_several_is_told_by_the_name_of_its_message():
-    """Not by that of the class in which a contact hears its share."""
-    laws = np.array([[1e3, 1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0, 0.0]])
-    body = Surface(nodes=[], displacement=np.zeros((0, 3)), stiffness=1e3, exponent=1.0, damping=0.0,
-                   rest_indentation=0.0, previous_indentation=0.0, source="tissue", tick=3, laws=laws,
-                   slopes=np.zeros((2, 12)), coupling=np.eye(2))  # fmt: skip
-    near = Proximity(source="a", foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), coordinates=(0.0, 0.0), element=0,
-                     gap=-1e-3, approach=1e-3, slip=(0.0, 0.0, 0.0))  # fmt: skip
-    joint = Joint()
-    joint.start()
-    with pytest.raises(InputError, match=r"^Surface of 'tissue' at tick 3: stiffness"):
-        joint.step([near, near], body, dt=1e-3)
 
 
 def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():

@@ -371,7 +371,7 @@ def test_a_debt_takes_from_the_force_only_after_an_outage():
     for k in range(5):
         touch(b, 1e-3 * k, 2.0, 1e-2)
     node = b.node
-    assert node.state[ENERGY, 0] < -LENT and node.gains[LIMIT] == node.limit and node.state[MODE, WITHHELD] == 0.0
+    assert node.state[ENERGY, 0] < -LENT and node.own["gains"][LIMIT] == node.limit and node.state[MODE, WITHHELD] == 0.0
 
 
 def test_at_rest_in_debt_after_an_outage_the_force_stays_as_it_is():
@@ -380,7 +380,7 @@ def test_at_rest_in_debt_after_an_outage_the_force_stays_as_it_is():
     for given in [contact(2.0, 1e-3)] * 3 + [None] * 3 + [contact(2.0, 1e-3)] * 4:
         force = node.step(given, None, pose(), dt=T).force[2]
     assert 0.1 < force < 1.9
-    node._least = 1.0
+    node.own["least"] = 1.0
     assert [node.step(contact(2.0, 1e-3), None, pose(), dt=T).force[2] for _ in range(5)] == [force] * 5
 
 
@@ -392,4 +392,4 @@ def test_an_outage_may_lend_no_more_than_half_a_millijoule_below_zero_or_the_deb
     node.state[ENERGY, 0] = energy
     for given in (None, contact(2.0, 1e-3)):
         node.step(given, None, pose(), dt=T)
-    assert node._least == approx(least)
+    assert node.own["least"] == approx(least)

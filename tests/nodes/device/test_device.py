@@ -128,7 +128,7 @@ def test_a_torque_pushes_a_free_grip_with_its_force(axis):
     node = Simulated(mass=0.2, **FREE)
     node.start()
     for _ in range(40):
-        here = node.state[0].copy()
+        here = node.own["motion"][0].copy()
         state = node.step(Torque(torques=torque(push, here)[0]), dt=T)
     t = 40 * T
     assert place(state) - HOME == approx(push / 0.2 * t * t / 2, abs=1e-8)
@@ -139,7 +139,7 @@ def test_a_hand_gives_way_by_force_over_stiffness():
     node.start()
     push = np.array([0.4, 0.0, 1.2])
     for _ in range(3000):
-        state = node.step(Torque(torques=torque(push, node.state[0])[0]), dt=T)
+        state = node.step(Torque(torques=torque(push, node.own["motion"][0])[0]), dt=T)
     assert place(state) == approx(np.array(HOME) + push / 400.0, abs=1e-8)
 
 
@@ -165,7 +165,7 @@ def test_the_end_of_the_reach_is_a_stop():
     bus = FakeBus(Simulated(hand_stiffness=0.0), torque=Torque(torques=(0.4, 0.4, 0.4)))
     for state in bus.run(3000):
         assert np.all(np.isfinite(state.joints))
-    assert inverse(bus.node.state[0])[1]
+    assert inverse(bus.node.own["motion"][0])[1]
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), float("inf"), 1e-9, 10.0, 1e6, 1e300])
@@ -249,7 +249,7 @@ class Loop:
     def step(self):
         """One tick: (true position [m] before, after, force sent, energy observed)."""
         device, finger, controller, statics = self.nodes
-        before = device.state[0].copy()
+        before = device.own["motion"][0].copy()
         state = msgspec.structs.replace(device.step(self.torque, dt=T), time=self.tick * 1_000_000)
         pose = finger.step(state, dt=T)
         e = max(0.11 - pose.position[2], 0.0)
@@ -262,10 +262,10 @@ class Loop:
             compression_rate=0.0,
             indentation_rate=0.0,
         )
-        force = controller.step(contact, None, pose, dt=T)
+        force = controller.step(contact, None, pose, None, None, dt=T)
         self.torque = statics.step(force, pose)
         self.tick += 1
-        return before, device.state[0].copy(), np.array(force.force), force.energy
+        return before, device.own["motion"][0].copy(), np.array(force.force), force.energy
 
 
 TOUCH = [{"to": [0, 0, 0.10], "time": 0.15}, {"hold": 0.15}, {"to": [0, 0, 0.115], "time": 0.15}, {"hold": 0.15}]
@@ -279,7 +279,7 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account(coun
     previous, place, records = np.zeros(3), np.array((0.0, 0.0, 0.115)), []
     for _ in range(600):
         before, after, force, energy = loop.step()
-        place, last = np.array(loop.nodes[1].last), place
+        place, last = loop.nodes[1].own["last"].copy(), place
         # The force sent a tick ago acted during this one, along the true way and along the one told.
         records.append((after[2], force[2], -previous @ (after - before), -previous @ (place - last), energy, place[2]))
         previous = force
@@ -344,8 +344,8 @@ def test_a_grip_dragged_along_an_even_way_is_the_solution_of_its_equation_of_mot
         x, v = y[:3], y[3:]
         return np.concatenate([v, (-drag * v + k * (begin + speed * t - x) + c * (speed - v)) / mass])
 
-    ran = node.state[2, 0]
+    ran = node.own["motion"][2, 0]
     reference = solve_ivp(motion, (0.0, ran), np.concatenate([begin, np.zeros(3)]), rtol=1e-10, atol=1e-13).y[:, -1]
     assert ran == pytest.approx(0.151, abs=1e-9)
-    assert np.abs(node.state[0] - reference[:3]).max() < 1e-9
-    assert np.abs(node.state[1] - reference[3:]).max() < 1e-7
+    assert np.abs(node.own["motion"][0] - reference[:3]).max() < 1e-9
+    assert np.abs(node.own["motion"][1] - reference[3:]).max() < 1e-7

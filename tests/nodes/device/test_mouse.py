@@ -103,9 +103,9 @@ def test_a_pointer_that_jumps_moves_the_goal_at_the_speed_of_a_hand():
     node = Mouse(begin=BEGIN, speed=0.1)
     bus = FakeBus(node)
     bus.publish(Pointed(position=BEGIN))
-    before = node.goal
+    before = node.own["goal"].copy()
     bus.publish(Pointed(position=(1e6, 0.0, 0.116)))
-    assert np.linalg.norm(node.goal - before) == approx(0.1 * T)
+    assert np.linalg.norm(node.own["goal"] - before) == approx(0.1 * T)
 
 
 @pytest.mark.parametrize("kind", ["force", "torque"])

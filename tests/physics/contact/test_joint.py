@@ -22,7 +22,7 @@ def solved(approach, laws, coupling, before=None, dt=1e-3, form=FORM, start=0.0)
     before = np.zeros(count) if before is None else np.asarray(before, float)
     out = np.zeros((count, 3))
     joint_step(
-        np.asarray(approach, float), dt, before, np.tile(form, (count, 1)), np.asarray(laws, float),
+        np.asarray(approach, float), dt, before, form, np.asarray(laws, float),
         np.asarray(coupling, float), np.full(count, start), out,
     )  # fmt: skip
     return out

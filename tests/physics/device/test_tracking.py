@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.physics.device import observer
 from palpate.physics.device.falcon import FALCON, HOME, forward_kernel, inverse
 from palpate.physics.device.tracking import (
     ANEW,
     BAD,
+    GOOD,
     MOST_STALE,
+    POSE,
     TAKEN,
-    buffers,
     judge,
     pose,
     pose_falcon,
@@ -67,7 +67,7 @@ def test_what_is_refused_taken_or_believed_anew(seed):
         if rng.random() < 0.02:
             read[rng.integers(3)] = rng.choice([math.nan, math.inf, -math.inf])
         samples.append((t, tuple(read)))
-    clock, places = buffers(0.0, 0.0, 0.0)
+    clock, places, _ = fresh()
     kinds = []
     for t, read in samples:
         kinds.append(judge(clock, places, LIMIT, t, *read))
@@ -77,9 +77,16 @@ def test_what_is_refused_taken_or_believed_anew(seed):
     assert min(kinds.count(kind) for kind in (BAD, TAKEN, ANEW)) > 5
 
 
+def fresh(begin=(0.0, 0.0, 0.0)):
+    """State of `pose` at a place [m] before the first sample."""
+    places = np.zeros((4, 3))
+    places[[GOOD, POSE]] = begin
+    return np.zeros(5, np.int64), places, np.zeros((3, 11))
+
+
 def tracker(step=0.0, begin=(0.0, 0.0, 0.0)):
     """A function of stamp [ns] and place [m] that follows them."""
-    state = (*buffers(*begin), observer.buffers())
+    state = fresh(begin)
     return lambda t, *place: pose(*state, step, LIMIT, t, place)
 
 
@@ -146,15 +153,15 @@ def test_joint_angles_are_observed_only_where_the_device_has_a_resolution(resolu
     """Angles that jump between two counts: as they are, or with a small part of the jumps."""
     geometry, count = FALCON.geometry, FALCON.count
     angles = np.round(inverse(HOME)[0][:, 0] / count) * count
-    state = (*buffers(*HOME), observer.buffers())
+    state = fresh(HOME)
     seen, read = [], []
     for k in range(300):
         joints = tuple(angles + count * (k % 3 == 0))
-        seen.append(pose_falcon(*state, resolution, LIMIT, k * MS, joints, (count, geometry))[:3])
+        seen.append(pose_falcon(*state, resolution, LIMIT, k * MS, joints, geometry)[:3])
         read.append(forward_kernel(geometry, *joints, *HOME)[1:])
     if resolution:
         assert np.ptp(seen[200:], axis=0).max() < 0.05 * np.ptp(read[200:], axis=0).max()
     else:
         assert np.array(seen) == approx(np.array(read), abs=1e-12)
-    held = pose_falcon(*state, resolution, LIMIT, 301 * MS, (9.0, 9.0, 9.0), (count, geometry))
+    held = pose_falcon(*state, resolution, LIMIT, 301 * MS, (9.0, 9.0, 9.0), geometry)
     assert held[:3] == seen[-1] and held[6] == 0.0  # angles that no place has

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Proximity
 from palpate.nodes.friction import Coulomb, ElastoPlastic, LuGre
-from palpate.physics.friction import bristle
-from palpate.physics.friction.bristle import Bristles, turn
+import bristles as bristle
+from bristles import Bristles
+from palpate.physics.friction.bristle import turn
 from palpate.physics.friction.coulomb import Coulomb as CoulombLaw
 from palpate.physics.friction.elastoplastic import ElastoPlastic as Elastic
 from palpate.physics.friction.lugre import LuGre as Law

@@ -1,0 +1,230 @@
+"""From records to the wire form, in compiled code: the bytes are those of `messages.pack`.
+
+A plan lists what stands in the message one after the other: literal bytes, which hold keys and headers, and values.
+"""
+
+import functools
+import math
+from collections.abc import Iterable
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Message, fields
+from palpate.messages.base import HEADER
+from palpate.messages.record import layout
+from palpate.physics.kernel import kernel
+from palpate.physics.memory import copy, pointer, set_big, word
+
+MAP, FLOATS, INTEGER, FLAG, VECTOR, ARRAY, WORD, SOURCE, USED = range(9)
+STEP = np.dtype([(name, "<i8") for name in ("kind", "at", "count", "first", "length", "size", "more")])
+"""One part of a message.
+
+kind    of its value;  at  offset of that in the record
+first, length  of the literal bytes before it;  more  where further literals are
+count   of numbers, axes of an array, words, or fields of the map;  size [bytes] of an element
+"""
+step_at, STEP_SIZE = pointer(STEP), STEP.itemsize
+byte = pointer(np.dtype([("value", "u1")]))
+flag = pointer(np.dtype([("value", "?")]))
+_pack = msgspec.msgpack.encode
+
+
+class WirePlan:
+    """How the messages of one output are encoded.
+
+    steps     (k,) of `STEP`
+    literals  bytes that they take from
+    most      [bytes] of a message without its arrays
+    """
+
+    def __init__(self, kind: type[Message], source: str) -> None:
+        record = layout(kind)
+        self._literals = bytearray()
+        given = {field.name: field for field in fields(kind)}
+        defaults = {field.name: field.default for field in msgspec.structs.fields(kind)}
+        names = kind.__struct_fields__
+        rare = [n for n in names if n in given and isinstance(defaults[n], np.ndarray) and _omits(kind)]
+        steps = [self._step(MAP, 0, len(names) - len(rare), b"")]
+        for name in names:
+            key = _pack(name)
+            if name == "source":
+                steps.append(self._step(SOURCE, 0, 0, key + _pack(source)))
+            elif name == "used":
+                steps.append(self._step(USED, 0, 0, key))
+            elif name in HEADER:
+                steps.append(self._step(INTEGER, record.fields[name][1], 1, key))  # type: ignore[index]
+            else:
+                steps.append(self._field(given[name], record, key, name in rare))
+        self.steps = np.array(steps, STEP)
+        self.literals = np.frombuffer(bytes(self._literals), np.uint8)
+        self.most = 2 * record.itemsize + len(self.literals) + 256
+
+    def _step(self, kind: int, at: int, count: int, literal: bytes, size: int = 0, more: int = 0) -> tuple[int, ...]:
+        return kind, at, count, self._literal(literal), len(literal), size, more
+
+    def _literal(self, data: bytes) -> int:
+        self._literals += data
+        return len(self._literals) - len(data)
+
+    def _field(self, field, record: np.dtype, key: bytes, rare: bool) -> tuple[int, ...]:
+        dtype, at = record.fields[field.name][:2]  # type: ignore[index]
+        if field.dtype is not None:
+            literal = key + b"\x83" + _pack("dtype") + _pack(field.dtype.str) + _pack("shape")
+            more = -1 if not rare else 1
+            return self._step(ARRAY, at, len(field.shape), literal, field.dtype.itemsize, more)
+        if field.words:
+            words = [_pack(word) for word in field.words]
+            table = b"".join(len(w).to_bytes(1, "little") + w.ljust(31) for w in words)
+            return self._step(WORD, at, len(words), key, 0, self._literal(table))
+        if dtype.fields is not None:
+            return self._step(VECTOR, at, 0, key)
+        base, shape = dtype.subdtype or (dtype, ())
+        kind = {"f": FLOATS, "i": INTEGER, "b": FLAG}[base.kind]
+        header = bytes([0x90 | math.prod(shape)]) if shape else b""
+        return self._step(kind, at, math.prod(shape), key + header)
+
+
+def _omits(kind: type[Message]) -> bool:
+    """Whether plain defaults of a message type are left out on the wire."""
+    return bool(kind.__struct_config__.omit_defaults)
+
+
+@functools.cache
+def wire_plan(kind: type[Message], source: str) -> WirePlan:
+    """The plan of a message type and its sender."""
+    return WirePlan(kind, source)
+
+
+@kernel
+def _put(at, value):
+    byte(at).value = value
+    return at + 1
+
+
+@kernel
+def _big(at, value, count):
+    """Write a whole number of `count` bytes, the highest first."""
+    for i in range(count):
+        byte(at + i).value = (value >> (8 * (count - 1 - i))) & 0xFF
+    return at + count
+
+
+@kernel
+def _integer(at, value):
+    """A whole number in its shortest form."""
+    if value >= 0:
+        if value < 0x80:
+            return _put(at, value)
+        if value < 0x100:
+            return _put(_put(at, 0xCC), value)
+        if value < 0x10000:
+            return _big(_put(at, 0xCD), value, 2)
+        if value < 0x100000000:
+            return _big(_put(at, 0xCE), value, 4)
+        return _big(_put(at, 0xCF), value, 8)
+    if value >= -32:
+        return _put(at, value & 0xFF)
+    if value >= -0x80:
+        return _put(_put(at, 0xD0), value & 0xFF)
+    if value >= -0x8000:
+        return _big(_put(at, 0xD1), value, 2)
+    if value >= -0x80000000:
+        return _big(_put(at, 0xD2), value, 4)
+    return _big(_put(at, 0xD3), value, 8)
+
+
+@kernel
+def _header(at, count, short, long):
+    """Of a map or an array of so many entries."""
+    return _put(at, short | count) if count < 16 else _big(_put(at, long), count, 2)
+
+
+@kernel
+def _floats(at, source, count):
+    for i in range(count):
+        at = set_big(_put(at, 0xCB), word(source + 8 * i))
+    return at
+
+
+@kernel
+def _array(at, handle, axes, size):
+    """The shape and the bytes of an array."""
+    at, count = _header(at, axes, 0x90, 0xDC), size
+    for i in range(axes):
+        length = word(handle + 8 + 8 * i)
+        at, count = _integer(at, length), count * length
+    at = _put(at, 0xA4)
+    for letter in (0x64, 0x61, 0x74, 0x61):  # "data"
+        at = _put(at, letter)
+    if count < 0x100:
+        at = _put(_put(at, 0xC4), count)
+    elif count < 0x10000:
+        at = _big(_put(at, 0xC5), count, 2)
+    else:
+        at = _big(_put(at, 0xC6), count, 4)
+    return copy(at, word(handle), count)
+
+
+@kernel
+def _empty(handle, axes):
+    for i in range(axes):
+        if word(handle + 8 + 8 * i) == 0:
+            return True
+    return False
+
+
+@kernel
+def encoded_size(steps, count, record, most):
+    """[bytes] At most, of a message with its arrays."""
+    for k in range(count):
+        step = step_at(steps + k * STEP_SIZE)
+        if step.kind == ARRAY:
+            size = step.size
+            for i in range(step.count):
+                size *= word(record + step.at + 8 + 8 * i)
+            most += size
+    return most
+
+
+@kernel
+def encode(steps, count, literals, record, used, inputs, at):
+    """Write a message to the address `at`; the address after it.
+
+    steps, literals  addresses of a `WirePlan`'s;  count  of steps
+    record           address of the message;  used, inputs  address and number of the ticks of its inputs
+    """
+    for k in range(count):
+        step = step_at(steps + k * STEP_SIZE)
+        value = record + step.at
+        if step.kind == MAP:
+            entries = step.count
+            for j in range(count):
+                other = step_at(steps + j * STEP_SIZE)
+                if other.kind == ARRAY and other.more == 1 and not _empty(record + other.at, other.count):
+                    entries += 1
+            at = _header(at, entries, 0x80, 0xDE)
+            continue
+        if step.kind == ARRAY and step.more == 1 and _empty(value, step.count):
+            continue
+        at = copy(at, literals + step.first, step.length)
+        if step.kind == FLOATS:
+            at = _floats(at, value, step.count)
+        elif step.kind == INTEGER:
+            for i in range(step.count):
+                at = _integer(at, word(value + 8 * i))
+        elif step.kind == FLAG:
+            at = _put(at, 0xC3 if flag(value).value else 0xC2)
+        elif step.kind == VECTOR:
+            at = _header(at, word(value), 0x90, 0xDC)
+            at = _floats(at, value + 8, word(value))
+        elif step.kind == ARRAY:
+            at = _array(at, value, step.count, step.size)
+        elif step.kind == WORD:
+            entry = literals + step.more + 32 * word(value)
+            at = copy(at, entry + 1, byte(entry).value)
+        elif step.kind == USED:
+            at = _header(at, inputs, 0x90, 0xDC)
+            for i in range(inputs):
+                at = _integer(at, word(used + 8 * i))
+    return at

@@ -1,0 +1,313 @@
+"""Compiled nodes that follow one another in a worker, run by one call of compiled code (engine/table.py).
+
+Between them messages stay records. A message is made where somebody takes it: a node in Python, another process, an
+observer, the live view. What comes from elsewhere the host gathers, as for any node.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from time import perf_counter_ns
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from palpate.engine.encode import wire_plan
+from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
+from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW, run_table
+from palpate.messages import Message, check_finite
+from palpate.messages.record import layout, reader, writer
+from palpate.nodes.base import InputError, inputs
+from palpate.nodes.base.compiled import CompiledNode, code, several
+from palpate.physics.entry_point import entry_point
+
+SAMPLE = 61  # ticks between two at which the nodes are timed one by one; no divisor that somebody uses
+
+
+class Segment:
+    """Slots of compiled nodes, in their order.
+
+    permitted  age [s] up to which a slot may hold an input on the real clock
+    deliver    takes an output, a tick and the wire form of the message, for outputs that somebody listens to
+    """
+
+    def __init__(
+        self,
+        slots: Sequence[Slot],
+        rate: float,
+        real: bool,
+        permitted: Callable[[Slot, Input], float],
+        deliver: Callable[[Output, int, bytes], None],
+    ) -> None:
+        self.slots = list(slots)
+        self._deliver = deliver
+        self._outputs: list[RecordOutput] = []
+        self._out_lines: list[np.ndarray] = []
+        self._kept: list[Any] = []
+        self._rows = np.zeros(len(slots), ROW)
+        self._clock = np.zeros(1, CLOCK)
+        self._clock["rate"], self._clock["real"] = rate, real
+        self._clock["last"], self._clock["resume"] = len(slots), -1
+        self._journal, self._entries = np.zeros(1 << 20, np.uint8), np.zeros(1 << 14, ENTRY)
+        self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
+        self._clock["entry"], self._clock["most"] = self._entries.ctypes.data, len(self._entries)
+        streams = {output.stream: output for slot in slots for output in slot.outputs}
+        for slot in slots:
+            for port in slot.inputs:
+                port.inside = port.stream in streams
+        self._border = [
+            (place, slot) for place, slot in enumerate(slots) if any(not (p.inside or p.dead) for p in slot.inputs)
+        ]
+        self._inlets: dict[int, list[tuple[Any, Any, Any] | None]] = {}
+        self._lines = [self._fill(place, slot, rate, permitted) for place, slot in enumerate(slots)]
+        self._run = entry_point(run_table, 0, 0, 0, 0)
+        self._where = self._rows.ctypes.data, self._clock.ctypes.data
+        self._stepped, self._failed = self._rows["stepped"], self._clock["failed"]
+        self._times = self._rows["time"]
+        for slot in slots:
+            slot.renewed, slot.joined = self.refresh, True
+        self.listen()
+
+    def _fill(self, place: int, slot: Slot, rate: float, permitted: Callable[[Slot, Input], float]) -> np.ndarray:
+        """The row of a slot, and the lines of its inputs."""
+        row, node, kind = self._rows[place], slot.node, type(slot.node)
+        assert isinstance(node, CompiledNode)
+        node.resize([abs(count) for count in slot.counts])
+        lines = self._keep(np.zeros(len(slot.inputs), INPUT))
+        used = self._keep(np.full(max(len(slot.inputs), 1), -1, np.int64))
+        ports: list[np.ndarray | None] = []
+        at: list[tuple[int, int]] = []  # of each input the argument that it is in, and its place in a list
+        for form, count in zip(inputs(kind), slot.counts, strict=True):
+            ports.append(self._keep(np.zeros(1, several(form.type))) if form.many else None)
+            if ports[-1] is not None:
+                ports[-1]["count"] = count
+            at += [(len(ports), n if form.many else -1) for n in range(abs(count))]
+        outputs = [output.record for output in slot.outputs]
+        records = self._keep(np.zeros(1 + len(ports) + len(outputs), np.int64))
+        records[0] = node.own.__array_interface__["data"][0]
+        for n, table in enumerate(ports):
+            if table is not None:
+                records[1 + n] = table.ctypes.data
+        records[1 + len(ports) :] = [record.ctypes.data for record in outputs]
+        inlets: list[tuple[Any, Any, Any] | None] = []
+        for n, (port, (argument, nth)) in enumerate(zip(slot.inputs, at, strict=True)):
+            line, absent = lines[n], self._keep(np.zeros(1, layout(port.kind)))
+            inlet = None
+            if port.inside:
+                record = port.output.record  # type: ignore[union-attr]
+            else:
+                record = self._keep(np.zeros_like(absent))
+                inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"]
+            inlets.append(inlet)
+            put = records.ctypes.data + 8 * argument
+            if nth >= 0:
+                put = ports[argument - 1].ctypes.data + 8 + 8 * nth
+            line["record"], line["absent"], line["put"] = record.ctypes.data, absent.ctypes.data, put
+            line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
+            line["given"], line["optional"] = not port.inside, port.port.optional
+            line["drives"] = port is slot.driver
+        self._inlets[place] = inlets
+        numbers = self._keep(np.array([a for record in outputs for a in _numbers(record)], np.int64))
+        row["compute"] = code(kind, "compute")
+        row["idle"] = code(kind, "idle") if kind.idle is not None and slot.sleeps else 0
+        row["records"], row["count"] = records.ctypes.data, len(records)
+        row["inputs"], row["input"], row["used"] = len(lines), lines.ctypes.data, used.ctypes.data
+        row["outputs"], row["output"] = len(outputs), self._lines_of(slot).ctypes.data
+        row["numbers"], row["numbered"] = numbers.ctypes.data, len(numbers)
+        row["every"], row["nominal"], row["missed"] = slot.every, slot.every / rate, -1
+        row["follows"], row["hardware"] = slot.follows, node.hardware
+        for output in slot.outputs:
+            output.used, output.source = used[: len(lines)], slot.name
+        return lines
+
+    def _lines_of(self, slot: Slot) -> np.ndarray:
+        """Lines of a slot's outputs."""
+        lines = self._keep(np.zeros(len(slot.outputs), OUTPUT))
+        for line, output in zip(lines, slot.outputs, strict=True):
+            assert isinstance(output, RecordOutput)
+            plan = wire_plan(output.kind, slot.name)
+            line["record"], line["number"] = output.record.ctypes.data, len(self._outputs)
+            line["steps"], line["count"] = plan.steps.ctypes.data, len(plan.steps)
+            line["literals"], line["most"] = plan.literals.ctypes.data, plan.most
+            self._outputs.append(output)
+        self._out_lines.append(lines)
+        return lines
+
+    def _keep(self, array: np.ndarray) -> np.ndarray:
+        """Hold memory whose address is in the table."""
+        self._kept.append(array)
+        return array
+
+    def refresh(self) -> None:
+        """Take over which nodes are blocked, which senders are gone, and which node has been started anew."""
+        for place, (slot, lines) in enumerate(zip(self.slots, self._lines, strict=True)):
+            row = self._rows[place]
+            row["blocked"], row["skip"] = slot.blocked, False
+            lines["dead"] = [port.dead for port in slot.inputs]
+            if slot.time is None:
+                slot.node.resize([abs(count) for count in slot.counts])  # type: ignore[attr-defined]
+                row["begun"], row["due"], row["missed"] = False, 0, -1
+            row["follows"] = slot.follows
+        self.listen()
+
+    def listen(self) -> None:
+        """Take over which outputs somebody listens to."""
+        for slot, lines in zip(self.slots, self._out_lines, strict=True):
+            lines["period"] = [
+                output.period if output.external or output.observed or output.listeners else 0
+                for output in slot.outputs
+            ]
+
+    def run(self, tick: int, host: Any) -> None:
+        """Run the nodes that step at a tick. NodeError: one failed."""
+        for place, slot in self._border:
+            if tick < self._rows["due"][place] or slot.blocked:
+                continue
+            messages = host.gather(slot, tick)
+            self._rows["skip"][place] = messages is None
+            if messages is not None:
+                self._take(place, messages)
+        self._clock["at"] = host.at
+        if tick % SAMPLE:
+            self._call(tick, 1)
+        else:
+            self._timed(tick)
+        for place, slot in enumerate(self.slots):
+            if self._stepped[place]:
+                slot.time, slot.health.tick = int(self._times[place]), tick
+                host.sent(slot, tick)
+
+    def alone(self) -> bool:
+        """Whether nothing comes from elsewhere, so that many ticks can be run at once."""
+        return not self._border
+
+    def run_many(self, tick: int, ticks: int) -> None:
+        """Run so many ticks of the simulated clock in which nobody takes a message but at the last. NodeError: a node
+        failed."""
+        self._timed(tick)
+        if ticks > 1:
+            self._call(tick + 1, ticks - 1)
+        for slot, last, time in zip(self.slots, self._rows["last"].tolist(), self._times.tolist(), strict=True):
+            slot.health.tick, slot.time = last, time
+
+    def _take(self, place: int, messages: Sequence[Message | None]) -> None:
+        for inlet, message in zip(self._inlets[place], messages, strict=True):
+            if inlet is None:
+                continue
+            write, memory, there = inlet
+            if message is None:
+                there[0] = False
+            else:
+                write(message, memory)
+
+    def _call(self, tick: int, ticks: int) -> None:
+        end = tick + ticks
+        while True:
+            self._run(*self._where, tick, end - tick)
+            emptied = self._clock["entries"][0] > 0
+            if emptied:
+                self._hand_over()
+            if self._failed[0] >= 0:
+                self._fail(int(self._failed[0]))
+            if self._clock["resume"][0] < 0:
+                return
+            tick = int(self._clock["tick"][0])
+            if not emptied:  # one message alone has no room
+                self._journal = np.zeros(2 * len(self._journal), np.uint8)
+                self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
+
+    def _hand_over(self) -> None:
+        """Deliver what is in the journal, and empty it."""
+        memory, outputs, deliver = self._journal.data, self._outputs, self._deliver
+        for number, tick, begin, end in self._entries[: int(self._clock["entries"][0])].tolist():
+            deliver(outputs[number], tick, bytes(memory[begin:end]))
+        self._clock["entries"] = self._clock["length"] = 0
+
+    def _timed(self, tick: int) -> None:
+        """One tick, node by node, for the durations of their steps."""
+        clock = self._clock
+        for place, slot in enumerate(self.slots):
+            before = self._rows["steps"][place]
+            clock["first"], clock["last"] = place, place + 1
+            begun = perf_counter_ns()
+            self._call(tick, 1)
+            duration = perf_counter_ns() - begun
+            if self._rows["steps"][place] > before:
+                slot.health.step.add(duration)
+                self._rows["steps"][place] -= 1
+        clock["first"], clock["last"] = 0, len(self.slots)
+
+    def _fail(self, place: int) -> None:
+        """NodeError of a row that failed."""
+        slot, tick, why = self.slots[place], int(self._clock["tick"][0]), int(self._clock["why"][0])
+        where = f"step at tick {tick}"
+        messages = [self._seen(line, port) for line, port in zip(self._lines[place], slot.inputs, strict=True)]
+        try:
+            if why == RAISED or slot.node.own["fault"]:
+                fault, slot.node.own["fault"] = int(slot.node.own["fault"]), 0
+                given = _grouped(messages, slot.counts)
+                if fault:
+                    raise slot.node.explain(fault, *given)
+                slot.node.step(*given, dt=1.0 / float(self._clock["rate"][0]))  # raises as compiled code did
+                raise ArithmeticError("compiled code raised")
+            for output in slot.outputs:
+                check_finite(reader(output.kind)(output.record.view(np.uint8).data))
+        except InputError as error:
+            raise NodeError(error.source or slot.name, f"input of {slot.name!r} at tick {tick}", error) from error
+        except BaseException as error:
+            raise NodeError(slot.name, where, error) from error
+
+    def _seen(self, line: Any, port: Input) -> Message | None:
+        """The message that a line stands for."""
+        record = port.output.record if port.inside else None  # type: ignore[union-attr]
+        if record is None:
+            record = next(a for a in self._kept if a.ctypes.data == line["record"])
+        message = reader(port.kind)(record.view(np.uint8).data) if record["there"][0] else None
+        if message is not None:
+            msgspec.structs.force_setattr(message, "source", port.producer)
+        return message
+
+    def count(self) -> None:
+        """Add to the nodes' health what was counted since the last time."""
+        for row, slot in zip(self._rows, self.slots, strict=True):
+            health = slot.health
+            health.counted += int(row["steps"])
+            health.asleep += int(row["asleep"])
+            health.held += int(row["held"])
+            health.lost += int(row["lost"])
+            row["steps"] = row["asleep"] = row["held"] = row["lost"] = 0
+
+
+def _numbers(record: np.ndarray) -> list[int]:
+    """Addresses of the floating-point numbers of a message's record."""
+
+    def found(dtype: np.dtype, at: int) -> list[int]:
+        if dtype.fields is not None:
+            return [a for form, offset, *_ in dtype.fields.values() for a in found(form, at + offset)]
+        base, shape = dtype.subdtype or (dtype, ())
+        return [at + 8 * i for i in range(math.prod(shape))] if base.kind == "f" else []
+
+    return found(record.dtype, record.ctypes.data)
+
+
+def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], Segment]) -> list[Slot | Segment]:
+    """The slots of a worker with compiled ones that follow one another joined. A node that waits for a message of
+    another process begins a segment of its own: what it waits for may be an answer to a node before it."""
+    parts: list[Slot | list[Slot]] = []
+    for slot in slots:
+        compiled = isinstance(slot.node, CompiledNode)
+        waits = any(not (p.dead or p.loop) and p.output is None for p in slot.inputs)
+        if compiled and not waits and parts and isinstance(parts[-1], list):
+            parts[-1].append(slot)
+        else:
+            parts.append([slot] if compiled else slot)
+    return [make(part) if isinstance(part, list) else part for part in parts]
+
+
+def _grouped(messages: list[Any], counts: Sequence[int]) -> list[Any]:
+    """Messages as the ports of a node take them."""
+    given, at = [], 0
+    for count in counts:
+        given.append(messages[at] if count < 0 else messages[at : at + count])
+        at += abs(count)
+    return given

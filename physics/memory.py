@@ -1,0 +1,81 @@
+"""Memory by its address, for kernels that walk through tables and write bytes."""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import from_dtype, types
+from numba.core import cgutils
+from numba.core.extending import intrinsic
+
+_BYTE = ir.IntType(8).as_pointer()
+_INTEGER = ir.IntType(64)
+
+
+def pointer(dtype: np.dtype) -> Any:
+    """A function for kernels: the record of this form at an address."""
+    form = from_dtype(dtype)
+
+    @intrinsic
+    def at(typing: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+        return form(types.int64), generate
+
+    return at
+
+
+@intrinsic
+def word(typing: Any, address: Any) -> Any:
+    """The whole number at an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+
+    return types.int64(types.int64), generate
+
+
+@intrinsic
+def number(typing: Any, address: Any) -> Any:
+    """The floating-point number at an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.load(builder.inttoptr(arguments[0], ir.DoubleType().as_pointer()))
+
+    return types.float64(types.int64), generate
+
+
+@intrinsic
+def set_word(typing: Any, address: Any, value: Any) -> Any:
+    """Write a whole number to an address."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        builder.store(arguments[1], builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64), generate
+
+
+@intrinsic
+def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
+    """Copy bytes from one address to another; the address after the copy."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        to, source, count = arguments
+        cgutils.raw_memcpy(builder, builder.inttoptr(to, _BYTE), builder.inttoptr(source, _BYTE), count, 1)
+        return builder.add(to, count)
+
+    return types.int64(types.int64, types.int64, types.int64), generate
+
+
+@intrinsic
+def set_big(typing: Any, to: Any, value: Any) -> Any:
+    """Write the eight bytes of a whole number to an address, the highest first; the address after it."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        store = builder.store(builder.bswap(arguments[1]), builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        store.align = 1
+        return builder.add(arguments[0], ir.Constant(_INTEGER, 8))
+
+    return types.int64(types.int64, types.int64), generate

@@ -1,0 +1,197 @@
+"""Compiled nodes that one call runs give the bytes that they give one by one, whatever stands between them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate.engine import segment
+from palpate.engine.segment import Segment
+from palpate.engine.slot import NodeError
+from palpate.launch.load.launchfile import find
+from palpate.launch.load.placement import fused
+from palpate.launch.load.plan import plan
+from palpate.launch.load.recording import set_recording
+from palpate.launch.run.assign import jobs
+from palpate.launch.run.work import worker as workers
+from palpate.launch.run.work.loops import run
+from palpate.launch.run.work.worker import Worker
+from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose, Proximity, unpack
+from palpate.nodes.base import CompiledNode, Node, Out, Wants
+from palpate.nodes.friction import LuGre
+from palpate.physics.kernel import kernel
+
+TOUCH = (
+    "scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]",
+    "scene.hand.path=[{to: [0, 0, 0.0935], time: 0.1}, {to: [0.01, 0, 0.0925], time: 0.1}, {to: [0, 0, 0.113], time: 0.1}]",
+)  # fmt: skip
+
+
+class PythonLuGre(Node):
+    """LuGre friction in a node of the user's: Python between two compiled ones."""
+
+    def start(self) -> None:
+        self.law = LuGre(play=30e-6)
+        self.law.start()
+
+    def step(
+        self,
+        contact: Annotated[Contact, Wants("normal", "force")],
+        proximity: Annotated[Proximity, Wants("slip")],
+        *,
+        dt: float,
+    ) -> Friction:
+        return self.law.step(contact, proximity, dt=dt)
+
+
+class Spring(CompiledNode):
+    """A wall that becomes infinitely stiff, divides by zero or gives up, as it is told."""
+
+    how: Annotated[int, "1"] = 0
+
+    @kernel
+    def compute(
+        own, contact: Contact | None, friction: Friction | None, pose: Pose, ledger: Ledger | None,
+        device: DeviceState | None, out: Out[Force], dt,
+    ):  # fmt: skip
+        if pose.position[2] < 0.1:
+            if own.how == 1:
+                out.force[1] = np.inf
+            elif own.how == 2:
+                out.force[1] = 1.0 / (own.how - 2)
+            elif own.how == 3:
+                own.fault = 7
+
+    def explain(self, fault, *messages):
+        return ValueError(f"too deep: {fault}, {messages[2].position[2] < 0.1}")
+
+
+def made(overrides: tuple[str, ...] = (), ticks: int = 300) -> Worker:
+    """The kidney graph in this process, each of its streams taken by somebody."""
+    graph = find("kidney").but(overrides=(*TOUCH, *overrides)).load()
+    set_recording(graph, None)
+    planned = plan(graph)
+    (job,) = jobs(planned, fused(planned), ticks=ticks)
+    streams = {stream: ("elsewhere",) for node in job.nodes for stream in node.streams}
+    return Worker(msgspec.structs.replace(job, external=streams), None, lambda report: None)
+
+
+def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, ...]]]:
+    """What each stream carries, and what is counted of each node."""
+    payloads: dict[str, list[bytes]] = {}
+
+    def deliver(output, tick, payload):
+        payloads.setdefault(output.stream, []).append(payload)
+
+    worker._deliver_answer = deliver  # type: ignore[method-assign]
+    worker.start()
+    run(worker, 0)
+    for part in worker.parts:
+        if isinstance(part, Segment):
+            part.count()
+    counts = {}
+    for slot in worker.slots:
+        health = slot.health
+        counts[slot.name] = health.step.count + health.counted, health.asleep, health.lost, health.held, health.tick
+    worker.stop()
+    return payloads, counts
+
+
+@pytest.fixture
+def one_by_one(monkeypatch) -> Iterator[None]:
+    """Every node is stepped by itself."""
+    monkeypatch.setattr(workers, "segments", lambda slots, make: list(slots))
+
+
+CASES = [
+    (), ("spread.every=2",), ("friction.every=3", "tissue.every=2"), ("effects.friction=off",),
+    ("tissue.use=deformation.Rigid",), ("scene.energy.ledger=true",),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("overrides", CASES, ids=str)
+def test_a_segment_sends_the_bytes_of_its_nodes_one_by_one(overrides, monkeypatch):
+    joined = made(overrides)
+    together = sent(joined)
+    assert any(isinstance(part, Segment) and len(part.slots) > 3 for part in joined.parts)
+    monkeypatch.setattr(workers, "segments", lambda slots, make: list(slots))
+    assert together == sent(made(overrides))
+
+
+def test_python_between_compiled_nodes_changes_no_bit():
+    assert sent(made())[0] == sent(made((f"friction.use={__name__}.PythonLuGre",)))[0]
+
+
+def test_a_journal_that_is_full_is_emptied_and_goes_on_where_it_was(monkeypatch):
+    whole = sent(made())
+    init = Segment.__init__
+
+    def small(self, *given):
+        init(self, *given)
+        self._journal = self._journal[:700]
+        self._clock["room"] = 700
+
+    monkeypatch.setattr(Segment, "__init__", small)
+    assert whole == sent(made())
+
+
+def test_nodes_are_timed_now_and_then():
+    worker = made()
+    sent(worker)
+    timed = [slot.health.step.count for slot in worker.slots]
+    assert all(1 <= count < 50 for count in timed)
+
+
+@pytest.mark.parametrize(
+    ("how", "text"),
+    [(1, "Force.force .N.: found inf at index 1"), (2, "division by zero"), (3, "too deep: 7, True")],
+)
+def test_a_fault_in_compiled_code_names_node_tick_and_cause(how, text):
+    worker = made((f"controller.use={__name__}.Spring", f"controller.how={how}"))
+    with pytest.raises(NodeError, match=f"node 'controller', step at tick [0-9]+: .*{text}"):
+        sent(worker)
+
+
+def test_a_message_is_made_only_where_somebody_asks(monkeypatch):
+    worker = made()
+    worker.job = msgspec.structs.replace(worker.job, external={})
+    for output in worker.outputs.values():
+        output.external = False
+        monkeypatch.setattr(output, "_read", lambda memory: pytest.fail("a message was made"))
+    worker.start()
+    worker.begin(0)
+    part = worker.parts[0]
+    part.run_many(0, 250)
+    monkeypatch.undo()
+    contact = worker.outputs["contact"].last
+    assert contact.tick == 249 and contact.force > 0.1 and contact.source == "contact"
+    assert contact.used == (249, 248)
+    worker.stop()
+
+
+def test_a_segment_starts_anew_with_its_nodes():
+    worker = made()
+    first = sent(worker)
+    for slot in worker.slots:
+        slot.restart()
+    worker.tick = -1
+    assert first[0] == sent_again(worker)
+
+
+def sent_again(worker: Worker) -> dict[str, list[bytes]]:
+    payloads: dict[str, list[bytes]] = {}
+    worker._deliver_answer = lambda output, tick, payload: payloads.setdefault(output.stream, []).append(payload)  # type: ignore[method-assign]
+    run(worker, 0)
+    return payloads
+
+
+def test_everything_in_the_journal_can_be_read():
+    payloads, _ = sent(made())
+    worker = made()
+    kinds = {stream: output.kind for stream, output in worker.outputs.items()}
+    for stream, messages in payloads.items():
+        assert [unpack(payload, kinds[stream]).tick for payload in messages] == list(range(300))
+    assert Path(segment.__file__).exists()

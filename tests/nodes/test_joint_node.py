@@ -1,0 +1,133 @@
+"""contact.Joint and contact.Share on bodies that are given: no graph, no mesh."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Contacts, Proximity, Surface
+from palpate.nodes.base import InputError, SettingError
+from palpate.nodes.contact import Series
+from palpate.nodes.contact.joint import Joint, Share
+
+LAW = {"stiffness": 3e3, "exponent": 1.5, "damping": 2.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
+AT = {"foot": (0.1, 0.2, 0.3), "normal": (0.0, 0.0, 1.0), "coordinates": (0.0, 0.0), "element": 0}
+
+
+def near(depth, name="a", tick=-1):
+    return Proximity(
+        **AT, gap=-depth, approach=max(depth, 0.0), separation=max(-depth, 0.0), slip=(0.0, 0.0, 0.0), source=name,
+        tick=tick, time=tick * 1_000_000 if tick >= 0 else -1,
+    )  # fmt: skip
+
+
+def tissue(count=1, coupling=None, laws=None, **more):
+    """A body under `count` fingers that have the same law unless `laws` says which."""
+    laws = np.array(laws) if laws is not None else np.tile([*LAW.values()], (count, 1))
+    several = {"laws": laws, "slopes": np.zeros((count, 12)), "coupling": coupling}
+    given = (LAW | several if count > 1 else LAW) | more
+    return Surface(nodes=[], displacement=np.zeros((0, 3)), source="tissue", **given)
+
+
+def test_one_finger_is_to_the_bit_what_series_says():
+    alone, joint = Series(), Joint()
+    alone.start()
+    joint.start()
+    shape = {"tangential_gradient": (0.1, 0.2, 0.0), "shape_operator": tuple(np.linspace(0.0, 20.0, 9).tolist())}
+    for tick in range(60):
+        body = None if 30 <= tick < 36 else tissue(step=2e-3, relaxation=0.01, tick=tick - 1, **shape)
+        seen = near(3e-3 * np.sin(tick / 15), tick=tick)
+        one, several = alone.step(seen, body, dt=1e-3), joint.step([seen], body, dt=1e-3)
+        for name in ("force", "compression", "indentation", "compression_rate", "indentation_rate", "stored"):
+            assert np.array_equal(getattr(several, name), np.ravel(getattr(one, name)))
+        assert several.lateral_force.tolist() == [list(one.lateral_force)]
+
+
+def test_fingers_that_do_not_act_on_each_other_feel_what_each_feels_alone():
+    depths, joint = (1e-3, 2e-3, 3e-3), FakeBus(Joint(), body=tissue(3, np.eye(3)))
+    (together,) = joint.publish([near(depth) for depth in depths])
+    alone = [FakeBus(Series(), body=tissue()).publish(near(depth))[0] for depth in depths]
+    assert together.force == tuple(contact.force for contact in alone)
+    assert together.lateral_force.shape == (3, 3) and len(together.stored) == 3
+
+
+def test_the_more_they_share_the_less_each_presses_and_sixteen_are_solved():
+    def pressed(share, count):
+        coupling = np.full((count, count), share)
+        return FakeBus(Joint(), body=tissue(count, coupling)).publish([near(3e-3)] * count)[0].force
+
+    apart, together = pressed(0.0, 2), pressed(0.6, 2)
+    assert apart[0] > together[0] == pytest.approx(together[1], rel=1e-12)
+    many = pressed(0.3, 16)
+    assert len(many) == 16 and min(many) == pytest.approx(max(many), rel=1e-9) and min(many) > 0.0
+
+
+def test_each_share_has_the_contact_of_its_place():
+    (solved,) = FakeBus(Joint(), body=tissue(2, np.eye(2))).publish([near(1e-3), near(2e-3)])
+    solved = msgspec.structs.replace(solved, tick=-1, time=-1)
+    for place in (0, 1):
+        (contact,) = FakeBus(Share(finger=place), proximity=near(1e-3)).publish(solved)
+        assert isinstance(contact, Contact) and contact.foot == AT["foot"] and contact.normal == AT["normal"]
+        for name in ("force", "compression", "indentation", "compression_rate", "indentation_rate"):
+            assert getattr(contact, name) == getattr(solved, name)[place]
+        assert contact.stored == solved.stored[place : place + 1]
+        assert contact.lateral_force == tuple(solved.lateral_force[place].tolist())
+    bare = msgspec.structs.replace(solved, stored=())
+    assert FakeBus(Share(finger=1), proximity=near(1e-3)).publish(bare)[0].stored == ()
+
+
+@pytest.mark.parametrize("place", [-1, 2])
+def test_a_share_of_a_finger_that_the_joint_does_not_have_is_refused(place):
+    zero = (0.0, 0.0)
+    of_two = Contacts(force=zero, compression=zero, indentation=zero, compression_rate=zero, indentation_rate=zero,
+                      lateral_force=np.zeros((2, 3)), source="joint")  # fmt: skip
+    share = Share(finger=place)
+    share.start()
+    with pytest.raises(InputError, match=rf"Contacts of 'joint' .*found 2 fingers, expected .* at place {place}"):
+        share.step(of_two, near(1e-3))
+    with pytest.raises(SettingError, match="finger"):
+        Share(finger=16)
+
+
+def test_a_body_that_does_not_know_all_contacts_is_refused_by_name():
+    with pytest.raises(InputError, match=r"'tissue'.*laws of 0 contacts, expected 2"):
+        FakeBus(Joint(), body=tissue()).publish([near(1e-3), near(1e-3)])
+
+
+def test_a_wrong_law_for_one_of_several_is_told_by_the_name_of_its_message():
+    body = tissue(2, np.eye(2), laws=[[1e3, 1.0, 0.0, 0.0, 0.0], [-1.0, 1.0, 0.0, 0.0, 0.0]], tick=3)
+    joint = Joint()
+    joint.start()
+    with pytest.raises(InputError, match=r"^Surface of 'tissue' at tick 3: stiffness .*found -1.0"):
+        joint.step([near(1e-3), near(1e-3)], body, dt=1e-3)
+    assert not joint.own["finger"]["hears"].any()  # nothing has changed
+
+
+def test_without_its_body_the_forces_of_all_are_gone_within_eight_milliseconds():
+    joint = Joint()
+    joint.start()
+    pressing = [near(3e-3), near(2e-3)]
+    for _ in range(20):
+        assert min(joint.step(pressing, tissue(2, np.full((2, 2), 0.3)), dt=1e-3).force) > 0.05
+    gone = [joint.step(pressing, None, dt=1e-3).force for _ in range(9)]
+    assert gone[-1] == (0.0, 0.0) and (np.diff(gone, axis=0) <= 0.0).all()
+
+
+def test_it_sleeps_where_all_are_far_and_at_rest_and_not_where_one_is_near():
+    joint, body = Joint(), tissue(2, np.eye(2))
+    joint.start()
+    for _ in range(400):
+        joint.step([near(-5e-3), near(-5e-3)], body, dt=1e-3)
+    assert joint.rests([near(-5e-3), near(-5e-3)], body)
+    assert not joint.rests([near(-5e-3), near(-1e-3)], body)
+    assert not joint.rests([near(-5e-3), near(-5e-3)], None) and not joint.rests([near(-5e-3)] * 2, tissue())
+
+
+def test_each_finger_that_is_beyond_its_law_is_noted_once():
+    hard = tissue(2, np.eye(2), laws=[[1e9, 1.0, 0.0, 0.0, 0.0]] * 2)
+    bus = FakeBus(Joint(), body=hard)
+    assert not bus.node.notes() and not bus.node.condition()
+    bus.publish([near(1e-3), near(4.5e-3)])
+    assert bus.node.condition() and ["4.5 mm" in note for note in bus.node.notes()] == [True]
+    bus.publish([near(4.2e-3), near(4.6e-3)])
+    assert ["4.2 mm" in note for note in bus.node.notes()] == [True] and not bus.node.notes()
