@@ -24,7 +24,7 @@ class _Sliding(CompiledNode):
     energy = Part(
         "energy",
         "stored",
-        about="The energy that the bristles hold and that a rising load may give back; a law without `stored` tells none.",
+        about="The energy that the bristles hold and that a rising load may give back; none of a law without `stored`.",
     )
     State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": ()}
     """Deflection [m], and normal [1] and normal force [N] that it was found under; the finger's place from the point

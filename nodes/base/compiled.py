@@ -135,9 +135,10 @@ class CompiledNode(Node):
             return False
         return self.records(messages).idle()
 
-    def step(self, *messages: Any, dt: float = math.inf) -> Any:
-        """One step on messages, None where there is none; the answer, several as a tuple."""
-        messages += (None,) * (len(inputs(type(self))) - len(messages))
+    def step(self, *given: Any, dt: float = math.inf, **named: Any) -> Any:
+        """One step on messages, in the order of the inputs or by their names, None where there is none; the answer,
+        several as a tuple."""
+        messages = (*given, *(named.get(port.name) for port in inputs(type(self))[len(given) :]))
         records = self.records(messages)
         records.compute(messages, dt)
         answers = records.read()

@@ -32,14 +32,14 @@ def reads(cls, function, name, seen=()):
             value = node.value
             if isinstance(value, ast.BinOp) and isinstance(value.left, ast.List):  # `seen = [body] * count`
                 value = value.left.elts[0]
-            if name in {v.id for v in [value, *getattr(value, "values", ())] if isinstance(v, ast.Name)}:
+            if name in {_one(v) for v in [value, *getattr(value, "values", ())] if isinstance(v, ast.Name | ast.Call)}:
                 names.add(_target(node).id)
         if isinstance(node, ast.For | ast.comprehension):
             names |= _each(node.target, node.iter, name)
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and _one(node.value) in names:
             found.add(node.attr)
-        if not isinstance(node, ast.Call):
+        if not isinstance(node, ast.Call) or _is_nth(node):
             continue
         passed = [(i, a) for i, a in enumerate(node.args)] + [(k.arg, k.value) for k in node.keywords]
         for spot, argument in passed:
@@ -66,8 +66,14 @@ def _target(node):
     return node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
 
 
+def _is_nth(value):
+    """Whether it is one of several messages: `nth(load, i)`."""
+    return isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "nth"
+
+
 def _one(value):
-    """The name in `load`, and in `load[0]`."""
+    """The name in `load`, in `load[0]` and in `nth(load, 0)`."""
+    value = value.args[0] if _is_nth(value) else value
     value = value.value if isinstance(value, ast.Subscript) else value
     return value.id if isinstance(value, ast.Name) else None
 
