@@ -8,26 +8,25 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Load, Surface, Vector3
-from palpate.nodes.base import ARRAY, CompiledNode, Out, Part, SettingError, Switch
-from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
+from palpate.nodes.base import CompiledNode, Out, Part, SettingError, Switch
+from palpate.nodes.base.contacts import SEVERAL, make_room
 from palpate.nodes.base.nodule import WithNodule
 from palpate.nodes.base.surface import LEVEL, SURFACES, rotation_matrix, surface_mesh
 from palpate.nodes.deformation import basis_store
+from palpate.nodes.deformation.reduced_answer import PRESSURE, along_the_surface, caution_once, send
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies import condensed_body as condensed
 from palpate.physics.bodies import sampled_body as sampled
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body, under
-from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
-from palpate.physics.bodies.patch import add_pressure
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
+from palpate.physics.records import floats, form, integers, nth, one, unpacking, vector
 
 BUILT_FROM = (
     "model", "modes", "surface", "file_unit", "poisson", "bed", "coarse", "capsule_thickness", "capsule_ratio",
@@ -40,65 +39,6 @@ GRID = 1e-6
 
 
 _condensed_of, _sampled_of = unpacking(CondensedBody), unpacking(SampledBody)
-PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; room, see `add_pressure`; [Pa]
-
-
-@kernel(error_model="numpy")
-def caution_once(own, numbers):
-    """Keep what there is to say of each cause that was not there before."""
-    for cause in range(len(own.cautions)):
-        known, worst, contact = False, 0.0, 0
-        for k in range(own.causes):
-            known = known or own.cautions[k, 0] == cause
-        for c in range(len(numbers)):
-            if numbers[c, DEEP + cause] > worst:
-                worst, contact = numbers[c, DEEP + cause], c
-        if worst > 0.0 and not known:
-            row = own.cautions[own.causes]
-            row[0], row[1], row[2], row[3] = cause, worst, numbers[contact, RADIUS], numbers[contact, WIDE]
-            own.causes += 1
-
-
-@kernel(error_model="numpy")
-def along_the_surface(own, body, load, out):
-    """Send how the body's energy changes along the surface under each contact that presses."""
-    slopes = floats(own.slopes)
-    out.shape_operator.count = 0
-    put(out.tangential_gradient, (0.0, 0.0, 0.0))
-    for i in range(load.count):
-        slopes[i, :] = 0.0
-        if nth(load, i).nodes.shape[0] == 0:
-            continue
-        condensed.slope(body, i)
-        for k in range(3):
-            slopes[i, k] = body.gradient[k]
-            for j in range(3):
-                slopes[i, 3 + 3 * k + j] = body.shape[k, j]
-        if i == 0:
-            out.shape_operator.count = 9
-            put(out.tangential_gradient, vector(body.gradient))
-            for k in range(9):
-                out.shape_operator.values[k] = slopes[0, 3 + k]
-
-
-@kernel(error_model="numpy")
-def send(own, load, count, out, dt):
-    """Send laws, and what is known of the vertices that are displaced, of which there are so many."""
-    send_laws(own, out)
-    out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.beyond
-    lend_first(out.nodes, own.body.fine.nodes, count)
-    lend_first(out.displacement, own.body.fine.moved, count)
-    if own.pressure:
-        pressures, nodes = floats(own.pressures), integers(own.body.fine.nodes)[:count]
-        for k in range(count):
-            pressures[k] = 0.0
-        for i in range(load.count):
-            each = nth(load, i)
-            pull, patch, normal = floats(each.forces), integers(each.nodes), vector(each.normal)
-            add_pressure(pull, patch, normal, floats(own.areas), nodes, floats(own.push), pressures)
-        for k in range(count):
-            pressures[k] = max(pressures[k], 0.0)
-        lend_first(out.pressure, own.pressures, count)
 
 
 class ReducedFE(CompiledNode, WithNodule):
@@ -373,7 +313,7 @@ class _Sampled:
         self._count = count
         make_room(self, count)
         basis, given = self._organ
-        self.hold("body", sampled_body(basis, *given, count))
+        self.hold("body", sampled_body(basis, *given, contacts=count))
 
     @kernel(error_model="numpy")
     def compute(own, load: list[Load], out: Out[Surface], dt):

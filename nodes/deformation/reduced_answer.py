@@ -1,0 +1,69 @@
+"""What the reduced bodies answer, as kernels on the state of their node."""
+
+from palpate.nodes.base import ARRAY
+from palpate.nodes.base.contacts import send_laws
+from palpate.physics.bodies import condensed_body as condensed
+from palpate.physics.bodies.condensed_step import DEEP, RADIUS, WIDE
+from palpate.physics.bodies.patch import add_pressure
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, integers, lend_first, nth, put, vector
+
+PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; room, see `add_pressure`; [Pa]
+
+
+@kernel(error_model="numpy")
+def caution_once(own, numbers):
+    """Keep what there is to say of each cause that was not there before."""
+    for cause in range(len(own.cautions)):
+        known, worst, contact = False, 0.0, 0
+        for k in range(own.causes):
+            known = known or own.cautions[k, 0] == cause
+        for c in range(len(numbers)):
+            if numbers[c, DEEP + cause] > worst:
+                worst, contact = numbers[c, DEEP + cause], c
+        if worst > 0.0 and not known:
+            row = own.cautions[own.causes]
+            row[0], row[1], row[2], row[3] = cause, worst, numbers[contact, RADIUS], numbers[contact, WIDE]
+            own.causes += 1
+
+
+@kernel(error_model="numpy")
+def along_the_surface(own, body, load, out):
+    """Send how the body's energy changes along the surface under each contact that presses."""
+    slopes = floats(own.slopes)
+    out.shape_operator.count = 0
+    put(out.tangential_gradient, (0.0, 0.0, 0.0))
+    for i in range(load.count):
+        slopes[i, :] = 0.0
+        if nth(load, i).nodes.shape[0] == 0:
+            continue
+        condensed.slope(body, i)
+        for k in range(3):
+            slopes[i, k] = body.gradient[k]
+            for j in range(3):
+                slopes[i, 3 + 3 * k + j] = body.shape[k, j]
+        if i == 0:
+            out.shape_operator.count = 9
+            put(out.tangential_gradient, vector(body.gradient))
+            for k in range(9):
+                out.shape_operator.values[k] = slopes[0, 3 + k]
+
+
+@kernel(error_model="numpy")
+def send(own, load, count, out, dt):
+    """Send laws, and what is known of the vertices that are displaced, of which there are so many."""
+    send_laws(own, out)
+    out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.beyond
+    lend_first(out.nodes, own.body.fine.nodes, count)
+    lend_first(out.displacement, own.body.fine.moved, count)
+    if own.pressure:
+        pressures, nodes = floats(own.pressures), integers(own.body.fine.nodes)[:count]
+        for k in range(count):
+            pressures[k] = 0.0
+        for i in range(load.count):
+            each = nth(load, i)
+            pull, patch, normal = floats(each.forces), integers(each.nodes), vector(each.normal)
+            add_pressure(pull, patch, normal, floats(own.areas), nodes, floats(own.push), pressures)
+        for k in range(count):
+            pressures[k] = max(pressures[k], 0.0)
+        lend_first(out.pressure, own.pressures, count)
