@@ -1,8 +1,9 @@
 """Records in kernels: what a compiled node and its messages look like to compiled code.
 
 A record is a numpy structure of fixed size that kernels read and write by name. An array of any length is in it as an
-address and a shape, the memory being somebody else's: `floats`, `integers` and `longs` make an array of that. A NamedTuple of
-arrays and numbers, in which a part of `physics` keeps what it works on, can lie in a record, too: `form`, `unpacking`.
+address and a shape, the memory being somebody else's: `floats`, `integers` and `longs` make an array of that. A
+NamedTuple of arrays and numbers, in which a part of `physics` keeps what it works on, can lie in a record, too:
+`form`, `unpacking`.
 """
 
 from typing import Any, get_args, get_origin, get_type_hints
@@ -181,12 +182,6 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
         for offset, member in members
     ]
     return context.make_tuple(builder, _type(hint), values)
-
-
-@intrinsic
-def longs(typing: Any, handle: Any) -> Any:
-    """The array of whole numbers (n,) or (n,m), 8 bytes each, that a field of a record stands for."""
-    return _array_of(types.int64, handle)
 
 
 @intrinsic
