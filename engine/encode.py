@@ -5,7 +5,6 @@ A plan lists what stands in the message one after the other: literal bytes, whic
 
 import functools
 import math
-from collections.abc import Iterable
 
 import msgspec
 import numpy as np
@@ -168,10 +167,10 @@ def _array(at, handle, axes, size):
 
 @kernel
 def _empty(handle, axes):
+    size = 1
     for i in range(axes):
-        if word(handle + 8 + 8 * i) == 0:
-            return True
-    return False
+        size *= word(handle + 8 + 8 * i)
+    return size == 0
 
 
 @kernel

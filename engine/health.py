@@ -75,8 +75,8 @@ class HealthCounters:
     def report(self, forces: dict[str, float] | None = None) -> Counters:
         """The counters as they travel, with the forces that the node sent last."""
         return Counters(
-            self.tick, self.step.count + self.counted + self.asleep, self.late, self.lost, self.held, self.asleep, self.state,
-            self.step.report(), self.age.report(), forces or {}, self.overdue,
+            self.tick, self.step.count + self.counted + self.asleep, self.late, self.lost, self.held, self.asleep,
+            self.state, self.step.report(), self.age.report(), forces or {}, self.overdue,
         )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from palpate.engine.encode import wire_plan
 from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
 from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW, run_table
 from palpate.messages import Message, check_finite
-from palpate.messages.record import layout, reader, writer
+from palpate.messages.record import blank, reader, writer
 from palpate.nodes.base import InputError, inputs
 from palpate.nodes.base.compiled import CompiledNode, code, several
 from palpate.physics.entry_point import entry_point
@@ -91,12 +91,12 @@ class Segment:
         records[1 + len(ports) :] = [record.ctypes.data for record in outputs]
         inlets: list[tuple[Any, Any, Any] | None] = []
         for n, (port, (argument, nth)) in enumerate(zip(slot.inputs, at, strict=True)):
-            line, absent = lines[n], self._keep(np.zeros(1, layout(port.kind)))
+            line, absent = lines[n], self._keep(blank(port.kind))
             inlet = None
             if port.inside:
                 record = port.output.record  # type: ignore[union-attr]
             else:
-                record = self._keep(np.zeros_like(absent))
+                record = self._keep(blank(port.kind))
                 inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"]
             inlets.append(inlet)
             put = records.ctypes.data + 8 * argument

@@ -20,7 +20,7 @@ from palpate.engine.warm import warm
 from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.base import decoder
 from palpate.messages.checks import finite_check
-from palpate.messages.record import layout, reader
+from palpate.messages.record import blank, reader
 from palpate.nodes.base import CompiledNode, InputError, Node, Observer, Port, inputs, outputs
 from palpate.physics.errors import PalpateError
 
@@ -79,7 +79,7 @@ class RecordOutput(Output):
     __slots__ = ("_made", "_memory", "_read", "_there", "_tick", "record", "source", "used")
 
     def __init__(self, stream: str, kind: type[Message], external: bool) -> None:
-        self.record = np.zeros(1, layout(kind))
+        self.record = blank(kind)
         self._memory, self._read = self.record.view(np.uint8).data, reader(kind)
         self._there, self._tick = self.record["there"], self.record["tick"]
         self.used, self.source = np.zeros(0, np.int64), ""
@@ -128,8 +128,8 @@ class Input:
     """
 
     __slots__ = (
-        "arrived", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
-        "stream", "waits",
+        "arrived", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue",
+        "rank", "stream", "waits",
     )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
@@ -190,9 +190,7 @@ class Slot:
         if len(kinds) != len(job.streams):
             raise NodeError(job.name, "streams", f"found {len(job.streams)}, expected {len(kinds)}")
         form = RecordOutput if isinstance(node, CompiledNode) else Output
-        self.outputs = [
-            form(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)
-        ]
+        self.outputs = [form(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)]
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
         """The inputs by their place, those first that come last: while a step waits for them the others come."""

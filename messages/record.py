@@ -40,6 +40,15 @@ def layout(kind: type[Message]) -> np.dtype:
     return np.dtype(HEAD + [(field.name, _kind(kind, field)) for field in fields(kind)], align=True)
 
 
+def blank(kind: type[Message]) -> np.ndarray:
+    """A record (1,) of a message that is not there, whose arrays are empty."""
+    record = np.zeros(1, layout(kind))
+    for field in fields(kind):
+        if field.dtype is not None:
+            record[field.name]["shape"] = _empty(kind, field).shape
+    return record
+
+
 def array_handle(ndim: int) -> np.dtype:
     """How a record holds an array of so many axes."""
     return np.dtype([("address", "<i8"), ("shape", "<i8", (ndim,))])

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
-from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Wants
+from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, PACE, begin, faded, paced, shared
 from palpate.physics.device.controller import (
     BRAKE,

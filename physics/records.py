@@ -2,8 +2,8 @@
 
 A record is a numpy structure of fixed size that kernels read and write by name. An array of any length is in it as an
 address and a shape, the memory being somebody else's: `floats`, `integers` and `longs` make an array of that. A
-NamedTuple of arrays and numbers, in which a part of `physics` keeps what it works on, can lie in a record, too:
-`form`, `unpacking`.
+NamedTuple of arrays and numbers, in which a part of `physics` keeps what it works on, can lie in a record, too: `form`,
+`unpacking`.
 """
 
 from typing import Any, get_args, get_origin, get_type_hints

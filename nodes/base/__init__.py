@@ -19,6 +19,7 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "ARRAY", "TABLE", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer", "Out", "Part", "Port", "Setting", "SettingError", "Stream", "Switch",
-    "Wants", "convert", "effects", "inputs", "outputs", "part", "settings",
+    "ARRAY", "TABLE", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer", "Out", "Part", "Port",
+    "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects", "inputs", "outputs", "part",
+    "settings",
 ]  # fmt: skip

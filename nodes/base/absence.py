@@ -57,6 +57,8 @@ def faded(state, there, value, dt):
     if gain == 1.0:
         return state.last[0], state.last[1], state.last[2]
     return gain * state.last[0], gain * state.last[1], gain * state.last[2]
+
+
 class Pace:
     """The time between the steps of a node."""
 

@@ -29,7 +29,7 @@ import numpy as np
 from numba import config
 
 from palpate.messages import Message, MessageError
-from palpate.messages.record import KINDS, ROOM, array_handle, layout, reader, writer
+from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
 from palpate.nodes.base.effect import Effect
 from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
 from palpate.physics.entry_point import entry_point
@@ -249,7 +249,7 @@ class Records:
         ports = inputs(kind)
         self._fill = [[_inlet(port) for _ in range(count)] for port, count in zip(ports, counts, strict=True)]
         self._ports = [_gathered(port, fill) for port, fill in zip(ports, self._fill, strict=True)]
-        self._out = [np.zeros(1, layout(output)) for output in outputs(kind)]
+        self._out = [blank(output) for output in outputs(kind)]
         for out in self._out:
             out["tick"] = out["time"] = -1
         self._read = [(reader(k), out.view(np.uint8).data) for k, out in zip(outputs(kind), self._out, strict=True)]
@@ -296,7 +296,7 @@ class Records:
 
 def _inlet(port: Port) -> tuple[Any, Any, np.ndarray]:
     """How a message of a port gets into a record: writer, memory, flag."""
-    one = np.zeros(1, layout(port.type))
+    one = blank(port.type)
     return writer(port.type, port.wants), one.view(np.uint8).data, one["there"]
 
 

@@ -134,8 +134,8 @@ def test_the_force_felt_is_what_holds_the_hand_up():
     for _ in range(200):
         observation, *_ = env.step(0 * down)
     hand = env._steered[0]
-    assert hand.goal == pytest.approx([*hand.begin[:2], hand.begin[2] - 0.02], abs=1e-8)
-    arm = hand.hand_stiffness * (hand.goal - observation["position"].astype(float))
+    assert hand.own["goal"] == pytest.approx([*hand.begin[:2], hand.begin[2] - 0.02], abs=1e-8)
+    arm = hand.hand_stiffness * (hand.own["goal"] - observation["position"].astype(float))
     assert observation["force"][2] > 1.0
     assert observation["force"] == pytest.approx(-arm, abs=0.01)
     assert observation["velocity"] == pytest.approx(0.0, abs=1e-4)
@@ -146,12 +146,12 @@ def test_the_goal_moves_with_the_wanted_velocity_and_stays_in_its_room():
     env = Touch()
     env.reset(seed=0)
     hand = env._steered[0]
-    start = hand.goal.copy()
+    start = hand.own["goal"].copy()
     env.step(np.array([0.1, 0.0, 0.0], np.float32))
-    assert hand.goal - start == pytest.approx([0.1 * env.step_time, 0.0, 0.0], abs=1e-9)
+    assert hand.own["goal"] - start == pytest.approx([0.1 * env.step_time, 0.0, 0.0], abs=1e-9)
     for _ in range(100):
         env.step(np.array([9.0, -9.0, 9.0], np.float32))  # cut off at SPEED, as RL's own noise goes beyond it
-    assert hand.goal - start == pytest.approx([ROOM[1][0], ROOM[0][1], ROOM[1][2]], abs=1e-9)
+    assert hand.own["goal"] - start == pytest.approx([ROOM[1][0], ROOM[0][1], ROOM[1][2]], abs=1e-9)
     assert env.action_space.high[0] == SPEED
     env.close()
 

@@ -2,6 +2,7 @@
 
 import math
 
+import bristles as bristle
 import numpy as np
 from formulas import bristle_path
 from hypothesis import example, given, settings
@@ -9,7 +10,6 @@ from hypothesis import strategies as st
 from pytest import approx
 from scipy.spatial.transform import Rotation
 
-import bristles as bristle
 from palpate.physics.friction.bristle import turn
 from palpate.physics.friction.coulomb import Coulomb
 from palpate.physics.friction.elastoplastic import ElastoPlastic

@@ -2,6 +2,7 @@
 
 import math
 
+import bristles as bristle
 import numpy as np
 
 from palpate.physics.contact.series import elastic, kernel_form, series_step
@@ -10,7 +11,6 @@ from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.stability import held
 from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.fingertip.beam_bundle import bundle, check_count
-import bristles as bristle
 from palpate.physics.friction.lugre import stribeck
 from palpate.physics.geometry import nurbs_fit
 from palpate.physics.geometry.nurbs import Nurbs, normal_of

@@ -2,10 +2,12 @@
 
 from typing import Annotated
 
-import msgspec
-
 from palpate.messages import Load, Surface
+from palpate.nodes.base import Out
 from palpate.nodes.deformation import MassSpring
+from palpate.physics.kernel import kernel
+
+_press = MassSpring.compute
 
 
 class Giving(MassSpring):
@@ -13,11 +15,11 @@ class Giving(MassSpring):
 
     gain: Annotated[float, "1"] = 0.3
 
-    def start(self) -> None:
-        super().start()
-        self._last = 0.0
+    State = MassSpring.State | {"before": ()}
 
-    def step(self, load: list[Load], *, dt: float) -> Surface:
-        surface = super().step(load, dt=dt)
-        out, self._last = surface.previous_indentation < self._last, surface.previous_indentation
-        return msgspec.structs.replace(surface, stiffness=surface.stiffness * (1.0 + self.gain * out))
+    @kernel(error_model="numpy")
+    def compute(own, load: list[Load], out: Out[Surface], dt):
+        _press(own, load, out, dt)
+        if out.previous_indentation < own.before:
+            out.stiffness *= 1.0 + own.gain
+        own.before = out.previous_indentation

@@ -99,6 +99,10 @@ class Worker:
                 begin(slot.name, slot.node, slot.start)
             for observer in self.audience.slots:
                 begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
+            job, ages = self.job, partial(permitted, self.job)
+            self.parts = segments(
+                self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_answer)
+            )
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -149,11 +153,9 @@ class Worker:
         self._mark_heard()
         for slot in self.slots:
             slot.follows = self._real and slot.driver is not None
-        job = self.job
-        ages = partial(permitted, job)
-        self.parts = segments(
-            self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_answer)
-        )
+        for part in self.parts:
+            if isinstance(part, Segment):
+                part.refresh()
         for observer in self.audience.begun:
             observer.node.begun(origin)
         if self._real:

@@ -26,7 +26,8 @@ from palpate.physics.kernel import kernel
 
 TOUCH = (
     "scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]",
-    "scene.hand.path=[{to: [0, 0, 0.0935], time: 0.1}, {to: [0.01, 0, 0.0925], time: 0.1}, {to: [0, 0, 0.113], time: 0.1}]",
+    "scene.hand.path=[{to: [0, 0, 0.0935], time: 0.1}, {to: [0.01, 0, 0.0925], time: 0.1},"
+    "{to: [0, 0, 0.113], time: 0.1}]",
 )  # fmt: skip
 
 

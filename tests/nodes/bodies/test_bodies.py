@@ -58,7 +58,7 @@ def nothing():
 def test_a_finger_that_lifts_off_a_nodule_leaves_the_law_that_it_pressed():
     body = deformation.MassSpring(**PLANE, nodule_radius=4e-3)
     body.start()
-    middle = int(np.argmin((body.mesh().vertices**2).sum(axis=1)))
+    middle = int(np.argmin((body.mesh().vertices ** 2).sum(axis=1)))
     load = Load(nodes=[middle], forces=np.array([[0.0, 0.0, -1.0]]), foot=(0, 0, 0), normal=UP)
     hard = body.step([load], dt=1e-3).stiffness
     assert hard > 1.1 * body.stiffness

@@ -371,7 +371,9 @@ def test_a_debt_takes_from_the_force_only_after_an_outage():
     for k in range(5):
         touch(b, 1e-3 * k, 2.0, 1e-2)
     node = b.node
-    assert node.state[ENERGY, 0] < -LENT and node.own["gains"][LIMIT] == node.limit and node.state[MODE, WITHHELD] == 0.0
+    assert (
+        node.state[ENERGY, 0] < -LENT and node.own["gains"][LIMIT] == node.limit and node.state[MODE, WITHHELD] == 0.0
+    )
 
 
 def test_at_rest_in_debt_after_an_outage_the_force_stays_as_it_is():

@@ -2,8 +2,10 @@
 
 import math
 
+import bristles as bristle
 import numpy as np
 import pytest
+from bristles import Bristles
 from formulas import bristle_path, steady_friction
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -14,8 +16,6 @@ from scipy.spatial.transform import Rotation
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Proximity
 from palpate.nodes.friction import Coulomb, ElastoPlastic, LuGre
-import bristles as bristle
-from bristles import Bristles
 from palpate.physics.friction.bristle import turn
 from palpate.physics.friction.coulomb import Coulomb as CoulombLaw
 from palpate.physics.friction.elastoplastic import ElastoPlastic as Elastic
