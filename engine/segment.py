@@ -70,19 +70,21 @@ class Segment:
 
     def _fill(self, place: int, slot: Slot, rate: float, permitted: Callable[[Slot, Input], float]) -> np.ndarray:
         """The row of a slot, and the lines of its inputs."""
-        row, node, kind = self._rows[place], slot.node, type(slot.node)
+        row, node = self._rows[place], slot.node
         assert isinstance(node, CompiledNode)
+        kind: Any = type(node)
         node.resize([abs(count) for count in slot.counts])
         lines = self._keep(np.zeros(len(slot.inputs), INPUT))
         used = self._keep(np.full(max(len(slot.inputs), 1), -1, np.int64))
         ports: list[np.ndarray | None] = []
         at: list[tuple[int, int]] = []  # of each input the argument that it is in, and its place in a list
         for form, count in zip(inputs(kind), slot.counts, strict=True):
-            ports.append(self._keep(np.zeros(1, several(form.type))) if form.many else None)
-            if ports[-1] is not None:
-                ports[-1]["count"] = count
+            table = self._keep(np.zeros(1, several(form.type))) if form.many else None
+            if table is not None:
+                table["count"] = count
+            ports.append(table)
             at += [(len(ports), n if form.many else -1) for n in range(abs(count))]
-        outputs = [output.record for output in slot.outputs]
+        outputs = [_record(output) for output in slot.outputs]
         records = self._keep(np.zeros(1 + len(ports) + len(outputs), np.int64))
         records[0] = node.own.__array_interface__["data"][0]
         for n, table in enumerate(ports):
@@ -94,14 +96,13 @@ class Segment:
             line, absent = lines[n], self._keep(blank(port.kind))
             inlet = None
             if port.inside:
-                record = port.output.record  # type: ignore[union-attr]
+                record = _record(port.output)
             else:
                 record = self._keep(blank(port.kind))
                 inlet = writer(port.kind, port.port.wants), record.view(np.uint8).data, record["there"]
             inlets.append(inlet)
-            put = records.ctypes.data + 8 * argument
-            if nth >= 0:
-                put = ports[argument - 1].ctypes.data + 8 + 8 * nth
+            table = ports[argument - 1]
+            put = records.ctypes.data + 8 * argument if table is None else table.ctypes.data + 8 + 8 * nth
             line["record"], line["absent"], line["put"] = record.ctypes.data, absent.ctypes.data, put
             line["every"], line["loop"], line["permitted"] = port.every, port.loop, permitted(slot, port)
             line["given"], line["optional"] = not port.inside, port.port.optional
@@ -117,6 +118,7 @@ class Segment:
         row["every"], row["nominal"], row["missed"] = slot.every, slot.every / rate, -1
         row["follows"], row["hardware"] = slot.follows, node.hardware
         for output in slot.outputs:
+            assert isinstance(output, RecordOutput)
             output.used, output.source = used[: len(lines)], slot.name
         return lines
 
@@ -243,15 +245,17 @@ class Segment:
         where = f"step at tick {tick}"
         messages = [self._seen(line, port) for line, port in zip(self._lines[place], slot.inputs, strict=True)]
         try:
-            if why == RAISED or slot.node.own["fault"]:
-                fault, slot.node.own["fault"] = int(slot.node.own["fault"]), 0
+            node = slot.node
+            assert isinstance(node, CompiledNode)
+            if why == RAISED or node.own["fault"]:
+                fault, node.own["fault"] = int(node.own["fault"]), 0
                 given = _grouped(messages, slot.counts)
                 if fault:
-                    raise slot.node.explain(fault, *given)
-                slot.node.step(*given, dt=1.0 / float(self._clock["rate"][0]))  # raises as compiled code did
+                    raise node.explain(fault, *given)
+                node.step(*given, dt=1.0 / float(self._clock["rate"][0]))  # raises as compiled code did
                 raise ArithmeticError("compiled code raised")
             for output in slot.outputs:
-                check_finite(reader(output.kind)(output.record.view(np.uint8).data))
+                check_finite(reader(output.kind)(_record(output).view(np.uint8).data))
         except InputError as error:
             raise NodeError(error.source or slot.name, f"input of {slot.name!r} at tick {tick}", error) from error
         except BaseException as error:
@@ -259,7 +263,7 @@ class Segment:
 
     def _seen(self, line: Any, port: Input) -> Message | None:
         """The message that a line stands for."""
-        record = port.output.record if port.inside else None  # type: ignore[union-attr]
+        record = _record(port.output) if port.inside else None
         if record is None:
             record = next(a for a in self._kept if a.ctypes.data == line["record"])
         message = reader(port.kind)(record.view(np.uint8).data) if record["there"][0] else None
@@ -276,6 +280,12 @@ class Segment:
             health.held += int(row["held"])
             health.lost += int(row["lost"])
             row["steps"] = row["asleep"] = row["held"] = row["lost"] = 0
+
+
+def _record(output: Output | None) -> np.ndarray:
+    """The record of an output of a compiled node."""
+    assert isinstance(output, RecordOutput)
+    return output.record
 
 
 def _numbers(record: np.ndarray) -> list[int]:
@@ -295,7 +305,7 @@ def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], Segment]) -> li
     another process begins a segment of its own: what it waits for may be an answer to a node before it."""
     parts: list[Slot | list[Slot]] = []
     for slot in slots:
-        compiled = isinstance(slot.node, CompiledNode)
+        compiled = isinstance(slot.node, CompiledNode) and type(slot.node).step is CompiledNode.step
         waits = any(not (p.dead or p.loop) and p.output is None for p in slot.inputs)
         if compiled and not waits and parts and isinstance(parts[-1], list):
             parts[-1].append(slot)

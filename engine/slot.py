@@ -83,6 +83,7 @@ class RecordOutput(Output):
         self._memory, self._read = self.record.view(np.uint8).data, reader(kind)
         self._there, self._tick = self.record["there"], self.record["tick"]
         self.used, self.source = np.zeros(0, np.int64), ""
+        self._made: Message | None = None
         super().__init__(stream, kind, external)
 
     @property
@@ -90,7 +91,7 @@ class RecordOutput(Output):
         """The last message; None before the first."""
         made = self._made
         if self._there[0] and (made is None or made.tick != self._tick[0]):
-            made = self._made = self._read(self._memory)
+            self._made = made = self._read(self._memory)
             _set(made, "source", self.source)
             _set(made, "used", tuple(self.used.tolist()))
         return made

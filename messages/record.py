@@ -172,7 +172,7 @@ def _present(used: tuple[int, ...]) -> int:
     return (1 << len(used)) - 1 if -1 not in used else sum(1 << place for place, tick in enumerate(used) if tick >= 0)
 
 
-def _empty(kind: type, field: Field) -> np.ndarray:
+def _empty(kind: type[Message], field: Field) -> np.ndarray:
     """What an empty array is in a message: its default, by which it is left out on the wire, or one of no rows."""
     default = msgspec.structs.fields(kind)[kind.__struct_fields__.index(field.name)].default
     if isinstance(default, np.ndarray):

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
-from numba.core import cgutils
-from numba.core.extending import intrinsic
+from numba.core import cgutils, extending
+
+intrinsic: Any = extending.intrinsic  # its functions take one argument less than they say
 
 _BYTE = ir.IntType(8).as_pointer()
 _INTEGER = ir.IntType(64)

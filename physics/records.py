@@ -11,11 +11,12 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
-from numba.core import cgutils
-from numba.core.extending import intrinsic
+from numba.core import cgutils, extending
 from numba.np.arrayobj import make_array, populate_array
 
 from palpate.physics.kernel import Kernel, kernel
+
+intrinsic: Any = extending.intrinsic  # its functions take one argument less than they say
 
 MOST = 20
 """Records that a kernel takes at most."""
@@ -33,7 +34,7 @@ def address(function: Kernel, *dtypes: np.dtype) -> int:
     given = (*map(from_dtype, dtypes), types.float64)
     if given not in function.overloads:
         function.compile(given)
-    code = function.overloads[given]
+    code: Any = function.overloads[given]
     return code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
 
 

@@ -33,13 +33,9 @@ class InputError(PalpateError, ValueError):
 
 
 OUT = "output"
-
-
-class Out:
-    """Mark of an argument of a compiled node that is its output: `out: Out[Contact]`."""
-
-    def __class_getitem__(cls, kind: Any) -> Any:
-        return Annotated[kind, OUT]
+T = TypeVar("T")
+Out = Annotated[T, OUT]
+"""Mark of an argument of a compiled node that is its output: `out: Out[Contact]`."""
 
 
 class Wants:
@@ -270,8 +266,9 @@ def outputs(kind: type[Node]) -> tuple[type[Message], ...]:
     tuple of messages or None."""
     hints = typing.get_type_hints(kind.wiring(), include_extras=True)
     given = [typing.get_args(hint)[0] for hint in hints.values() if OUT in getattr(hint, "__metadata__", ())]
-    hint = tuple[*given] if given else hints.get("return")
+    hint = hints.get("return")
     kinds = typing.get_args(hint) if typing.get_origin(hint) is tuple else () if hint in (None, type(None)) else (hint,)
+    kinds = tuple(given) or kinds
     for returned in kinds:
         if not (isinstance(returned, type) and issubclass(returned, Message)):
             raise TypeError(f"{kind.__name__}.step: returns {returned!r}, expected a message or a tuple of messages")

@@ -168,9 +168,9 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
     near = np.concatenate([mesh.vertices, mesh.normals, mesh.areas[:, None]], axis=1)[order]
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     margin, size = 20 * float(np.max(high - low)), max(len(near), 3)
+    vertices, triangles, faces = map(np.ascontiguousarray, (mesh.vertices, mesh.triangles, mesh.face_vectors))
     return Spreader(
-        np.array([radius, KERNELS.index(kernel), *origin, side]), shape, first, order, near,
-        *(np.ascontiguousarray(array) for array in (mesh.vertices, mesh.triangles, mesh.face_vectors)),
+        np.array([radius, KERNELS.index(kernel), *origin, side]), shape, first, order, near, vertices, triangles, faces,
         np.stack([low - margin, high + margin]), np.zeros(size, np.int32), np.zeros(size), np.zeros((size, 3)),
     )  # fmt: skip
 

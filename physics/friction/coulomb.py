@@ -35,4 +35,4 @@ class Coulomb(NamedTuple):
     mu: Annotated[float, "1", ">= 0"] = 0.5
     stiffness: Annotated[float, "N/m", "> 0"] = 1500.0
 
-    advance, stored = coulomb, energy
+    advance, stored = coulomb, energy  # type: ignore[misc]

@@ -58,7 +58,7 @@ class ElastoPlastic(NamedTuple):
     elastic: Annotated[float, "1", ">= 0", "< 1"] = 0.9
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
 
-    advance, stored = elastoplastic, energy
+    advance, stored = elastoplastic, energy  # type: ignore[misc]
 
     def caution(self):
         """What of its settings lets the law generate energy; "" where nothing does."""

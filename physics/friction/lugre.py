@@ -77,7 +77,7 @@ class LuGre(NamedTuple):
     rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
     play: Annotated[float, "m", ">= 0"] = 0.0  # wandering by less does not wear the bristles: half an encoder count
 
-    advance, stored = lugre, energy
+    advance, stored = lugre, energy  # type: ignore[misc]
 
     def caution(self):
         """What of its settings lets the law generate energy; "" where nothing does."""

@@ -26,6 +26,7 @@ REFERENCE = 1e4
 def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> np.ndarray:
     """Force [N] at depths [m] (n,) with `REFERENCE` as Young's modulus, `count` elements across; NaN where none."""
     made = material(law, REFERENCE, shape)
+    assert rig.height is not None  # of these rigs
     if rig.kind == "cylinder":
         body = cylinder(rig.radius, rig.height, count)
         return press(body, made, Indenter(body.top, rig.plates == "bonded", body.side), depths / 2.0)
