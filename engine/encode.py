@@ -1,98 +1,14 @@
-"""From records to the wire form, in compiled code: the bytes are those of `messages.pack`.
+"""From records to the wire form, in compiled code, by a plan (`wire_plan`): the bytes are those of `messages.pack`."""
 
-A plan lists what stands in the message one after the other: literal bytes, which hold keys and headers, and values.
-"""
-
-import functools
-import math
-
-import msgspec
 import numpy as np
 
-from palpate.messages import Message, fields
-from palpate.messages.base import HEADER
-from palpate.messages.record import layout
+from palpate.engine.wire_plan import ARRAY, FLAG, FLOATS, INTEGER, MAP, STEP, USED, VECTOR, WORD
 from palpate.physics.kernel import kernel
 from palpate.physics.memory import copy, pointer, set_big, word
 
-MAP, FLOATS, INTEGER, FLAG, VECTOR, ARRAY, WORD, SOURCE, USED = range(9)
-STEP = np.dtype([(name, "<i8") for name in ("kind", "at", "count", "first", "length", "size", "more")])
-"""One part of a message.
-
-kind    of its value;  at  offset of that in the record
-first, length  of the literal bytes before it;  more  where further literals are
-count   of numbers, axes of an array, words, or fields of the map;  size [bytes] of an element
-"""
 step_at, STEP_SIZE = pointer(STEP), STEP.itemsize
 byte = pointer(np.dtype([("value", "u1")]))
 flag = pointer(np.dtype([("value", "?")]))
-_pack = msgspec.msgpack.encode
-
-
-class WirePlan:
-    """How the messages of one output are encoded.
-
-    steps     (k,) of `STEP`
-    literals  bytes that they take from
-    most      [bytes] of a message without its arrays
-    """
-
-    def __init__(self, kind: type[Message], source: str) -> None:
-        record = layout(kind)
-        self._literals = bytearray()
-        given = {field.name: field for field in fields(kind)}
-        defaults = {field.name: field.default for field in msgspec.structs.fields(kind)}
-        names = kind.__struct_fields__
-        rare = [n for n in names if n in given and isinstance(defaults[n], np.ndarray) and _omits(kind)]
-        steps = [self._step(MAP, 0, len(names) - len(rare), b"")]
-        for name in names:
-            key = _pack(name)
-            if name == "source":
-                steps.append(self._step(SOURCE, 0, 0, key + _pack(source)))
-            elif name == "used":
-                steps.append(self._step(USED, 0, 0, key))
-            elif name in HEADER:
-                steps.append(self._step(INTEGER, record.fields[name][1], 1, key))  # type: ignore[index]
-            else:
-                steps.append(self._field(given[name], record, key, name in rare))
-        self.steps = np.array(steps, STEP)
-        self.literals = np.frombuffer(bytes(self._literals), np.uint8)
-        self.most = 2 * record.itemsize + len(self.literals) + 256
-
-    def _step(self, kind: int, at: int, count: int, literal: bytes, size: int = 0, more: int = 0) -> tuple[int, ...]:
-        return kind, at, count, self._literal(literal), len(literal), size, more
-
-    def _literal(self, data: bytes) -> int:
-        self._literals += data
-        return len(self._literals) - len(data)
-
-    def _field(self, field, record: np.dtype, key: bytes, rare: bool) -> tuple[int, ...]:
-        dtype, at = record.fields[field.name][:2]  # type: ignore[index]
-        if field.dtype is not None:
-            literal = key + b"\x83" + _pack("dtype") + _pack(field.dtype.str) + _pack("shape")
-            more = -1 if not rare else 1
-            return self._step(ARRAY, at, len(field.shape), literal, field.dtype.itemsize, more)
-        if field.words:
-            words = [_pack(word) for word in field.words]
-            table = b"".join(len(w).to_bytes(1, "little") + w.ljust(31) for w in words)
-            return self._step(WORD, at, len(words), key, 0, self._literal(table))
-        if dtype.fields is not None:
-            return self._step(VECTOR, at, 0, key)
-        base, shape = dtype.subdtype or (dtype, ())
-        kind = {"f": FLOATS, "i": INTEGER, "b": FLAG}[base.kind]
-        header = bytes([0x90 | math.prod(shape)]) if shape else b""
-        return self._step(kind, at, math.prod(shape), key + header)
-
-
-def _omits(kind: type[Message]) -> bool:
-    """Whether plain defaults of a message type are left out on the wire."""
-    return bool(kind.__struct_config__.omit_defaults)
-
-
-@functools.cache
-def wire_plan(kind: type[Message], source: str) -> WirePlan:
-    """The plan of a message type and its sender."""
-    return WirePlan(kind, source)
 
 
 @kernel

@@ -12,14 +12,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.engine.encode import wire_plan
 from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
-from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW, run_table
+from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW
+from palpate.engine.wire_plan import wire_plan
 from palpate.messages import Message, check_finite
 from palpate.messages.record import blank, reader, writer
 from palpate.nodes.base import InputError, inputs
 from palpate.nodes.base.compiled import CompiledNode, code, several
-from palpate.physics.entry_point import entry_point
 
 SAMPLE = 61  # ticks between two at which the nodes are timed one by one; no divisor that somebody uses
 
@@ -39,6 +38,9 @@ class Segment:
         permitted: Callable[[Slot, Input], float],
         deliver: Callable[[Output, int, bytes], None],
     ) -> None:
+        from palpate.engine.compiled_tick import run_table  # the compiler is slow to import
+        from palpate.physics.entry_point import entry_point
+
         self.slots = list(slots)
         self._deliver = deliver
         self._outputs: list[RecordOutput] = []

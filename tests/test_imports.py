@@ -79,7 +79,7 @@ MAY = {
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
 a room of their own. Nothing but the command line imports commands."""
 THEIRS = {
-    "physics": {"numpy", "scipy", "numba"},
+    "physics": {"numpy", "scipy", "numba", "llvmlite"},
     "drivers": {"numpy", "msgspec"},
     "models.fe": {"numpy", "scipy", "numba"},
     "messages": {"numpy", "msgspec"},

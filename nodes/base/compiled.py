@@ -26,15 +26,11 @@ from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import config
 
 from palpate.messages import Message, MessageError
 from palpate.messages.record import KINDS, ROOM, array_handle, blank, layout, reader, writer
 from palpate.nodes.base.effect import Effect
 from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
-from palpate.physics.entry_point import entry_point
-from palpate.physics.kernel import Kernel
-from palpate.physics.records import address, call
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
 """In a state: an array of one or two axes that `CompiledNode.hold` keeps."""
@@ -63,8 +59,8 @@ class CompiledNode(Node):
     """
 
     State: ClassVar[dict[str, Any]] = {}
-    compute: ClassVar[Kernel]
-    idle: ClassVar[Kernel | None] = None
+    compute: ClassVar[Any]
+    idle: ClassVar[Any] = None
 
     def __init_subclass__(cls, **given: Any) -> None:
         """TypeError: the kernel cannot be called, or a record cannot hold what the class asks for; says what would do.
@@ -148,6 +144,10 @@ class CompiledNode(Node):
 def _check(kind: type[CompiledNode]) -> None:
     """TypeError: what `CompiledNode.__init_subclass__` refuses."""
     name = f"{kind.__name__}.compute"
+    from numba import config
+
+    from palpate.physics.kernel import Kernel
+
     if not (isinstance(kind.compute, Kernel) or config.DISABLE_JIT):  # type: ignore[attr-defined]
         raise TypeError(f"{name}: found {kind.compute!r}, expected a kernel: write @kernel above it")
     hints = typing.get_type_hints(kind.wiring(), include_extras=True)
@@ -234,6 +234,8 @@ def several(kind: type[Message]) -> np.dtype:
 @functools.cache
 def code(kind: type[CompiledNode], name: str) -> int:
     """Address of the machine code of a kernel of a node class: `compute` or `idle`."""
+    from palpate.physics.records import address  # the compiler is slow to import
+
     ports = [several(port.type) if port.many else layout(port.type) for port in inputs(kind)]
     return address(getattr(kind, name), record(kind), *ports, *map(layout, outputs(kind)))
 
@@ -245,6 +247,9 @@ class Records:
     """
 
     def __init__(self, node: CompiledNode, counts: list[int]) -> None:
+        from palpate.physics.entry_point import entry_point  # the compiler is slow to import
+        from palpate.physics.records import call
+
         self.node, self.counts = node, counts
         kind = type(node)
         ports = inputs(kind)

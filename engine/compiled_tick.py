@@ -1,0 +1,133 @@
+"""One tick of a segment in compiled code.
+
+The rules are those of `engine.schedule` and of the loops on either clock (launch/run/work); here they hold for messages
+that pass between two nodes of one segment. What comes from elsewhere a host gathers; the table is handed the result.
+"""
+
+import numpy as np
+
+from palpate.engine.encode import encode, encoded_size
+from palpate.engine.table import CLOCK, ENTRY, FAULT, INFINITE, INPUT, OUTPUT, RAISED, ROW
+from palpate.messages.record import HEAD
+from palpate.physics.kernel import kernel
+from palpate.physics.memory import number, pointer, set_word, word
+from palpate.physics.records import call
+
+row_at, input_at, output_at, entry_at = pointer(ROW), pointer(INPUT), pointer(OUTPUT), pointer(ENTRY)
+clock_at, head_at = pointer(CLOCK), pointer(np.dtype(HEAD, align=True))
+ROW_SIZE, INPUT_SIZE, OUTPUT_SIZE, ENTRY_SIZE = (form.itemsize for form in (ROW, INPUT, OUTPUT, ENTRY))
+
+
+@kernel
+def gathered(row, now, at, clock):
+    """Find the inputs of a step: whether it has what it needs, which inputs are there as a bit mask, and its time."""
+    present = 0
+    for j in range(row.inputs):
+        line = input_at(row.input + j * INPUT_SIZE)
+        head = head_at(line.record)
+        there = head.there and not line.dead
+        if clock.real and not line.given:
+            until = now - line.loop
+            if there and head.tick < until - until % line.every:
+                if line.drives:
+                    return False, 0, at
+                row.held += 1
+                slept = max(0, now - row.due) if row.due != 0 and not row.hardware else 0
+                there = not (now - head.tick - slept) / clock.rate > line.permitted
+            if not there and not line.optional:
+                return False, 0, at
+        set_word(line.put, line.record if there else line.absent)
+        set_word(row.used + 8 * j, head.tick if there else -1)
+        if there:
+            present |= 1 << j
+            if j == 0 and row.follows:
+                at = head.time
+    return True, present, at
+
+
+@kernel
+def finite(row):
+    """Whether the numbers of its outputs are."""
+    total = 0.0
+    for j in range(row.numbered):
+        total += number(word(row.numbers + 8 * j)) * 0.0
+    return total == 0.0
+
+
+@kernel
+def stepped(row, at):
+    """One step of a node at `at` [ns]: 0, or why it failed."""
+    if row.begun and at <= row.time:  # its driving message came twice or late: the last answers stand
+        return 0
+    dt = (at - row.time) * 1e-9 if row.begun else row.nominal
+    row.time = at
+    raised = rests = False
+    if row.idle != 0 and row.begun:
+        raised, rests = call(row.idle, row.records, row.count, dt)
+    if rests:
+        row.asleep += 1
+        return 0
+    if not raised:
+        raised, _ = call(row.compute, row.records, row.count, dt)
+    row.steps += 1
+    if raised:
+        return RAISED
+    if word(word(row.records)) != 0:
+        return FAULT
+    return 0 if finite(row) else INFINITE
+
+
+@kernel
+def taken_down(row, now, clock):
+    """Write what somebody takes of a node's answers to the journal; False where it has no room for all of it."""
+    size = count = 0
+    for j in range(row.outputs):
+        line = output_at(row.output + j * OUTPUT_SIZE)
+        if line.period != 0 and now % line.period == 0:
+            size += encoded_size(line.steps, line.count, line.record, line.most)
+            count += 1
+    if clock.length + size > clock.room or clock.entries + count > clock.most:
+        return False
+    for j in range(row.outputs):
+        line = output_at(row.output + j * OUTPUT_SIZE)
+        if line.period != 0 and now % line.period == 0:
+            begin = clock.journal + clock.length
+            end = encode(line.steps, line.count, line.literals, line.record, row.used, row.inputs, begin)
+            entry = entry_at(clock.entry + clock.entries * ENTRY_SIZE)
+            entry.number, entry.tick, entry.begin = line.number, now, clock.length
+            clock.length += end - begin
+            clock.entries, entry.end = clock.entries + 1, clock.length
+    return True
+
+
+@kernel
+def run_table(rows, clock_address, tick, ticks):
+    """Run a table for so many ticks from `tick` on. `rows`, `clock`: addresses of `ROW`s and of a `CLOCK`."""
+    clock = clock_at(clock_address)
+    clock.failed = -1
+    for now in range(tick, tick + ticks):
+        at = clock.at if clock.real else int(np.rint(now * 1e9 / clock.rate))
+        begin = clock.first if clock.resume < 0 else clock.resume
+        for i in range(begin, clock.last):
+            row = row_at(rows + i * ROW_SIZE)
+            if clock.resume < 0:
+                row.stepped = False
+                if now < row.due or row.blocked or row.skip:
+                    continue
+                whole, present, own = gathered(row, now, at, clock)
+                if not whole:
+                    row.lost += now // row.every != row.missed
+                    row.missed = now // row.every
+                    continue
+                why = stepped(row, own)
+                if why != 0:
+                    clock.failed, clock.why, clock.tick = i, why, now
+                    return
+                for j in range(row.outputs):
+                    head = head_at(word(row.records + 8 * (row.count - row.outputs + j)))
+                    head.there, head.tick, head.time, head.present = True, now, own, present
+                row.begun, row.stepped, row.last, row.due = True, True, now, now - now % row.every + row.every
+            clock.resume = -1
+            if row.stepped and not taken_down(row, now, clock):
+                clock.resume, clock.tick = i, now
+                return
