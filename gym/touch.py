@@ -13,7 +13,8 @@ from gymnasium.spaces import Box, Dict, Space
 from palpate.calling import described
 from palpate.engine.graph import Graph
 from palpate.engine.plan import Plan
-from palpate.messages import Contact, Force, Friction, Pose
+from palpate.gym.side_view import side_view
+from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.nodes.device import Simulated
 from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError
@@ -47,6 +48,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     duration  [s] after which an episode is cut off
     scene     in place of the graph's own
     nodes     what other nodes are, as for `palpate.run`: {"tissue": "deformation.ReducedFE"}
+    render_mode  "rgb_array": `render` gives a picture from the side; None: nothing is drawn
 
     action       velocity of the hand's goal [m/s] (3), world frame
     observation  position [m] and velocity [m/s] (3) of the fingertip's bone edge, force [N] (3) that the tissue exerts
@@ -58,6 +60,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     PalpateError: what is wrong with the graph or an argument.
     """
 
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
     units: ClassVar[dict[str, str]] = {"action": "m/s", "position": "m", "velocity": "m/s", "force": "N"}
     """Of the action and of each part of the observation."""
     wanted: ClassVar[tuple[str, ...]] = ()
@@ -78,7 +81,11 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         duration: float = 10.0,
         scene: str | None = None,
         nodes: Mapping[str, str | Mapping[str, Any]] | None = None,
+        render_mode: str | None = None,
     ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ArgumentError(f"render_mode: found {render_mode!r}, expected 'rgb_array' or None")
+        self.render_mode = render_mode
         if isinstance(ticks, bool) or not isinstance(ticks, int) or not 1 <= ticks <= 1_000_000:
             raise ArgumentError(f"ticks: found {ticks!r}, expected a whole number from 1 to 1000000")
         if not 0.0 < duration < math.inf:
@@ -90,6 +97,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.ticks, self.duration = ticks, duration
         self.step_time = ticks / self.stepper.rate
         """[s] of one step of the environment."""
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / self.step_time) or 1}
         self.tick: Tick | None = None
         """The graph after its last tick: `env.unwrapped.tick.tissue.displacement`."""
         self._shape = (3,) if len(devices) == 1 else (len(devices), 3)
@@ -167,6 +175,24 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         reward, over, info = self.judge(tick, action)
         info["time"] = tick.time
         return self._observed(tick), reward, over, not over and tick.time >= self.duration, info
+
+    def render(self) -> np.ndarray | None:
+        """(240,320,3) The scene from the side, see `gym.side_view`; None without a `render_mode`. ArgumentError: no
+        reset before."""
+        if self.render_mode is None:
+            return None
+        if self.tick is None:
+            raise ArgumentError("render: there is no episode; call reset() first")
+        tick, fingers = self.tick, [self._felt(self.tick, hand) for hand in self.hands]
+        shapes = []
+        for name in self.stepper.plan.order:
+            node = self.stepper.node(name)
+            for stream, kind in self.stepper.sends(name):
+                surface = tick[stream]
+                if issubclass(kind, Surface) and isinstance(surface, Surface) and hasattr(node, "mesh"):
+                    shapes.append(np.array(node.mesh().vertices))
+                    shapes[-1][surface.nodes] += surface.displacement
+        return side_view(shapes, [(position, force) for position, _, force in fingers], self._begins)
 
     def close(self) -> None:
         """Stop all nodes."""

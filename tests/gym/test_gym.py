@@ -16,6 +16,7 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
 
 from palpate.gym import FindNodule, Press, Touch  # noqa: E402
 from palpate.gym.scripted import Approach, Search, score  # noqa: E402
+from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
 from palpate.physics.errors import ArgumentError, PalpateError  # noqa: E402
@@ -67,14 +68,35 @@ def test_a_copy_that_would_share_its_state_is_refused(copied):
 
 @pytest.mark.parametrize("name", ["Touch", "Press", "FindNodule"])
 def test_a_pickled_environment_is_made_again_by_its_arguments_and_does_the_same(name):
-    env = {"Touch": Touch, "Press": Press, "FindNodule": FindNodule}[name](duration=0.7, ticks=7)
+    env = {"Touch": Touch, "Press": Press, "FindNodule": FindNodule}[name](
+        duration=0.7, ticks=7, render_mode="rgb_array"
+    )
     env.reset(seed=9)
     env.step(env.action_space.sample())
     other = pickle.loads(pickle.dumps(env))
-    assert (other.ticks, other.duration, other.tick) == (7, 0.7, None)
+    assert (other.ticks, other.duration, other.render_mode, other.tick) == (7, 0.7, "rgb_array", None)
     assert played(env, 3, 10) == played(other, 3, 10)
     env.close()
     other.close()
+
+
+def test_the_picture_shows_the_finger_where_it_is_and_the_force_as_it_grows():
+    env = Touch(render_mode="rgb_array")
+    with pytest.raises(ArgumentError, match="call reset"):
+        env.render()
+    env.reset(seed=1)
+    pictures = [env.render()]
+    for _ in range(45):
+        env.step(DOWN)
+    pictures.append(env.render())
+    red = [(picture == FORCE).all(axis=2).sum() for picture in pictures]
+    rows = [np.argwhere((picture == FINGER).all(axis=2))[:, 0].mean() for picture in pictures]
+    assert all(picture.shape == (240, 320, 3) and picture.dtype == np.uint8 for picture in pictures)
+    assert red[0] == 0 < red[1] and rows[1] > rows[0] + 20  # down by more than 5 mm
+    assert Touch().render() is None
+    with pytest.raises(ArgumentError, match="render_mode: found 'human'"):
+        Touch(render_mode="human")
+    env.close()
 
 
 def test_the_same_seed_gives_the_same_bytes_whatever_was_before():
