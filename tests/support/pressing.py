@@ -127,7 +127,8 @@ class SampledBody:
         for contact, load in enumerate(loads):
             sampled_body.bear(self.own, contact, *_load(*load))
         laws = np.zeros((len(loads), 5))
-        self.evaluations, self.settled = sampled_body.answer(self.own, laws, np.eye(len(loads)), dt)
+        self.coupling = np.eye(len(loads))
+        self.evaluations, self.settled = sampled_body.answer(self.own, laws, self.coupling, dt)
         return laws[:, [0, 1, 3, 4]].tolist()
 
     def displaced(self, *feet):
