@@ -32,9 +32,10 @@ def address(function: Kernel, *dtypes: np.dtype) -> int:
     """Address of the machine code of a kernel of these records and dt [s], for `call`; compiled or loaded if need
     be. TypeError: numba cannot compile it for them."""
     given = (*map(from_dtype, dtypes), types.float64)
-    if given not in function.overloads:
-        function.compile(given)
-    code: Any = function.overloads[given]
+    bare: Any = function.bare  # without a wrapper for Python, which nobody needs
+    if given not in bare.overloads:
+        bare.compile(given)
+    code = bare.overloads[given]
     return code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
 
 
