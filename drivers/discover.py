@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from palpate.drivers import falcon
+from palpate.drivers.hid import spacemouse
 from palpate.physics.extras import install
 
 USB = Path("/sys/bus/usb/devices")
@@ -17,17 +18,32 @@ RULE = "/etc/udev/rules.d/70-palpate.rules"
 
 
 class Known(NamedTuple):
-    """A kind of device: its maker's name, the node that drives it, USB vendor and product in hexadecimal of four
-    digits, and the module that the driver imports."""
+    """A kind of device.
+
+    name, use        its maker's name, and the node that drives it
+    vendor, product  of USB, in hexadecimal of four digits; product "*": any
+    needs            the module that the driver imports
+    through          "usb" or "hidraw": which file of the system reaches it
+    """
 
     name: str
     use: str
     vendor: str
     product: str
     needs: str
+    through: str
 
 
-KNOWN = (Known(falcon.NAME, "device.Falcon", f"{falcon.VENDOR:04x}", f"{falcon.PRODUCT:04x}", "usb"),)
+def _mouse(vendor: int, product: str) -> Known:
+    return Known(f"3Dconnexion {spacemouse.NAME}", "device.SpaceMouse", f"{vendor:04x}", product, "hid", "hidraw")
+
+
+KNOWN = (
+    Known(falcon.NAME, "device.Falcon", f"{falcon.VENDOR:04x}", f"{falcon.PRODUCT:04x}", "usb", "usb"),
+    Known("raw-HID device (Teensy)", "device.RawHid", "16c0", "0486", "hid", "hidraw"),
+    _mouse(spacemouse.VENDOR, "*"),
+    *(_mouse(spacemouse.OLD_VENDOR, f"{product:04x}") for product in sorted(spacemouse.OLD)),
+)
 
 
 @dataclass(frozen=True)
@@ -37,7 +53,7 @@ class Found:
     name, use   what it is, and the node that drives it
     ids         vendor:product
     port        what to give a node as `port`
-    file        of the system by which it is reached
+    file        of the system by which it is reached; empty: the kernel has none for it
     permitted   whether this user may read and write that file
     missing     module that has to be installed first; empty: none
     serial      its serial number
@@ -57,24 +73,29 @@ class Found:
         """What stands in the way; empty: nothing."""
         if self.missing:
             return install("devices")
+        if not self.file:
+            return "no hidraw file: another program uses the device; end it, then plug the device in again"
         return "" if self.permitted else "not permitted: palpate devices --install-udev"
 
 
 def devices() -> Iterator[Found]:
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
         ids = _word(folder / "idVendor"), _word(folder / "idProduct")
-        yield from (_found(kind, folder) for kind in KNOWN if ids == (kind.vendor, kind.product))
+        yield from (_found(k, folder) for k in KNOWN if k.vendor == ids[0] and k.product in (ids[1], "*"))
 
 
 def _found(kind: Known, folder: Path) -> Found:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
-    file = DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3)
+    if kind.through == "usb":
+        file, port = str(DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3)), f"{bus}:{number}"
+    else:  # of the first interface
+        file = port = next((str(DEV / hidraw.name) for hidraw in sorted(folder.glob("*/*/hidraw/hidraw*"))), "")
     return Found(
         name=kind.name,
         use=kind.use,
-        ids=f"{kind.vendor}:{kind.product}",
-        port=f"{bus}:{number}",
-        file=str(file),
+        ids=f"{kind.vendor}:{_word(folder / 'idProduct')}",
+        port=port,
+        file=file,
         permitted=os.access(file, os.R_OK | os.W_OK),
         missing=kind.needs if find_spec(kind.needs) is None else "",
         serial=_word(folder / "serial"),
@@ -93,6 +114,7 @@ def udev_rules() -> str:
     lines = ["# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again."]
     for kind in KNOWN:
         lines.append(f"# {kind.name}: {kind.use}")
-        ids = f'ATTRS{{idVendor}}=="{kind.vendor}", ATTRS{{idProduct}}=="{kind.product}"'
-        lines.append(f'SUBSYSTEM=="usb", {ids}, MODE="0660", GROUP="plugdev", TAG+="uaccess"')
+        ids = f'ATTRS{{idVendor}}=="{kind.vendor}"'
+        ids += "" if kind.product == "*" else f', ATTRS{{idProduct}}=="{kind.product}"'
+        lines.append(f'SUBSYSTEM=="{kind.through}", {ids}, MODE="0660", GROUP="plugdev", TAG+="uaccess"')
     return "\n".join(lines) + "\n"

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 EXTRAS = {
-    "devices": {"pyusb": "usb", "websockets": "websockets"},
+    "devices": {"pyusb": "usb", "hidapi": "hid", "websockets": "websockets"},
     "page": {"websockets": "websockets"},
     "gym": {"gymnasium": "gymnasium"},
     "view": {"matplotlib": "matplotlib", "pyvista": "pyvista"},

@@ -10,20 +10,23 @@ from palpate.drivers import connected
 from palpate.drivers.emulate.faults import EmulatedFaults
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.haply import inverse3
+from palpate.drivers.hid import raw
 from palpate.drivers.limits import LIMITS
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Torque
-from palpate.nodes.device import Falcon, Inverse3
+from palpate.nodes.device import Falcon, Inverse3, RawHid, SpaceMouse
 from palpate.nodes.sensor import NetFT
 
 FORCE, TORQUE = Force(force=(0.0, 0.0, 1.0), state="contact", energy=0.0), Torque(torques=(0.02, 0.02, 0.02))
 KINDS = {
     "falcon": (Falcon, {}, {"torque": TORQUE}),
+    "rawhid": (RawHid, {}, {"force": FORCE}),
     "inverse3": (Inverse3, {}, {"force": FORCE}),
+    "spacemouse": (SpaceMouse, {}, {}),
     "netft": (NetFT, {}, {}),
 }
-HAPTIC = ["falcon", "inverse3"]
+HAPTIC = ["falcon", "rawhid", "inverse3"]
 
 
 @pytest.fixture
@@ -67,22 +70,28 @@ def test_it_answers_and_never_holds_up_the_loop(name, made):
     assert type(node).hardware and type(node).sink
 
 
+INFO = raw.pack(raw.Info(0, 3, (1e-5,) * 6, (1e-3,) * 6))
 FIRST = '{"inverse3": [{"device_id": "A1"}]}'
 
 
-def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it_may_take(monkeypatch):
+@pytest.mark.parametrize(
+    ("module", "driver", "answer", "late"),
+    [(raw, raw.RawHidDriver, INFO, 8), (inverse3, inverse3.Inverse3, FIRST, 1)],
+    ids=["rawhid", "inverse3"],
+)
+def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it_may_take(
+    monkeypatch, module, driver, answer, late
+):
     """What it answers comes when the machine goes on."""
-    clock, answers = [0.0], iter([""])
+    clock, answers = [0.0], iter([type(answer)()] * late)
 
     def read(*_):
         clock[0] += 5.0
-        return next(answers, FIRST)
+        return next(answers, answer)
 
-    for where in (inverse3, connected):
+    for where in (module, connected):
         monkeypatch.setattr(where, "time", SimpleNamespace(monotonic=lambda: clock[0]))
-    driver = inverse3.Inverse3(lambda: driver.port)
-    driver.port = SimpleNamespace(write=lambda _: None, read=read)
-    driver.open()
+    driver(lambda: SimpleNamespace(write=lambda _: None, read=read)).open()
 
 
 @pytest.mark.parametrize("name", HAPTIC)
@@ -107,7 +116,7 @@ def test_a_silent_device_gets_no_force(name, made):
 
 
 @pytest.mark.parametrize("reconnect", [False, True])
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", [n for n in KINDS if n != "spacemouse"])  # it rests in silence
 def test_a_device_that_stops_answering_is_an_error_with_its_name(name, reconnect):
     """One that is waited for is an error if it stays silent."""
     kind, given, held = KINDS[name]
@@ -160,7 +169,7 @@ def test_a_pulled_plug_is_one_clear_line(name, made):
     assert told.value.lost and "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("name", ["falcon"])
+@pytest.mark.parametrize("name", ["falcon", "rawhid", "spacemouse"])
 def test_a_device_that_is_back_is_taken_up_again(name, made):
     node, bus = made(name, reconnect=True, faults=EmulatedFaults(unplug=0.3, back=0.9))
     notes: list[str] = []

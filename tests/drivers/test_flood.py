@@ -6,6 +6,7 @@ import pytest
 
 from palpate.drivers.guard import Guard
 from palpate.drivers.haply import inverse3
+from palpate.drivers.hid import raw, spacemouse
 from palpate.drivers.sensors import netft
 from palpate.drivers.transport.burst import MOST
 
@@ -21,6 +22,16 @@ def state(x: float) -> str:
 def sampled(number: int) -> bytes:
     """A sample of a Net F/T: `number` counts along x."""
     return netft.SAMPLE.pack(number, number, 0, number, 0, 0, 0, 0, 0)
+
+
+def at(number: int) -> bytes:
+    """A state of a raw-HID device: `number` counts along x."""
+    return raw.pack(raw.RawState(number, 0, raw.HOMED, 3, 0, (number, 0, 0, 0, 0, 0), 0))
+
+
+def moved(number: int) -> bytes:
+    """A report of a SpaceMouse."""
+    return bytes((1, number % 256, *(0,) * 11))
 
 
 class Far:
@@ -58,9 +69,24 @@ def sensor(far):
     return driver
 
 
+def mouse(far):
+    driver = spacemouse.SpaceMouse(lambda: far)
+    driver.open()
+    return driver
+
+
+def board(far):
+    driver = raw.RawHidDriver(lambda: far)
+    driver.port, driver.sequence, driver.last = far, 0, -1
+    driver.info = raw.Info(0, 3, (1.0,) * 6, (1.0,) * 6)
+    return driver
+
+
 KINDS = {
     "inverse3": (service, state),
     "netft": (sensor, sampled),
+    "spacemouse": (mouse, moved),
+    "rawhid": (board, at),
 }
 
 
@@ -78,13 +104,21 @@ def test_a_flood_does_not_hold_a_cycle(name):
     [
         (service, [state(float(i)) for i in range(5)], lambda s: s.position[0] == 4.0),
         (sensor, [*(sampled(i) for i in range(5)), b"foreign"], lambda s: s.wrench[0] == 4.0),
+        (board, [at(1), at(2), at(3), b"rubbish"], lambda s: s.position[0] == 3.0),
     ],
-    ids=["inverse3", "netft"],
+    ids=["inverse3", "netft", "rawhid"],
 )
 def test_of_several_states_the_newest_counts(make, waiting, newest):
     driver = make(Far())
     driver.port.waiting += waiting
     assert newest(driver.cycle((0.0,) * driver.size))
+
+
+def test_a_state_that_came_before_is_no_new_one():
+    driver = board(Far([at(1)]))
+    assert driver.cycle((0.0,) * 3) is not None
+    driver.port.waiting.append(at(1))
+    assert driver.cycle((0.0,) * 3) is None
 
 
 def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_while():

@@ -120,7 +120,7 @@ def test_pulling_the_plug_ends_the_run_with_one_line(tmp_path):
     assert death.node == "device" and death.text == "DeviceError: the Novint Falcon is gone. Plug it in again."
 
 
-@pytest.mark.parametrize("use", ["device.Falcon", "device.Inverse3"])
+@pytest.mark.parametrize("use", ["device.Falcon", "device.Inverse3", "device.RawHid"])
 def test_a_device_that_falls_silent_ends_the_run_with_one_line_and_no_advice(tmp_path, use):
     graph = "kidney" if use == "device.Falcon" else "cartesian"
     outcome, _ = touch(tmp_path, PRESS, "device.faults={silent: 1.0}", steps=20_000, use=use, graph=graph)
@@ -169,8 +169,9 @@ def test_faults_that_are_none_are_told(tmp_path, faults):
         touch(tmp_path, f"device.faults={faults}")
 
 
-def test_a_device_that_takes_a_force_touches_the_kidney(tmp_path):
-    outcome, messages = touch(tmp_path, PRESS, use="device.Inverse3", graph="cartesian")
+@pytest.mark.parametrize("use", ["device.RawHid", pytest.param("device.Inverse3", marks=pytest.mark.long)])
+def test_a_device_that_takes_a_force_touches_the_kidney(tmp_path, use):
+    outcome, messages = touch(tmp_path, PRESS, use=use, graph="cartesian")
     assert outcome.result.ok, outcome.result.deaths
     held, deep = at_rest(messages, 300)
     assert 0.5 < held < 3.5  # an arm of 500 N/m that wants to be 15 mm deep

@@ -22,6 +22,7 @@ from mcap.records import Chunk
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import frames
 from palpate.drivers.haply import inverse3
+from palpate.drivers.hid import raw
 from palpate.drivers.sensors import netft
 from palpate.launch.load.files import GRAPHS, SCENES
 from palpate.launch.load.launchfile import find
@@ -306,6 +307,14 @@ def test_frames_of_a_device_among_rubbish_are_read_and_the_rest_does_not_pile_up
     for _ in range(20):
         reader.feed(rng.randbytes(500))
     assert len(reader._rest) < 2000
+
+
+@settings(max_examples=150)
+@given(data=st.binary(max_size=200))
+def test_reports_of_hid_devices_are_read_or_refused(data):
+    body = data.ljust(raw.LENGTH, b"\0")[: raw.LENGTH - 2]
+    raw.unpack(data)
+    raw.unpack(body + raw.crc16_x25(body).to_bytes(2, "little"))
 
 
 JSON = st.recursive(

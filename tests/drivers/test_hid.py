@@ -1,0 +1,248 @@
+"""HID devices: the reports of a SpaceMouse, the open raw-HID protocol and its reference firmware."""
+
+import os
+import select
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pytest import approx
+
+from palpate.drivers.emulate.faults import EmulatedFaults
+from palpate.drivers.emulate.hand import Script
+from palpate.drivers.errors import DeviceError
+from palpate.drivers.guard import DeviceSample
+from palpate.drivers.hid import emulator, raw, spacemouse
+from palpate.drivers.transport.hid import UsbHid, hidapi
+from palpate.launch.testing import FakeBus
+from palpate.nodes.device import SpaceMouse
+
+FIRMWARE = Path(__file__).parents[2] / "docs" / "examples" / "raw_hid"
+I16, I32, U16 = st.integers(-0x8000, 0x7FFF), st.integers(-(2**31), 2**31 - 1), st.integers(0, 0xFFFF)
+
+
+@pytest.mark.parametrize(
+    "axes",
+    [
+        ["01 5e01 51ff 4600 a2fe 2300 0700"],
+        ["01 5e01 51ff 4600", "02 a2fe 2300 0700"],
+    ],
+    ids=["one report", "two reports"],
+)
+def test_a_spacemouse_says_six_axes_and_its_buttons(axes):
+    """350, -175, 70, -350, 35 and 7 counts; buttons 1 and 3."""
+    mouse = spacemouse.SpaceMouse(lambda: None)
+    mouse.open()
+    for report in [*axes, "03 0500 0000"]:
+        mouse.take(bytes.fromhex(report))
+    assert mouse.axes == approx([1.0, 0.5, -0.2, 1.0, -0.1, 0.02])
+    assert mouse.buttons == 0b101
+
+
+@given(st.binary(max_size=64))
+def test_rubbish_moves_no_mouse_out_of_bounds(report):
+    mouse = spacemouse.SpaceMouse(lambda: None)
+    mouse.open()
+    mouse.take(report)
+    assert all(abs(a) <= 1.5 for a in mouse.axes)
+
+
+@pytest.mark.parametrize(
+    ("vendor", "product", "right"),
+    [(0x256F, 0xC635, True), (0x046D, 0xC626, True), (0x046D, 0xC077, False), (0x1234, 0xC626, False)],
+)
+def test_which_mice_are_meant(vendor, product, right):
+    assert spacemouse.fits({"vendor_id": vendor, "product_id": product, "usage": 8}) is right
+
+
+@pytest.mark.parametrize(("mode", "deflection", "after", "end"), [
+    ("rate", -1.0, 0.111, 0.105), ("rate", 0.5, 0.1185, 0.125), ("place", -0.2, 0.110, 0.110),
+    ("place", 1.0, 0.125, 0.125),
+])  # fmt: skip
+def test_a_spacemouse_moves_its_point_inside_its_box(monkeypatch, mode, deflection, after, end):
+    """At 0.05 m/s from z = 0.116 m, or 0.03 m away from it; after 0.1 s and in the end."""
+    sample = DeviceSample(0, (0.0,) * 3, (0.0, 0.0, deflection), 0b1)
+    monkeypatch.setattr(SpaceMouse, "talk", lambda *_: sample)
+    node = SpaceMouse(port="emulator", mode=mode, low=(-0.02, -0.06, 0.105), high=(0.02, 0.06, 0.125))
+    try:
+        bus = FakeBus(node)
+        assert bus.run(100)[-1].position == approx((0.0, 0.0, after))
+        last = bus.run(400)[-1]
+        assert last.position == approx((0.0, 0.0, end)) and last.buttons == 0b1
+    finally:
+        node.stop()
+
+
+def test_the_emulated_spacemouse_is_pressed():
+    mouse = spacemouse.SpaceMouse(emulator.EmulatedSpaceMouse().connect)
+    mouse.open()
+    assert any(abs(mouse.cycle(()).position[2]) > 0.25 for _ in range(5000))
+
+
+def test_no_hid_device_is_told_by_the_real_library():
+    with pytest.raises(DeviceError, match=r"no SpaceMouse on USB or Bluetooth\. Plug it in"):
+        UsbHid(lambda entry: False, spacemouse.NAME)
+
+
+def test_of_the_modules_of_hidapi_the_one_on_hidraw_is_used():
+    """The one on libusb knows no usage pages, by which a raw-HID device is found, and has other paths."""
+    assert "hidraw" in Path(hidapi().__file__).name
+
+
+def test_which_of_several_hid_devices_and_what_permission(monkeypatch):
+    listed = [{"path": f"/dev/hidraw9{i}".encode(), "serial_number": f"S{i}"} for i in range(2)]
+    monkeypatch.setattr(hidapi(), "enumerate", lambda: listed)
+    with pytest.raises(DeviceError, match=r"2 devices are a SpaceMouse\. Say which one with `port`: /dev/hidraw90"):
+        UsbHid(lambda entry: True, spacemouse.NAME)
+    with pytest.raises(DeviceError, match=r"at port 'S7'\. There are: /dev/hidraw90, /dev/hidraw91"):
+        UsbHid(lambda entry: True, spacemouse.NAME, "S7")
+    with pytest.raises(DeviceError, match=r"at /dev/hidraw91: no permission.*--install-udev"):
+        UsbHid(lambda entry: True, spacemouse.NAME, "S1")
+
+
+def test_the_check_sum_is_that_of_the_catalogue():
+    assert raw.crc16_x25(b"123456789") == 0x906E
+
+
+@given(U16, st.integers(0, 7), U16, st.tuples(*[I16] * 6))
+def test_a_command_says_what_was_put_in(sequence, flags, watchdog, values):
+    message = raw.RawCommand(sequence, flags, watchdog, values)
+    assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
+
+
+@given(U16, U16, st.integers(0, 7), st.integers(0, 2**32 - 1), st.tuples(*[I32] * 6), U16)
+def test_a_state_says_what_was_put_in(sequence, heard, flags, stamp, counts, buttons):
+    message = raw.RawState(sequence, heard, flags, 3, stamp, counts, buttons)
+    assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
+
+
+@given(st.integers(0, 63), st.integers(1, 255))
+def test_a_spoilt_report_is_none(at, change):
+    data = bytearray(raw.pack(raw.RawCommand(1, 1, 20, (1, 2, 3, 4, 5, 6))))
+    data[at] ^= change
+    assert raw.unpack(bytes(data)) is None
+
+
+class Process:
+    """The reference firmware as a process of this machine: `transport.hid.HidPort` over its standard streams."""
+
+    def __init__(self, program):
+        self.run = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0)
+        self.rest = b""
+
+    def write(self, report):
+        self.run.stdin.write(report)
+
+    def read(self, size, timeout):
+        end = time.monotonic() + timeout
+        while len(self.rest) < 64 and (left := end - time.monotonic()) > 0:
+            if select.select([self.run.stdout], [], [], left)[0]:
+                self.rest += os.read(self.run.stdout.fileno(), 64)
+        if len(self.rest) < 64:
+            return b""
+        report, self.rest = self.rest[:64], self.rest[64:]
+        return report
+
+    def close(self):
+        self.run.stdin.close()
+        self.run.wait(60)
+        self.run.stdout.close()
+
+
+@pytest.fixture(scope="module")
+def firmware(tmp_path_factory):
+    compiler = shutil.which("g++")
+    if compiler is None:
+        pytest.skip("no g++ on this machine")
+    program = tmp_path_factory.mktemp("firmware") / "host"
+    subprocess.run(
+        [compiler, "-std=c++17", "-Wall", "-Wextra", "-Werror", "-o", program, FIRMWARE / "host.cpp"], check=True
+    )
+    return program
+
+
+def homed(driver):
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        sample = driver.cycle((0.0, 0.0, 0.0))
+        if sample is not None and sample.homed:
+            return sample
+    raise AssertionError("not homed")
+
+
+def test_the_reference_firmware_speaks_with_the_driver(firmware):
+    driver = raw.RawHidDriver(lambda: Process(firmware))
+    driver.open()
+    try:
+        assert driver.info.axes == 3 and driver.info.per_count[:3] == approx([20e-6] * 3)
+        sample = homed(driver)
+        assert sample.position == approx((0.0, 0.0, 0.11), abs=2e-5) and sample.buttons == 0b10
+        rest = approx((2e-3, 0.0, 0.11 - 3e-3), abs=1e-4)  # its spring has 200 N/m
+        there = 0
+        for _ in range(60_000):  # on a busy machine its watchdog may let go in between
+            sample = driver.cycle((0.4, 0.0, -0.6)) or sample
+            there = there + 1 if sample.position == rest else 0
+            if there >= 100:  # not only passing
+                break
+            time.sleep(0.001)
+        assert there >= 100, sample
+    finally:
+        driver.close()
+
+
+def test_the_reference_firmware_lets_go_when_the_host_is_silent(firmware):
+    driver = raw.RawHidDriver(lambda: Process(firmware))
+    driver.open()
+    try:
+        homed(driver)
+        end = time.monotonic() + 0.5
+        while time.monotonic() < end:
+            driver.cycle((0.0, 0.0, 2.0))
+        time.sleep(0.6)  # 30 times the watchdog's time, and several of the spring's
+        while driver.port.read(64, 0.05):  # answers that came late
+            pass
+        driver._send(raw.HOME, (0,) * 6)
+        state = raw.unpack(driver.port.read(64, 5.0))
+        assert state.flags & raw.TRIPPED
+        assert state.counts[2] * 20e-6 == approx(0.11, abs=1e-4)
+    finally:
+        driver.close()
+
+
+def test_the_emulator_gives_way_to_a_force():
+    device = emulator.EmulatedRawHid(Script(stiffness=300.0, damping=15.0))
+    driver = raw.RawHidDriver(device.connect)
+    driver.open()
+    there = approx((0.0, 2e-3, 0.11), abs=5e-5)
+    sample = None
+    for _ in range(20_000):  # where the machine stands still the watchdog takes the force away, and it begins anew
+        sample = driver.cycle((0.0, 0.6, 0.0)) or sample
+        if sample is not None and sample.position == there:
+            break
+    assert sample.position == there
+
+
+def test_too_large_a_command_is_scaled_as_a_whole():
+    driver = raw.RawHidDriver(emulator.EmulatedRawHid().connect)
+    driver.open()
+    assert driver.units((100.0, -50.0, 0.0))[:3] == (32767, -16384, 0)
+
+
+def test_bad_days_of_a_raw_hid_device():
+    device = emulator.EmulatedRawHid(faults=EmulatedFaults(dropouts=0.1, garbled=0.1, seed=9))
+    driver = raw.RawHidDriver(device.connect)
+    driver.open()
+    samples = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(300)]
+    lost = sum(s is None for s in samples)
+    assert 30 < lost < 110
+    assert all(s.position == approx((0.0, 0.0, 0.11), abs=1e-4) for s in samples if s)
+
+
+def test_something_else_that_is_raw_hid_is_told():
+    driver = raw.RawHidDriver(emulator.EmulatedSpaceMouse().connect)
+    with pytest.raises(DeviceError, match=r"does not answer as docs/raw_hid\.md says"):
+        driver.open()
