@@ -31,7 +31,10 @@ def until_it_went_on(steps, note):
         nonlocal begun, late, left, looked
         moment = time.monotonic()
         device = running.result.health.get("device", {"steps": 0, "late": 0})
-        left, looked = left - min(moment - looked, 0.2 if device["steps"] else 0.0), moment  # kernels may have to compile
+        left, looked = (
+            left - min(moment - looked, 0.2 if device["steps"] else 0.0),
+            moment,
+        )  # kernels may have to compile
         told = not note or note in running.result.notes
         if not told or device["late"] - late > OUTAGE or not device["steps"]:
             begun = device["steps"]
