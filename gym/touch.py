@@ -187,9 +187,9 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         shapes = []
         for name in self.stepper.plan.order:
             node = self.stepper.node(name)
-            for stream, kind in self.stepper.sends(name):
+            for stream in self.stepper.plan.graph.nodes[name].streams:
                 surface = tick[stream]
-                if issubclass(kind, Surface) and isinstance(surface, Surface) and hasattr(node, "mesh"):
+                if isinstance(surface, Surface) and hasattr(node, "mesh"):
                     shapes.append(np.array(node.mesh().vertices))
                     shapes[-1][surface.nodes] += surface.displacement
         return side_view(shapes, [(position, force) for position, _, force in fingers], self._begins)
