@@ -102,7 +102,10 @@ def taken_down(row, now, clock):
 
 @kernel
 def run_table(rows, clock_address, tick, ticks):
-    """Run a table for so many ticks from `tick` on. `rows`, `clock`: addresses of `ROW`s and of a `CLOCK`."""
+    """Run the nodes of a table from `tick` on, for `ticks` ticks.
+
+    rows, clock_address  addresses of `ROW`s and of a `CLOCK`
+    """
     clock = clock_at(clock_address)
     clock.failed = -1
     for now in range(tick, tick + ticks):

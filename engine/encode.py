@@ -51,7 +51,7 @@ def _integer(at, value):
 
 @kernel
 def _header(at, count, short, long):
-    """Of a map or an array of so many entries."""
+    """The header of a map or an array with `count` entries."""
     return _put(at, short | count) if count < 16 else _big(_put(at, long), count, 2)
 
 

@@ -186,8 +186,8 @@ class Segment:
         return not self._border
 
     def run_many(self, tick: int, ticks: int) -> None:
-        """Run so many ticks of the simulated clock in which nobody takes a message but at the last. NodeError: a node
-        failed."""
+        """Run ticks of the simulated clock in a row, where no node needs a message from elsewhere (`alone`). NodeError:
+        a node failed."""
         self._timed(tick)
         if ticks > 1:
             self._call(tick + 1, ticks - 1)

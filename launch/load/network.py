@@ -1,4 +1,4 @@
-"""Whether a controller is told how late its loop is where a network lies in it (docs/delay.md)."""
+"""Checks that the `delay` of each controller covers the network in its loop (docs/delay.md)."""
 
 import math
 from collections.abc import Iterable, Iterator
@@ -29,9 +29,9 @@ def unknown_delays(nodes: dict[str, NodeSpec], wires: Iterable[Wire], rate: floa
         controls = Force in outputs(spec.cls) and spec.settings.get("passivity", False)
         if not controls or "delay" not in spec.settings:
             continue
-        told, needed = spec.settings["delay"] or 0, math.ceil(late(name) * rate - 1e-6)
-        if told < needed:
+        given, needed = spec.settings["delay"] or 0, math.ceil(late(name) * rate - 1e-6)
+        if given < needed:
             yield (
-                f"{name}: delay: {told} samples at {rate:g} Hz, but the network makes its loop late by {needed}: the "
+                f"{name}: delay: {given} samples at {rate:g} Hz, but the network makes its loop late by {needed}: the "
                 f"force may swing and give the hand energy. `--set {name}.delay={needed}`"
             )

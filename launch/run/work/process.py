@@ -130,7 +130,8 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
         heard.connect(orders_at)
         said.connect(reports_at)
         for _ in range(max(1, round(patience / 0.25))):
-            with contextlib.suppress(zmq.Again):  # refused, libzmq drops the connection: a send would wait for ever
+            # libzmq drops a refused connection, and a blocking send would never return
+            with contextlib.suppress(zmq.Again):
                 said.send(msgspec.msgpack.encode(reports.Addressed(group, reports.Hello())), zmq.NOBLOCK)
             while faults.poll(0):
                 refusals += NO_RETRY if recv_monitor_message(faults)["event"] == MISMATCH else 1

@@ -172,11 +172,13 @@ class Worker:
     # -- messages ------------------------------------------------------------------------------------------------
 
     def send(self, slot: Slot) -> None:
-        """Send what a step has set."""
+        """Send what a step has set; a segment delivers the answers of its nodes itself."""
+        if slot.joined:
+            return
         if slot.period > 1:
             slot.sends = slot.health.tick - slot.health.tick % slot.period + slot.period
         for output in slot.outputs:
-            if slot.joined or not (output.external or output.observed or output.listeners):
+            if not (output.external or output.observed or output.listeners):
                 continue
             message = output.last
             assert message is not None
