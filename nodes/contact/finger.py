@@ -13,6 +13,7 @@ STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
 LATE = 1.5  # [1] steps of the contact after which a law is an old one, and usual steps after which a step spans a gap
 AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
 GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
+KNOWN = 10e-3  # [s] of a gap after which the hand may have braked: 0.4 m/s at 40 m/s^2
 REST = 1e3  # [s] a step after which any body is at rest
 RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
 NOTHING = (0.0, 0.0, 0.0)
@@ -55,7 +56,9 @@ def step_length(finger, proximity, dt):
     An implicit step over a gap meets its mean rate at its full depth, although a finger that hits the tissue in it may
     rest by now. So the rate at its end is extrapolated from the mean rates v, v_0 of this step and the one before, of
     lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step is as long as the same motion takes at
-    v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends at rest.
+    v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends at rest. After a gap
+    longer than `KNOWN` v_end is reduced by KNOWN/T, since a hand that was fast within it may have braked: for one step
+    a force that is too low does less harm than a blow.
     """
     depth = proximity.approach - proximity.separation
     rate = (depth - finger.depth) / dt
@@ -65,6 +68,7 @@ def step_length(finger, proximity, dt):
     if dt <= LATE * finger.usual or not rate > 0.0:
         return dt
     end = 0.0 if finger.idle else min(rate + (rate - rate_before) * dt / (dt + dt_before), rate)
+    end *= min(1.0, KNOWN / dt)
     return min(dt * rate / end, REST) if end > 0.0 else REST
 
 

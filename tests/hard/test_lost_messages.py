@@ -258,6 +258,13 @@ def test_messages_that_come_now_and_then_make_no_spike(chain, edge, chance):
     assert felt.contact <= OVER * undisturbed(run, felt.places)
 
 
+def test_a_hand_that_brakes_in_a_long_gap_makes_no_spike(chain):
+    """The place is lost for 38 ms of a tap: the mean speed of the gap is 0.39 m/s, that at its end 0.15 m/s."""
+    run = chain(find("kidney").but(overrides=TAP))
+    felt = feel(run, lambda stream, reader, tick: stream == "finger" and 420 <= tick < 458)
+    assert felt.contact <= OVER * undisturbed(run, felt.places)
+
+
 @pytest.mark.long
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize(("body", "count"), [("MassSpring", 600), ("ReducedFE", 250), ("BeamBundle", 150)])
