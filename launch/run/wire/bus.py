@@ -340,12 +340,19 @@ class Bus:
             self._listener(note)
         return changed
 
-    def _wait_taken(self) -> None:
+    def _wait_taken(self, end: bytes) -> None:
         """Wait until all have taken what libzmq holds: nodes far away close their inlets, observers leave at the end.
-        What was sent to nodes on this machine is the system's, and is theirs when this worker is gone."""
+        What was sent to nodes on this machine is the system's, and is theirs when this worker is gone.
+
+        end  the last frame. It is sent again and again: while a connection that was full has not yet been found to have
+             room, libzmq leaves it out without a word, whatever `XPUB_NODROP` says
+        """
         while self._observed_by_members(END):
             if self._observers.poll(POLL_INTERVAL):
                 self._listener(self._observers.recv())
+            else:
+                with contextlib.suppress(zmq.Again):
+                    self._observers.send(end, zmq.NOBLOCK)
         if self._far is not None and not self.real:
             while any(self._far_readers[stream.encode() + b"\0"] > 0 for stream in self._external):
                 self._far.poll(POLL_INTERVAL)
@@ -368,10 +375,11 @@ class Bus:
             if clean_exit:
                 self._observers.set(zmq.XPUB_NODROP, 1)
                 self._observers.set(zmq.SNDTIMEO, POLL_INTERVAL)
-                self._kept.append(frame(END, self.group.encode()))
+                end = frame(END, self.group.encode())
+                self._kept.append(end)
                 self.flush(_wait)
                 self.listened()
-                self._wait_taken()
+                self._wait_taken(end)
         self._outlet.close()
         self._public.close()
         if self._keeper is not None:
