@@ -18,11 +18,11 @@ LARGE = b"x" * 500
 
 
 class Ends:
-    """The sender and the reader of a run on the simulated clock, and what the sender does beside the test."""
+    """The sender and the reader of a run, and what the sender does beside the test."""
 
-    def __init__(self, folder: str):
+    def __init__(self, folder: str, real: bool):
         self.sender, self.reader = (
-            Bus(RUN, name, f"ipc://{folder}/c", f"ipc://{folder}/r", real=False) for name in ("one", "other")
+            Bus(RUN, name, f"ipc://{folder}/c", f"ipc://{folder}/r", real=real) for name in ("one", "other")
         )
         self.beside: list[threading.Thread] = []
 
@@ -51,13 +51,13 @@ class Ends:
 
 
 @pytest.fixture
-def ends(monkeypatch, tmp_path):
-    """Ends whose outlets and inlets hold few frames."""
+def ends(request, monkeypatch, tmp_path):
+    """Ends whose outlets and inlets hold few frames; on the simulated clock, or on the real one as the test says."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for module in (bus_module, inlet_module):
         monkeypatch.setattr(module, "HIGH_WATER", ROOM)
     folder = RunFolder(RUN)
-    made = Ends(str(tmp_path))
+    made = Ends(str(tmp_path), real=getattr(request, "param", False))
     yield made
     made.end()
     folder.close()
@@ -94,6 +94,30 @@ def test_an_observer_gets_what_was_kept_for_it_before_the_end(ends):
             sending.join(0.5)  # the rest has been sent, and there is no room for it here
     assert seen == list(range(FRAMES))
     while sending.is_alive() and time.monotonic() < until:  # who leaves has to look at its socket
+        ends.reader.overheard(wait=True)
+    assert not sending.is_alive()
+
+
+@pytest.mark.parametrize("ends", [pytest.param(True, id="real clock")], indirect=True)
+def test_an_observer_that_has_lost_frames_gets_the_end(ends):
+    """On the real clock what has no room is lost, but not that this was all."""
+    ends.observe(END)
+    for k in range(FRAMES):
+        ends.sender.keep(payload(k))
+    sending = ends.closing()
+    sending.join(0.5)  # the reader has not read yet, and the connection is full
+    seen, until = 0, time.monotonic() + 20.0
+    while time.monotonic() < until:
+        if (data := ends.reader.overheard(wait=True)) is not None:
+            stream, said = split(data)
+            if stream == END:
+                ends.reader.ended(said.decode())
+                break
+            seen += 1
+    else:
+        pytest.fail("the end has not come")
+    assert 0 < seen < FRAMES
+    while sending.is_alive() and time.monotonic() < until:
         ends.reader.overheard(wait=True)
     assert not sending.is_alive()
 
