@@ -2,7 +2,7 @@
 
 softness.png          a fingerpad on soft tissue, where Hertz theory is valid and where not: `palpate run softness`
 softness-nodule.png   a finger slides over a hard nodule, force and pins: `palpate run nodule`
-softness-band.png     force of the kidney with that of a measured subject: `palpate run kidney --set scene.finger.band=true`
+softness-band.png     force of the kidney and of a measured subject: `palpate run kidney --set scene.finger.band=true`
 """
 
 from __future__ import annotations
