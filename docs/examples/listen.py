@@ -1,4 +1,4 @@
-"""Read a stream of a running graph with nothing but pyzmq and msgpack (pip install pyzmq msgpack).
+"""Read a stream of a running graph with only pyzmq and msgpack (pip install pyzmq msgpack).
 
 python listen.py contact          # until Ctrl-C
 python listen.py contact 10       # ten messages
