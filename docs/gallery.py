@@ -14,10 +14,10 @@ from palpate.launch.load.plan import plan
 TARGET = Path(__file__).with_name("gallery.md")
 HEAD = """# Gallery
 
-Every graph that ships, as `python docs/gallery.py` writes it, with a picture by `python docs/pictures/gallery.py`: the
-surface at its deepest instant, or one of the run's pictures; devices and sensors are emulators. A
-run ends with its [pictures](pictures.md); `palpate picture FILE --film` makes a [film](python.md) of its recording.
-`palpate plan GRAPH` lists what runs and why.
+From this page you can run every shipped graph. `python docs/gallery.py` writes the page, and `python
+docs/pictures/gallery.py` its pictures: the surface at its deepest instant, or one of the run's pictures, with emulated
+devices and sensors. A run ends with its [pictures](pictures.md); `palpate picture FILE --film` makes a
+[film](python.md) of its recording. `palpate plan GRAPH` lists the nodes that run, and why.
 
 """
 

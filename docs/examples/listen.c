@@ -21,7 +21,7 @@ static long long integer(const unsigned char *p) {
     return (long long)value;
 }
 
-/* The integer under a key of at most 31 letters; the header stands first in each message. */
+/* The integer under a key of at most 31 letters; each message begins with the header. */
 static long long header(const unsigned char *data, size_t size, const char *key) {
     size_t length = strlen(key);
     for (size_t i = 0; i + length + 1 < size; i++)

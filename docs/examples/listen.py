@@ -1,4 +1,4 @@
-"""Read a stream of a running graph with nothing but pyzmq and msgpack (pip install pyzmq msgpack).
+"""Read a stream of a running graph with only pyzmq and msgpack (pip install pyzmq msgpack).
 
 python listen.py contact          # until Ctrl-C
 python listen.py contact 10       # ten messages
@@ -14,7 +14,7 @@ import zmq
 
 
 def outlets():
-    """Addresses at which the runs of this user on this machine can be heard."""
+    """Addresses where the runs of this user on this machine publish."""
     folders = (Path(os.environ.get("XDG_RUNTIME_DIR", "/nowhere")) / "palpate", Path(f"/tmp/palpate-{os.getuid()}"))
     return [f"ipc://{path}" for folder in folders for path in folder.glob("*/*.observers")]
 
@@ -30,7 +30,7 @@ def listen(stream, count):
     socket.subscribe(stream.encode() + b"\0")  # with the zero byte, or `contact` would match `contact-2`, too
     addresses = outlets()
     if not addresses:
-        sys.exit("no run goes on; start one: palpate run kidney --clock real")
+        sys.exit("no run is active; start one: palpate run kidney --clock real")
     for address in addresses:
         socket.connect(address)
     while count != 0:

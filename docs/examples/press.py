@@ -1,4 +1,4 @@
-"""A steel ball pressed into skin over fat: an own material law, two layers, contact, a file for ParaView.
+"""A steel ball pressed into skin over fat: a custom material law, two layers, contact, a file for ParaView.
 
 python press.py [folder]
 """
@@ -63,7 +63,7 @@ def press(law: Material, depths: np.ndarray, cells: int = 6) -> tuple[Solver, li
 def main() -> None:
     folder = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
     if not folder.is_dir():
-        sys.exit(f"{folder}: no such folder")
+        sys.exit(f"{folder}: this folder does not exist")
     shear, bulk = moduli(30e3, 0.48)
     skins = {"neo-Hookean": neo_hooke(30e3, 0.48), "stiffening": Material(stiffening, (shear, bulk, 10.0), mixed=True)}
     depths = np.linspace(0.0, DEPTH, 5)[1:]

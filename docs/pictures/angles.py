@@ -24,15 +24,15 @@ from palpate.views.pictures.style import FINGER, LOOK, NORMAL, SPEED, TISSUE, fi
 PULPS = {
     "pulp with a bulge of 2.2 mm (the default)": (Anatomy(), TISSUE),
     "half the bulge": (Anatomy(bulge=1.1e-3, palmar=6.3e-3), FINGER),
-    "no bulge: the pulp goes on straight": (Anatomy(bulge=0.0, palmar=7.4e-3), NORMAL),
+    "no bulge: a straight pulp": (Anatomy(bulge=0.0, palmar=7.4e-3), NORMAL),
 }
-"""Name -> shape and colour; all are as deep at the thickest place of the default."""
+"""Name -> shape and colour; all have the same depth at the thickest place of the default."""
 ANGLES = np.arange(0.0, 76.0, 7.5)
 DEPTH, SPEED_ALONG, MU, PITCH = 2e-3, 2e-3, 0.7, 0.8e-3
 
 
 class Slide(NamedTuple):
-    """Contact [m²], friction when all slides [N], time to it [s], and the time that the loads let expect [s]."""
+    """Contact [m²], friction in full sliding [N], time to it [s], and the time predicted from the loads [s]."""
 
     area: float
     friction: float

@@ -1,4 +1,4 @@
-"""Run the sliding fingertip at several angles, directions and speeds, and draw what the paper shows of it.
+"""Run the sliding fingertip at several angles, directions and speeds, and draw the paper's figures.
 
 python docs/pictures/beam_bundle.py [folder]
 
@@ -41,7 +41,7 @@ SCRATCH = tempfile.TemporaryDirectory(prefix="palpate-")
 
 @cache
 def run(*sets: str, duration: float = 3.0) -> TouchStreams:
-    """The recording of one run; `sets` are as behind --set, of the scene's finger."""
+    """The recording of one run; `sets` are as for --set, of the scene's finger."""
     file = Path(SCRATCH.name) / f"{next(NUMBER)}.mcap"
     overrides = [one if one.startswith("finger.") else f"scene.finger.{one}" for one in sets]
     launch = find("fingertip-slide").but(place="fused", record=file, overrides=overrides, duration=duration)
@@ -59,7 +59,7 @@ def sliding(angle: float, direction: float = 90):
 
 
 def as_shipped(path: Path) -> None:
-    """The pictures that a run ends with."""
+    """The pictures of a run."""
     touch = run(duration=5.0)
     made = {file.stem: file for file in draw(touch.recording.path, Path(SCRATCH.name))}
     shutil.copyfile(made["slip"], path)
@@ -67,7 +67,7 @@ def as_shipped(path: Path) -> None:
 
 
 def normal_force(path: Path) -> None:
-    """Where the pad carries how much, held for a second."""
+    """Pressure on the pad, held for 1 s."""
     figure, all_axes = plt.subplots(1, 3, figsize=(12, 4.6), layout="constrained", sharey=True, sharex=True)
     pressures = []
     for angle in (20, 40, 60):
@@ -124,7 +124,7 @@ def friction(path: Path) -> None:
 
 
 def localized(path: Path) -> None:
-    """How slip eats into the contact, on a finer grid."""
+    """Growth of slip into the contact, on a finer grid."""
     moments = (0.1, 0.25, 0.4, 0.55, 0.7, 0.85)
     figure, grid = plt.subplots(2, len(moments), figsize=(16, 5.4), layout="constrained", sharex=True, sharey=True)
     for line, (name, direction) in zip(grid, (("back (Y+)", 90), ("across (X+)", 0)), strict=True):

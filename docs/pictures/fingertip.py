@@ -7,7 +7,7 @@ fingertip-strain.png     strain in the plane of symmetry, deformed
 fingertip-isostrain.png  growth of the isostrain volumes, and the volumes over strain and force
 fingertip-flow.png       tactile flow on isostrain lines
 
-The first folder holds the runs. Finished runs are read; computing all of them takes about an hour on one core.
+The first folder contains the runs. Finished runs are read; computing all of them takes about an hour on one core.
 """
 
 from __future__ import annotations

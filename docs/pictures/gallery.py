@@ -1,4 +1,4 @@
-"""Make the pictures of the gallery, gallery-NAME.png: run what ships, devices as their emulators, and draw each at its
+"""Draw the gallery, gallery-NAME.png: run the shipped graphs with emulated devices, and draw each at its
 deepest instant, or its first picture where there is no surface to see, or else force and place over time.
 
 python docs/pictures/gallery.py            # all
@@ -51,7 +51,7 @@ def drawn(name: str, folder: Path) -> Path:
 
 
 def shrink(source: Path, target: Path) -> None:
-    """As wide as a page, of 256 colours, those of the bar among them."""
+    """Reduce to the width of a page and 256 colours, including those of the bar."""
     with Image.open(source) as large:
         size = WIDTH, round(large.height * WIDTH / large.width)
         small = large.convert("RGB").resize(size, Image.Resampling.LANCZOS)

@@ -1,4 +1,4 @@
-"""Make kidney.png, the picture in the README: run the kidney as it ships, draw the recording, shrink the file.
+"""Make kidney.png, the picture in the README: run the shipped kidney, draw the recording, shrink the file.
 
 python docs/pictures/kidney.py
 """

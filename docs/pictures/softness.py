@@ -1,8 +1,8 @@
 """Run softness and nodule, and keep pictures that the runs end with: python docs/pictures/softness.py [folder]
 
-softness.png          a fingerpad on soft tissue, where Hertz theory holds and where not: `palpate run softness`
+softness.png          a fingerpad on soft tissue, where Hertz theory is valid and where not: `palpate run softness`
 softness-nodule.png   a finger slides over a hard nodule, force and pins: `palpate run nodule`
-softness-band.png     force of the kidney beside a subject's: `palpate run kidney --set scene.finger.band=true`
+softness-band.png     force of the kidney and of a measured subject: `palpate run kidney --set scene.finger.band=true`
 """
 
 from __future__ import annotations

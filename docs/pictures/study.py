@@ -1,4 +1,4 @@
-"""Run the studies that ship, and keep pictures of them: python docs/pictures/study.py [folder]
+"""Run the shipped studies, and keep pictures of them: python docs/pictures/study.py [folder]
 
 study-curves.png       force over time at each stiffness: `palpate study kidney-stiffness`
 study-sensitivity.png  which parameter the force depends on: `palpate study kidney-sensitivity`

@@ -3,8 +3,8 @@
     python docs/release/release.py 0.2.0 --dry-run    # everything but the commit and the tag in this repository
     python docs/release/release.py 0.2.0
 
-It works in a clone, so that what is built is what is committed, and brings commit and tag home at the end; what is to
-be uploaded lies in dist/ then. Needs `build` and a network.
+It works in a clone, so that it builds the committed files, and fetches commit and tag at the end; the files to upload
+are then in dist/. Needs `build` and a network.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ HOLDS = (
     "palpate/nodes/deformation/bases/kidney-condensed.npz",
     "palpate/py.typed",
 )
-"""Files without which the wheel would be of no use."""
+"""Required files of the wheel."""
 
 
 def notes(changelog: str) -> str:
-    """What the next release changes. SystemExit: nothing is written down."""
+    """The changes of the next release. SystemExit: there are no entries."""
     _, found, rest = changelog.partition(UNRELEASED)
     text = re.split(r"^## \[", rest, maxsplit=1, flags=re.MULTILINE)[0].strip()
     if not found or not text:
-        raise SystemExit("CHANGELOG.md: nothing below '## [Unreleased]'; write down what users have to know")
+        raise SystemExit("CHANGELOG.md: no entries below '## [Unreleased]'; add the changes for users")
     return text
 
 
 def check_version(version: str, now: str, tags: list[str]) -> None:
-    """SystemExit: no version by semver.org, one that is not above the present one unless that has no tag, or a tag."""
+    """SystemExit: not a semver.org version, not above the current one (unless that has no tag), or already tagged."""
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
         raise SystemExit(f"{version!r} is no version; expected three numbers, 0.2.0")
     if f"v{version}" in tags:
@@ -68,7 +68,7 @@ def write_version(folder: Path, version: str) -> None:
 
 
 def check_wheel(wheel: Path, version: str) -> None:
-    """SystemExit: something is missing in it, or it has another version."""
+    """SystemExit: a file is missing, or the version differs."""
     with zipfile.ZipFile(wheel) as archive:
         names = set(archive.namelist())
     missing = [name for name in HOLDS if name not in names]
@@ -77,7 +77,7 @@ def check_wheel(wheel: Path, version: str) -> None:
 
 
 def run(*command: str, folder: Path) -> str:
-    """What a command prints. SystemExit: it failed."""
+    """The output of a command. SystemExit: it failed."""
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{' '.join(command)}:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")

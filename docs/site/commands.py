@@ -1,4 +1,4 @@
-"""The page of all commands, from what `--help` shows."""
+"""The page of all commands, from their `--help`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _walk(group: Any, name: str) -> Iterator[tuple[str, Any]]:
 
 
 def _argument(parameter: Any) -> str:
-    """How `--help` writes it."""
+    """As `--help` writes it."""
     return (parameter.metavar or parameter.name).strip("[]").upper()
 
 
@@ -52,7 +52,7 @@ def _help(parameter: Any) -> str:
 
 
 def _default(parameter: Any) -> str:
-    """What holds where it is not given; nothing for a flag, and where leaving it out is explained by the help."""
+    """The default; empty for a flag, and if the help explains the default."""
     value = parameter.default
     if parameter.required:
         return "required"

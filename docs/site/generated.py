@@ -1,4 +1,4 @@
-"""The reference part of the site, made from the code when Sphinx begins: nothing in it is typed twice."""
+"""The reference part of the site, generated from the code when Sphinx starts."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def nodes() -> str:
     entries, missing = catalogue()
     if missing:
         raise SystemExit(f"nodes that cannot be loaded: {missing}; the site needs all extras, pip install -e '.[all]'")
-    lines = ["# Nodes", "", "What `use:` can name in a graph. `palpate list nodes CLASS` prints the same.", ""]
+    lines = ["# Nodes", "", "The classes for `use:` in a graph. `palpate list nodes CLASS` prints the same.", ""]
     for entry in entries:
         data = describe(entry.use, entry.cls)
         lines += [f"## {entry.use}", "", prose(entry.cls.__doc__ or ""), ""]
@@ -51,7 +51,7 @@ def messages() -> str:
     lines = [
         "# Messages",
         "",
-        "What nodes send: fields with unit and shape; a letter is a length found at run time.",
+        "The messages of nodes: fields with unit and shape; a letter is a length determined at run time.",
         "",
     ]
     for kind in (Message, *message_types().values()):
@@ -67,7 +67,7 @@ def messages() -> str:
 
 def graphs() -> str:
     """Each file of a graph and of a scene, as it ships."""
-    lines = ["# Graph files", "", "The graphs that ship, and their scenes. [Graphs](../graphs.md) explains them.", ""]
+    lines = ["# Graph files", "", "The shipped graphs and their scenes. [Graphs](../graphs.md) explains them.", ""]
     files = dict.fromkeys(find(name).graph for name in names())
     for file in (*files, *sorted((next(iter(files)).parent / "scenes").glob("*.yaml"))):
         title = f"scene {file.stem}" if file.parent.name == "scenes" else file.stem
@@ -78,7 +78,7 @@ def graphs() -> str:
 def published() -> str:
     """The published tissues with their sources."""
     found, left_out = tissues()
-    lines = ["# Tissues", "", "What a scene takes by name: `scene: {tissue: liver-human}`.", ""]
+    lines = ["# Tissues", "", "Tissues that a scene can name: `scene: {tissue: liver-human}`.", ""]
     for name, record in found.items():
         rows = [(key, GRADES[value] if key == "grade" else str(value)) for key, value in record.items()]
         lines += [f"## {name}", "", *table(("", ""), rows)]
@@ -110,7 +110,7 @@ def pages() -> Iterator[tuple[str, str]]:
 
 
 def write(_: Any = None) -> None:
-    """Write the pages; those that are as before are not touched, so that Sphinx reads only what changed."""
+    """Write the changed pages only, so that Sphinx reads no unchanged ones."""
     HERE.mkdir(exist_ok=True)
     found = dict(pages())
     for file in HERE.glob("*.md"):
@@ -123,6 +123,6 @@ def write(_: Any = None) -> None:
 
 
 def setup(app: Any) -> dict[str, bool]:
-    """What Sphinx calls."""
+    """Entry point for Sphinx."""
     app.connect("builder-inited", write)
     return {"parallel_read_safe": True}

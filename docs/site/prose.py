@@ -10,7 +10,7 @@ _FIELD = re.compile(r"([A-Za-z_]\w*(?:, [A-Za-z_]\w*)*)  +(\S.*)")
 
 
 def escaped(text: str) -> str:
-    """Text whose signs mean nothing to Markdown, but for what stands between backticks."""
+    """Text with Markdown's special characters escaped, except between backticks."""
     parts = text.split("`")
     if len(parts) % 2 == 0:
         parts = [text]
@@ -18,7 +18,7 @@ def escaped(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Signs escaped; a page that is named becomes a link to it."""
+    """Escape special characters and turn names of pages into links."""
     text = re.sub(r"([\\*_<>\[\]`$#])", r"\\\1", text)
     return re.sub(r"\bdocs/([\w/-]+)\.md\b", r"[\1](../\1.md)", text)
 
@@ -37,7 +37,7 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[object]]) -> list[str]:
 
 
 def prose(doc: str) -> str:
-    """A docstring as Markdown: paragraphs, lists of what names mean, and what is indented as it stands."""
+    """A docstring as Markdown: paragraphs, lists of names with their meaning, and indented text as code."""
     blocks, code = [], []
     for block in [*re.split(r"\n\s*\n", inspect.cleandoc(doc)), ""]:
         lines = block.splitlines()

@@ -1,4 +1,4 @@
-"""The pages of the public Python: what `import palpate` offers, and the formulas."""
+"""The pages of the public Python: the names of `import palpate`, and the formulas."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The house in figures: files, lines, the fullest folder, the longest signature, circles between files.
+"""Figures of the code base: files, lines, the largest folder, the longest signature, import cycles.
 
     python docs/studies/house.py [COMMIT...]
 
-Without a commit it counts the working tree. Imports made inside functions and for types only do not make a circle.
+Without a commit it counts the working tree. Imports inside functions and for types do not count as a cycle.
 """
 
 from __future__ import annotations

@@ -63,7 +63,7 @@ int main() {
     }
     if (have == palpate::LENGTH) {
       have = 0;
-      if (device.hear(report, answer) && ::write(1, answer, palpate::LENGTH) != palpate::LENGTH) return 1;
+      if (device.handle(report, answer) && ::write(1, answer, palpate::LENGTH) != palpate::LENGTH) return 1;
     }
     device.watch();
   }

@@ -4,8 +4,8 @@
 //   static constexpr int axes;
 //   void read(int32_t counts[6]);              counts of each axis
 //   void drive(const int16_t command[6]);      set the motors; all zero releases them
-//   bool homed();                              whether the counts can be trusted
-//   void home();                               begin to home; may be called again
+//   bool homed();                              whether the counts are valid
+//   void home();                               start homing; may be called again
 //   uint16_t buttons();
 //   void scales(float per_count[6], float per_unit[6], bool &torques);
 //   uint32_t micros();
@@ -37,11 +37,11 @@ template <class Hardware> class Device {
 public:
   explicit Device(Hardware &hardware) : hardware_(hardware) {}
 
-  // Handles a report; true if `answer` holds one to send.
-  bool hear(const uint8_t *report, uint8_t *answer) {
+  // Handles a report; true if `answer` contains a report to send.
+  bool handle(const uint8_t *report, uint8_t *answer) {
     if (report[0] != 0x50 || report[1] != COMMAND || get16(report + 62) != crc(report, 62)) return false;
     const uint8_t flags = report[4];
-    heard_ = get16(report + 2);
+    received_ = get16(report + 2);
     if (flags & HOME && !hardware_.homed()) hardware_.home();
     if (flags & ENABLE && hardware_.homed()) {
       int16_t command[6];
@@ -50,7 +50,7 @@ public:
       on_ = true;
       tripped_ = false;
       since_ = hardware_.micros();
-      patience_ = 1000UL * get16(report + 6);
+      timeout_ = 1000UL * get16(report + 6);
     } else {
       release();
     }
@@ -63,7 +63,7 @@ public:
 
   // Call it in every loop: switches the motors off when no command has come for the watchdog's time.
   void watch() {
-    if (on_ && static_cast<uint32_t>(hardware_.micros() - since_) > patience_) {
+    if (on_ && static_cast<uint32_t>(hardware_.micros() - since_) > timeout_) {
       release();
       tripped_ = true;
     }
@@ -81,7 +81,7 @@ private:
     hardware_.read(counts);
     answer[1] = STATE;
     put16(answer + 2, ++sequence_);
-    put16(answer + 4, heard_);
+    put16(answer + 4, received_);
     answer[6] = static_cast<uint8_t>((hardware_.homed() ? HOMED : 0) | (tripped_ ? TRIPPED : 0));
     answer[7] = Hardware::axes;
     put32(answer + 8, hardware_.micros());
@@ -104,8 +104,8 @@ private:
   }
 
   Hardware &hardware_;
-  uint16_t heard_ = 0, sequence_ = 0;
-  uint32_t since_ = 0, patience_ = 0;
+  uint16_t received_ = 0, sequence_ = 0;
+  uint32_t since_ = 0, timeout_ = 0;
   bool on_ = false, tripped_ = false;
 };
 

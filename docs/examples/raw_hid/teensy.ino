@@ -43,6 +43,6 @@ void setup() {
 
 void loop() {
   uint8_t report[64], answer[64];
-  if (RawHID.recv(report, 0) == 64 && device.hear(report, answer)) RawHID.send(answer, 1);
+  if (RawHID.recv(report, 0) == 64 && device.handle(report, answer)) RawHID.send(answer, 1);
   device.watch();
 }

@@ -97,29 +97,29 @@ namespace Palpate
             int fingers = from.ReadUInt16(), count = (int)from.ReadUInt32();
             if (magic == "PLPM")
             {
-                var made = new Mesh { Fingers = fingers, Vertices = new Vector[count] };
-                made.Triangles = new int[3 * from.ReadUInt32()];
-                (made.Thickness, _) = (from.ReadSingle(), from.ReadUInt32()); // the second is reserved
-                for (var i = 0; i < count; i++) made.Vertices[i] = ReadVector(from);
-                for (var i = 0; i < made.Triangles.Length; i++) made.Triangles[i] = (int)from.ReadUInt32();
-                mesh = made;
+                var surface = new Mesh { Fingers = fingers, Vertices = new Vector[count] };
+                surface.Triangles = new int[3 * from.ReadUInt32()];
+                (surface.Thickness, _) = (from.ReadSingle(), from.ReadUInt32()); // the second is reserved
+                for (var i = 0; i < count; i++) surface.Vertices[i] = ReadVector(from);
+                for (var i = 0; i < surface.Triangles.Length; i++) surface.Triangles[i] = (int)from.ReadUInt32();
+                mesh = surface;
                 return;
             }
             if (magic != "PLPF") throw new InvalidDataException("found '" + magic + "', expected PLPM or PLPF");
-            var told = new Frame { Late = from.ReadUInt32(), Time = from.ReadDouble() };
-            told.Fingers = new Finger[fingers];
-            told.Moved = new int[count];
-            told.By = new Vector[count];
+            var received = new Frame { Late = from.ReadUInt32(), Time = from.ReadDouble() };
+            received.Fingers = new Finger[fingers];
+            received.Moved = new int[count];
+            received.By = new Vector[count];
             for (var i = 0; i < fingers; i++)
-                told.Fingers[i] = new Finger
+                received.Fingers[i] = new Finger
                 {
                     Tip = ReadVector(from), Foot = ReadVector(from), Normal = ReadVector(from), Force = ReadVector(from),
                     NormalForce = from.ReadSingle(), Indentation = from.ReadSingle(), Compression = from.ReadSingle(),
                     State = (State)from.ReadUInt32(),
                 };
-            for (var i = 0; i < count; i++) told.Moved[i] = (int)from.ReadUInt32();
-            for (var i = 0; i < count; i++) told.By[i] = ReadVector(from);
-            frame = told;
+            for (var i = 0; i < count; i++) received.Moved[i] = (int)from.ReadUInt32();
+            for (var i = 0; i < count; i++) received.By[i] = ReadVector(from);
+            frame = received;
         }
 
         static Vector ReadVector(BinaryReader r) => new Vector { X = r.ReadSingle(), Y = r.ReadSingle(), Z = r.ReadSingle() };

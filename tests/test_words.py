@@ -1,0 +1,178 @@
+"""The text of the project is plain English: the rooms below contain none of the listed words.
+
+Each entry is a regular expression with its replacement. Code, formulas and links are skipped. Add a legitimate use to
+`ALLOWED`, and a room whose text has been revised to `PYTHON`.
+"""
+
+import ast
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "docs")
+"""Files and folders whose Markdown is checked."""
+SETTINGS = ("graphs", "docs", "tests/golden")
+"""Folders whose YAML is checked: comments, questions and labels."""
+PYTHON = ("docs", "tests/test_words.py")
+"""Rooms whose Python is checked: docstrings, comments and messages. Add a room when its text has been revised."""
+
+DIALECT = {
+    # verbs
+    r"told|tells?|telling": "report, print, log, warn",
+    r"mend(s|ed|ing)?": "fix, correct",
+    r"goes on|go on|going on|went on": "continue",
+    r"com(e|es|ing) in|came in": "ramp up, arrive",
+    r"com(e|es|ing) back|came back": "recover, return",
+    r"gives? way|gave way": "yield",
+    r"dies? down": "decay",
+    r"swings?|swinging": "oscillate",
+    r"hears?|heard": "receive",
+    r"heeds?|heeded": "read, obey",
+    r"look(s|ed)? (at|after|on)|looking (at|after|on)": "inspect, check, handle",
+    r"glances?|glanced": "poll",
+    r"bur(y|ies|ied)": "handle the death of",
+    r"sp(eak|eaks|oken|oke) of": "describe, name",
+    r"stands?|stood": "is, contains, is listed",
+    r"(is|are|was|were) meant": "drop, or say who does what",
+    r"makes? (out )?of (it|them)": "say what it computes",
+    r"keeps? (its|their) word": "conservative, valid",
+    r"kept from": "prevented from",
+    r"knows? of": "know, account for",
+    r"feeds? the hand": "injects energy",
+    r"pays? (it )?back": "dissipate, return",
+    r"is held against|are held against": "is compared with",
+    r"was once|once was": "former",
+    # subjects and connectives
+    r"whoever|whomever|whosoever": "name the subject",
+    r"whatever (it|they|the|its|their)": "for any, independent of",
+    r"thus|hence|whence|thence": "so, therefore",
+    r"whereby|whereof|wherein|whereupon|thereof|therein|thereby|thereupon": "split the sentence",
+    r"for ever": "forever, for the whole run",
+    r"alike": "both, equally",
+    r"at present": "now, current",
+    r"it is so that|be it that": "drop",
+    r"such(?! as\b)": "drop, or name the thing",
+    r"the (more|less|longer|larger|deeper|faster|slower) (\w+ ){1,9}the (more|less|longer|larger|deeper|faster|slower)":
+        "grows with, is O(n)",
+    r"so many|so much": "a number",
+    r"is(n't| not)? there|are(n't| not)? there": "exists, is available, is missing",
+    r"there (is|was|are|were) none|there is no such": "missing, does not exist",
+    r"a place that|of one's own|one's": "name it",
+    r"own": "drop, or custom, separate, its",
+    r"besides?": "next to, in parallel with, in addition to",
+    r"but for": "except",
+    r"nothing of": "say what is left out",
+    r"as ever|as it were": "drop",
+    r"anew": "again",
+    r"for good": "permanently",
+    r"seldom": "lowest rate, rarely",
+    # nouns
+    r"bills?": "cost",
+    r"books": "energy balance",
+    r"findings?": "diagnostics, results",
+    r"laborator(y|ies)": "reference solvers",
+    r"rungs?|ladders?": "levels",
+    r"bad days?|busy days?": "a loaded machine",
+    r"doors?": "entry, API",
+    r"reels?": "film",
+    r"blows?": "spike",
+    r"dents?": "indentation",
+    r"beds?": "elastic foundation",
+    r"truths?": "true value, reference solution",
+    r"outside solvers?": "reference solvers",
+    r"house": "code base",
+    r"errand|chores?|toils?": "task",
+    # numbers
+    r"thrice|some \d": "a number",
+    r"a (tenth|hundredth|thousandth|fifth|sixth|eighth)": "10 %, 0.2 ...",
+    r"(half|twice) as (much|many|long|far|fast|large|soft|stiff) again": "a number",
+    r"off by": "error",
+    r"promised": "predicted",
+    # what things do
+    r"(rule|law|claim|statement|condition)s? holds?": "is true, is valid",
+    r"(file|folder|record|module|class|message|table|array)s? holds?": "contains",
+    r"(file|message|line|command|run|table|field|flag|header|record)s? says?": "print, report, contain",
+    r"nobody|somebody": "no node, another user",
+    r"in the mean(?! (of|square|tangent))": "on average",
+    r"(is|are) gone": "was removed",
+}  # fmt: skip
+ALLOWED = {
+    r"house\.py": (),
+    r"look at (a recording|any instant)": (),
+    r"tissue\.friction holds": ("docs/effects.md",),
+}
+"""Phrases that contain a listed word and are right, with the files that may use them; no file: all of them."""
+WORD = re.compile(rf"\b(?:{'|'.join(DIALECT)})\b")
+"""All entries; the text is lower case."""
+
+
+def files(places: tuple[str, ...], ending: str) -> list[Path]:
+    """The files with this ending at and below the places; generated ones are left out."""
+    found = [path for place in places for path in (ROOT / place, *(ROOT / place).rglob(f"*{ending}"))]
+    return sorted(path for path in found if path.suffix == ending and not {"_build", "reference"} & set(path.parts))
+
+
+def markdown(text: str) -> Iterator[tuple[int, str]]:
+    """Line and text of each line, without code, formulas and addresses."""
+    for pattern in (r"^```.*?^```", r"\$\$.*?\$\$", r"`[^`]*`", r"\]\([^)]*\)", r"https?://\S+"):
+        text = re.sub(pattern, lambda found: "\n" * found[0].count("\n"), text, flags=re.MULTILINE | re.DOTALL)
+    return enumerate(text.splitlines(), 1)
+
+
+def python(text: str) -> Iterator[tuple[int, str]]:
+    """Line and text of each comment and of each string that has a space: docstrings and messages."""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], token.string
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+            for number, line in enumerate(re.sub(r"`[^`\n]*`", " ", node.value).splitlines()):
+                yield node.lineno + number, line
+
+
+def faults(path: Path, lines: Iterator[tuple[int, str]]) -> list[str]:
+    """Each listed word in the lines, with its place and what to write instead."""
+    wrong, here = [], str(path.relative_to(ROOT))
+    for number, line in lines:
+        for found in WORD.finditer(_without_allowed(line.lower(), here)):
+            instead = next(text for pattern, text in DIALECT.items() if re.match(rf"(?:{pattern})\b", found[0]))
+            wrong.append(f"{here}:{number}: {found[0]!r}: {instead}")
+    return wrong
+
+
+def _without_allowed(line: str, here: str) -> str:
+    """The line without the phrases that this file may use."""
+    for phrase, where in ALLOWED.items():
+        if not where or here in where:
+            line = re.sub(phrase, "", line)
+    return line
+
+
+def test_listed_words_are_found_outside_code_only():
+    text = "Whoever looks after `own.fault` was told so many times: $$own$$ a node of one's own.\n"
+    text += "```\nbeside\n```\nit goes on\n"
+    found = [fault.split(": ")[0:2] for fault in faults(ROOT / "README.md", markdown(text))]
+    words = ("whoever", "looks after", "told", "so many", "of one's own")
+    assert found == [*(["README.md:1", repr(word)] for word in words), ["README.md:5", "'goes on'"]]
+
+
+@pytest.mark.parametrize("path", files(PAGES, ".md"), ids=lambda path: str(path.relative_to(ROOT)))
+def test_a_page_is_plain_english(path):
+    assert not faults(path, markdown(path.read_text(encoding="utf-8")))
+
+
+def test_yaml_is_plain_english():
+    wrong = [fault for path in files(SETTINGS, ".yaml")
+             for fault in faults(path, enumerate(path.read_text(encoding="utf-8").splitlines(), 1))]  # fmt: skip
+    assert not wrong, "\n".join(wrong)
+
+
+def test_docstrings_comments_and_messages_are_plain_english():
+    wrong = [fault for path in files(PYTHON, ".py") if path != Path(__file__)
+             for fault in faults(path, python(path.read_text(encoding="utf-8")))]  # fmt: skip
+    assert not wrong, "\n".join(wrong)
