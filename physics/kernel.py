@@ -22,7 +22,6 @@ import numba
 import numpy as np
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserProvidedCacheLocator
-from numba.core.codegen import JITCPUCodegen
 from numba.core.cpu import CPUContext
 from numba.core.externals import c_math_functions
 from numba.core.registry import CPUDispatcher, CPUTarget, cpu_target
@@ -34,6 +33,7 @@ from numba.core.target_extension import (
     target_override,
     target_registry,
 )
+from numba.core.typing import Context
 from numba.core.utils import threadsafe_cached_property
 
 try:
@@ -43,6 +43,7 @@ except ImportError:  # not POSIX: processes that need the same kernel at once bo
 
 from palpate.physics import kernel_cache
 from palpate.physics.arithmetic import LEVEL, pinnable
+from palpate.physics.code_library import Codegen
 
 TARGET = "palpate"  # What numba calls the target of kernels
 PACKAGE = __name__.partition(".")[0]
@@ -52,8 +53,8 @@ class _Processor(CPU):
     """A CPU: numba's implementations for a CPU serve."""
 
 
-class _Codegen(JITCPUCodegen):
-    """numba's code generator for this process, for another processor."""
+class _Codegen(Codegen):
+    """For another processor than this one."""
 
     def _get_host_cpu_name(self) -> str:
         return LEVEL if pinnable() else super()._get_host_cpu_name()
@@ -69,7 +70,30 @@ class _Context(CPUContext):
         c_math_functions.install(self)
 
 
+class _Typing(Context):
+    """Types of expressions. numba asks each of some ten templates for each operator, in each pass over a function; an
+    answer that is no code of its own depends on the types alone, and is kept."""
+
+    def init(self) -> None:
+        self._known: dict[Any, Any] = {}
+
+    def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
+        if not isinstance(func, types.Function) or kws:
+            return super().resolve_function_type(func, args, kws)
+        known = self._known.get((func, args))
+        if known is not None and known[0] is func:
+            return known[1]
+        signature = super().resolve_function_type(func, args, kws)
+        if signature is not None and func._impl_keys.get(signature.args) is func.typing_key:
+            self._known[func, args] = func, signature
+        return signature
+
+
 class _Target(CPUTarget):
+    @threadsafe_cached_property
+    def _toplevel_typing_context(self) -> Context:
+        return _Typing()
+
     @threadsafe_cached_property
     def _toplevel_target_context(self) -> CPUContext:
         return _Context(self.typing_context, TARGET)
@@ -96,9 +120,9 @@ class Kept(Pinned):
     takes 6 % of its time.
     """
 
-    def __init__(self, py_func: Any, targetoptions: Any = None, **more: Any) -> None:
+    def __init__(self, py_func: Any, targetoptions: Any = None, *, machine_code: bool = False, **more: Any) -> None:
         super().__init__(py_func, targetoptions=targetoptions, **more)
-        self._cache = _Cache(py_func)
+        self._cache = _Cache(py_func, machine_code)
 
     def compile(self, sig: Any) -> Any:
         """Its code for these types, compiled or loaded."""
@@ -138,6 +162,15 @@ class _Cache(FunctionCache):
     runs code that is not there: signals wait until a function is loaded, some milliseconds."""
 
     _impl_class = _Files
+
+    def __init__(self, function: Any, machine_code: bool) -> None:
+        super().__init__(function)
+        self._machine_code = machine_code
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        if self._machine_code:
+            data.library.get_pointer_to_function(data.fndesc.llvm_func_name)
+        super().save_overload(sig, data)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         """Under which the code of a kernel is kept: its types, with the layout of records, and what it refers to."""
@@ -201,12 +234,20 @@ class Kernel(Kept):
     @cached_property
     def bare(self) -> Kept:
         """For other kernels, whose own code holds it then."""
+        return self._without_wrapper("bare")
+
+    @cached_property
+    def entry(self) -> Kept:
+        """For a caller that knows its address."""
+        return self._without_wrapper("entry", machine_code=True)
+
+    def _without_wrapper(self, name: str, machine_code: bool = False) -> Kept:
         function = self.py_func
         bare = FunctionType(
             function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
         )
-        bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.bare"
-        return Kept(bare, {**self.targetoptions, "no_cpython_wrapper": True})
+        bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.{name}"
+        return Kept(bare, {**self.targetoptions, "no_cpython_wrapper": True}, machine_code=machine_code)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         """How a kernel calls it: its types, for which a constant is a number like others. numba would compile it for

@@ -32,10 +32,10 @@ def address(function: Kernel, *dtypes: np.dtype) -> int:
     """Address of the machine code of a kernel of these records and dt [s], for `call`; compiled or loaded if need
     be. TypeError: numba cannot compile it for them."""
     given = (*map(from_dtype, dtypes), types.float64)
-    bare: Any = function.bare  # without a wrapper for Python, which nobody needs
-    if given not in bare.overloads:
-        bare.compile(given)
-    code = bare.overloads[given]
+    entry: Any = function.entry
+    if given not in entry.overloads:
+        entry.compile(given)
+    code = entry.overloads[given]
     return code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
 
 

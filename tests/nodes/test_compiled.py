@@ -304,7 +304,7 @@ def answers(folder: Path, **shared: str) -> tuple[list[float], bool]:
     node = kind()
     node.start()
     found = [node.step(pose(), dt=1e-3).force[0] for _ in range(2)]
-    return found, bool(kind.compute.bare.stats.cache_hits)
+    return found, bool(kind.compute.entry.stats.cache_hits)
 
 
 def test_the_code_of_a_user_is_kept_on_disk_and_never_that_of_another_layout_or_value(tmp_path, monkeypatch):
