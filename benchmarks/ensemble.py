@@ -61,7 +61,7 @@ def main() -> None:
         alone = [single(f"deformation.{body}", given.duration)]
         for count in given.lanes:
             begun, rates = time.perf_counter(), []
-            over = {"finger.finger_damping": np.linspace(6.0, 10.0, count)}
+            over = {"scene.finger.finger_damping": np.linspace(6.0, 10.0, count)}
             asked = palpate.Ensemble("kidney", count, over, duration=given.duration, tissue=f"deformation.{body}")
             runs = LaneRun(asked._prepared, [KEEP], asked.ticks)
             built = time.perf_counter() - begun

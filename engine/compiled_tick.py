@@ -157,4 +157,4 @@ def run_lanes(lanes, count, ticks):
             if now % lane.every == 0:
                 for j in range(lane.tapped):
                     tap = tap_at(lane.taps + j * TAP_SIZE)
-                    copy(tap.column + now // lane.every * tap.size, tap.source, tap.size)
+                    copy(tap.column + now // lane.every % lane.room * tap.size, tap.source, tap.size)

@@ -5,6 +5,7 @@ writes. Arrays that no kernel writes (`CompiledNode.shared`) are shared by all l
 """
 
 import hashlib
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,8 +17,8 @@ from palpate.engine.slot import NodeError, RecordOutput, make
 from palpate.engine.table import CLOCK, LANE, TAP
 
 LINE, PAGE = 64, 4096  # [bytes] to which parts of a block are aligned; in which images are copied
-Pool = dict[Any, np.ndarray]
-"""Shared arrays by their content."""
+Pool = weakref.WeakValueDictionary[Any, np.ndarray]
+"""Shared arrays by their content, as long as a node uses them."""
 
 
 class NodeImage:
@@ -25,6 +26,7 @@ class NodeImage:
 
     size   [bytes] of its part of a block
     links  (n,2) where in it an address stands, and the place in it that this is of
+    shared  arrays that all lanes read
 
     NodeError: the node does not start with these settings.
     """
@@ -33,11 +35,12 @@ class NodeImage:
         self.job, self.counts = job, counts
         node = self.started()
         record, held = node._record, node._held
-        private = {}
+        private, self.shared = {}, list[np.ndarray]()
         for path, array in held.items():
             if any(f"{path}.".startswith(f"{name}.") for name in node.shared):
                 key = array.dtype.str, array.shape, hashlib.blake2b(array).digest()
                 same = pool.setdefault(key, array)
+                self.shared.append(same)
                 record.view(np.int64)[_offset(record.dtype, path) // 8] = _address(same)
             else:
                 private[path] = array
@@ -122,7 +125,7 @@ class Lanes:
         words[(self._clock + CLOCK.fields["failed"][1]) // 8] = -1  # type: ignore[index]
 
     def keep(self, fields: Sequence[tuple[RecordOutput, str]], rows: int, every: int = 1) -> None:
-        """Take down these fields of messages at the ticks that `every` divides, up to so many `rows`; they are in
+        """Take down these fields of messages at the ticks that `every` divides, the last `rows` of them; they are in
         `columns`, (lanes, rows, ...) each. Called before lanes are placed."""
         forms = [output.record.dtype.fields[name][:2] for output, name in fields]  # type: ignore[index]
         self.columns = [np.zeros((self.count, rows), dtype) for dtype, _ in forms]
@@ -135,7 +138,7 @@ class Lanes:
         for number, column in enumerate(self.columns):
             self._taps["column"][:, number] = _address(column) + np.arange(self.count) * column.strides[0]
         self.every = every
-        self._lanes["every"], self._lanes["tapped"] = every, len(forms)
+        self._lanes["every"], self._lanes["tapped"], self._lanes["room"] = every, len(forms), rows
 
     def place(self, lane: int, nodes: Sequence[NodeImage]) -> None:
         """Put a lane at its beginning, with these nodes."""
@@ -168,9 +171,14 @@ class Lanes:
         """Run so many ticks of lanes; other threads run meanwhile."""
         self._run(_address(self._lanes) + first * LANE.itemsize, count, ticks)
 
-    def tick(self, lane: int) -> int:
-        """The next tick of a lane; of one that failed the tick at which it did."""
-        return int(self._lanes["tick"][lane])
+    @property
+    def ticks(self) -> np.ndarray:
+        """(lanes,) The next tick of each lane; of one that failed the tick at which it did."""
+        return self._lanes["tick"]
+
+    def record(self, lane: int, output: RecordOutput) -> np.ndarray:
+        """The record (1,) of an output's last message in a lane."""
+        return view(int(self._bases[lane]) + self._places[_address(output.record)], output.record.dtype)
 
     def failure(self, lane: int) -> NodeError | None:
         """Why a lane failed; None: it did not."""
@@ -189,7 +197,8 @@ class Lanes:
         images = {id(node): node for nodes in self._nodes for node in nodes}
         table = self.count * len(self._image)
         private = table + sum(len(piece) for nodes in self._nodes for node in nodes for _, piece in node.pieces)
-        return private, sum(len(piece) for node in images.values() for _, piece in node.pieces)
+        arrays = {_address(array): array.nbytes for node in images.values() for array in node.shared}
+        return private, sum(arrays.values())
 
 
 def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:

@@ -137,6 +137,18 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """The numbers of `wanted`."""
         return {}
 
+    def setting(self, node: str, name: str) -> Any:
+        """A setting of a node in this episode."""
+        return getattr(self.stepper.node(node), name)
+
+    def begin(self, seed: int | None, options: Mapping[str, Any] | None) -> Changes:
+        """Draw an episode; its settings."""
+        super().reset(seed=seed)
+        changes = self.draw()
+        for node, values in (options or {}).items():
+            changes[node] = {**changes.get(node, {}), **values}
+        return changes
+
     # -- Gymnasium's interface ---------------------------------------------------------------------------------------
 
     def reset(
@@ -144,10 +156,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin an episode: `draw`, every node as at its start, and one tick. `options`: settings by node, which go
         before those drawn, {"tissue": {"stiffness": 2e3}}."""
-        super().reset(seed=seed)
-        changes = self.draw()
-        for node, values in (options or {}).items():
-            changes[node] = {**changes.get(node, {}), **values}
+        changes = self.begin(seed, options)
         if not self._started:
             self.stepper.start()
             self._started = True

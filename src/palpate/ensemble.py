@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 
 from palpate.calling import described
-from palpate.engine.faults import Location, choices
+from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
-from palpate.launch.load.files import Override
-from palpate.launch.load.values.source import YamlSource
-from palpate.launch.run.lanes import LaneRun, Prepared, prepare
+from palpate.launch.run.lanes import LaneRun, prepare_all
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.physics.errors import ArgumentError, RunError
@@ -77,16 +75,7 @@ class Ensemble:
                 "expected fewer lanes or fields, a shorter duration, or every=10"
             )
         names = [(stream, field.name) for stream, field in self._keep]
-        known: dict[str, Prepared] = {}
-        self._prepared = []
-        for lane in range(lanes):
-            if (key := repr([values[lane] for values in self.over.values()])) not in known:
-                changes = [
-                    Override(tuple(path.split(".")), YamlSource(values[lane], {(): Location(f"lane {lane}, {path}")}))
-                    for path, values in self.over.items()
-                ]
-                known[key] = prepare(launch.but(overrides=changes), names)
-            self._prepared.append(known[key])
+        self._prepared = prepare_all(launch, self.over, lanes, names)
         first = self._prepared[0]
         for lane, one in enumerate(self._prepared):
             if one.structure != first.structure or one.job.rate != self.rate:

@@ -237,3 +237,20 @@ def test_no_kernel_writes_to_what_lanes_share():
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [word for body in bodies for word in (body, "True", "True")]
+
+
+def test_numbers_that_reach_settings_as_they_are_load_the_graph_a_few_times(monkeypatch):
+    loads = []
+    prepare = running.prepare
+    monkeypatch.setattr(running, "prepare", lambda launch, keep: loads.append(1) or prepare(launch, keep))
+    drawn = np.random.default_rng(2)
+    over = {"tissue.stiffness": drawn.uniform(1e3, 2e3, 40), "scene.finger.finger_damping": drawn.uniform(5, 9, 40),
+            "device.seed": list(range(40))}  # fmt: skip
+    few = ensemble(over={name: over[name] for name in list(over)[:2]}, lanes=40)
+    assert len(loads) <= 6
+    many = ensemble(over=over, lanes=40)  # whole numbers may be anything, so each lane is loaded
+    assert len(loads) > 40
+    for one, other in zip(few._prepared, many._prepared, strict=True):
+        for a, b in zip(one.job.nodes, other.job.nodes, strict=True):
+            settings = [{k: v for k, v in node.settings.items() if k != "seed"} for node in (a, b)]
+            assert settings[0] == settings[1]
