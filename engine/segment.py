@@ -283,17 +283,18 @@ def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:
             check_finite(reader(output.kind)(_memory(record, output.kind)))
         raise ArithmeticError("compiled code failed")
     except InputError as error:
-        found, where = error, f"input of {slot.name!r} at tick {tick}"
-        made = NodeError(error.source or slot.name, where, error)
+        made = NodeError(error.source or slot.name, f"input of {slot.name!r} at tick {tick}", error)
+        made.__cause__ = error
     except BaseException as error:
-        made, found = NodeError(slot.name, f"step at tick {tick}", error), error
-    made.__cause__ = found
+        made = NodeError(slot.name, f"step at tick {tick}", error)
+        made.__cause__ = error
     return made
 
 
 def view(address: int, dtype: np.dtype, count: int = 1) -> np.ndarray:
     """The array that lies at an address."""
-    return np.frombuffer((ctypes.c_char * (int(count) * dtype.itemsize)).from_address(int(address)), dtype)
+    memory: Any = (ctypes.c_char * (int(count) * dtype.itemsize)).from_address(int(address))
+    return np.frombuffer(memory, dtype)
 
 
 def _memory(address: int, kind: type[Message]) -> memoryview:

@@ -112,8 +112,8 @@ def prepare_all(
         rest = {path: first[path] if path in direct else values[lane] for path, values in over.items()}
         one = load(lane, rest)
         nodes = list(one.job.nodes)
-        for path, targets in direct.items():
-            for place, name in targets:
+        for path, followers in direct.items():
+            for place, name in followers:
                 settings = {**nodes[place].settings, name: over[path][lane]}
                 nodes[place] = msgspec.structs.replace(nodes[place], settings=settings)
         prepared.append(Prepared(one.graph, msgspec.structs.replace(one.job, nodes=tuple(nodes))))

@@ -122,15 +122,15 @@ class Ensemble:
         except ImportError:
             plain = {name: Samples(values, name, units[name], np.empty(0)) for name, values in found.items()}
             return {**plain, "time": time, "error": np.array(errors)}
-        data = {
+        data: dict[str, Any] = {
             name: (("lane", "time", *(f"axis{n if n != 3 else ''}" for n in values.shape[2:])), values,
                    {"units": units[name]}) for name, values in found.items()
         }  # fmt: skip
         data["error"] = ("lane", np.array(errors, dtype=object), {})
         coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
         for path, values in self.over.items():
-            plain = values if all(isinstance(v, bool | int | float | str) for v in values) else list(map(str, values))
-            coordinates[path] = ("lane", plain)
+            shown = values if all(isinstance(v, bool | int | float | str) for v in values) else list(map(str, values))
+            coordinates[path] = ("lane", shown)
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
     def _report(self, errors: Sequence[str]) -> None:
