@@ -108,7 +108,7 @@ class VectorTouch(VectorEnv):
             parts = [(int(lane), 1) for lane in np.flatnonzero(~anew)]
         else:
             parts = [(int(chunk[0]), len(chunk)) for chunk in self._chunks]
-        list(self._pool.map(lambda part: self._lanes.run(*part, self._ticks), parts))
+        list(self._pool.map(lambda part: self._lanes.run(part[0], part[1], self._ticks), parts))
         self._check(np.flatnonzero(~anew & (self._lanes.ticks != before + self._ticks)))
         return self._judged(actions, anew)
 
@@ -133,8 +133,8 @@ class VectorTouch(VectorEnv):
                 there[slot.name] = job.settings | settled(slot, changes[slot.name])
                 images[place] = NodeImage(msgspec.structs.replace(job, settings=there[slot.name]), slot.counts, pool)
         self._lanes.place(lane, images)
-        nodes = {slot.name: slot.node for slot in self._slots}
-        task.setting = lambda node, name: there[node].get(name, getattr(nodes[node], name, None))  # type: ignore[method-assign]
+        nodes: dict[str, Any] = {slot.name: slot.node for slot in self._slots}
+        task.setting = lambda node, name: there[node].get(name, getattr(nodes[node], name))  # type: ignore[method-assign]
         goals = []
         for place in self._devices:
             name, own = self._slots[place].name, self._lanes.own(lane, place)[0]
@@ -197,7 +197,7 @@ class VectorTouch(VectorEnv):
         parts = {
             name: np.clip(np.stack(rows, axis=1), -BOUNDS[name], BOUNDS[name])
             .astype(np.float32)
-            .reshape(self.observation_space[name].shape)
+            .reshape(self.num_envs, *self.tasks[0].shape)
             for name, rows in found.items()
         }
         wanted = [task.told() for task in self.tasks] if self.tasks[0].wanted else []
