@@ -7,15 +7,17 @@ that pass between two nodes of one segment. What comes from elsewhere a host gat
 import numpy as np
 
 from palpate.engine.encode import encode, encoded_size
-from palpate.engine.table import CLOCK, ENTRY, FAULT, INFINITE, INPUT, OUTPUT, RAISED, ROW
+from palpate.engine.table import CLOCK, ENTRY, FAULT, INFINITE, INPUT, LANE, OUTPUT, RAISED, ROW, TAP
 from palpate.messages.record import HEAD
 from palpate.physics.kernel import kernel
-from palpate.physics.memory import number, pointer, set_word, word
+from palpate.physics.memory import copy, number, pointer, set_word, word
 from palpate.physics.records import call
 
 row_at, input_at, output_at, entry_at = pointer(ROW), pointer(INPUT), pointer(OUTPUT), pointer(ENTRY)
+lane_at, tap_at = pointer(LANE), pointer(TAP)
 clock_at, head_at = pointer(CLOCK), pointer(np.dtype(HEAD, align=True))
 ROW_SIZE, INPUT_SIZE, OUTPUT_SIZE, ENTRY_SIZE = (form.itemsize for form in (ROW, INPUT, OUTPUT, ENTRY))
+LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
 
 
 @kernel
@@ -134,3 +136,25 @@ def run_table(rows, clock_address, tick, ticks):
             if row.stepped and not taken_down(row, now, clock):
                 clock.resume, clock.tick = i, now
                 return
+
+
+@kernel(nogil=True)
+def run_lanes(lanes, count, ticks):
+    """Run `ticks` ticks of each of `count` lanes, one lane after the other; one that has failed stays where it is.
+
+    lanes  address of `LANE`s
+    """
+    for i in range(count):
+        lane = lane_at(lanes + i * LANE_SIZE)
+        clock = clock_at(lane.clock)
+        for now in range(lane.tick, lane.tick + ticks):
+            if clock.failed >= 0:
+                break
+            run_table(lane.rows, lane.clock, now, 1)
+            if clock.failed >= 0:
+                break
+            lane.tick = now + 1
+            if now % lane.every == 0:
+                for j in range(lane.tapped):
+                    tap = tap_at(lane.taps + j * TAP_SIZE)
+                    copy(tap.column + now // lane.every % lane.room * tap.size, tap.source, tap.size)

@@ -4,6 +4,7 @@ Between them messages stay records. A message is made where somebody takes it: a
 observer, the live view. What comes from elsewhere the host gathers, as for any node.
 """
 
+import ctypes
 import math
 from collections.abc import Callable, Sequence
 from time import perf_counter_ns
@@ -16,7 +17,7 @@ from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
 from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW
 from palpate.engine.wire_plan import wire_plan
 from palpate.messages import Message, check_finite
-from palpate.messages.record import blank, reader, writer
+from palpate.messages.record import blank, layout, reader, writer
 from palpate.nodes.base import InputError, inputs
 from palpate.nodes.base.compiled import CompiledNode, code, several
 
@@ -243,35 +244,14 @@ class Segment:
 
     def _fail(self, place: int) -> None:
         """NodeError of a row that failed."""
-        slot, tick, why = self.slots[place], int(self._clock["tick"][0]), int(self._clock["why"][0])
-        where = f"step at tick {tick}"
-        messages = [self._seen(line, port) for line, port in zip(self._lines[place], slot.inputs, strict=True)]
-        try:
-            node = slot.node
-            assert isinstance(node, CompiledNode)
-            if why == RAISED or node.own["fault"]:
-                fault, node.own["fault"] = int(node.own["fault"]), 0
-                given = _grouped(messages, slot.counts)
-                if fault:
-                    raise node.explain(fault, *given)
-                node.step(*given, dt=1.0 / float(self._clock["rate"][0]))  # raises as compiled code did
-                raise ArithmeticError("compiled code raised")
-            for output in slot.outputs:
-                check_finite(reader(output.kind)(_record(output).view(np.uint8).data))
-        except InputError as error:
-            raise NodeError(error.source or slot.name, f"input of {slot.name!r} at tick {tick}", error) from error
-        except BaseException as error:
-            raise NodeError(slot.name, where, error) from error
+        slot = self.slots[place]
+        raise failure(slot, slot.node, *self._where)
 
-    def _seen(self, line: Any, port: Input) -> Message | None:
-        """The message that a line stands for."""
-        record = _record(port.output) if port.inside else None
-        if record is None:
-            record = next(a for a in self._kept if a.ctypes.data == line["record"])
-        message = reader(port.kind)(record.view(np.uint8).data) if record["there"][0] else None
-        if message is not None:
-            msgspec.structs.force_setattr(message, "source", port.producer)
-        return message
+    def tables(self) -> list[np.ndarray]:
+        """All arrays that a run writes but those of the nodes, and those that lead to them: the rows, the clock, then
+        the others."""
+        records = [_record(output) for slot in self.slots for output in slot.outputs]
+        return [self._rows, self._clock, *self._kept, *records]
 
     def count(self) -> None:
         """Add to the nodes' health what was counted since the last time."""
@@ -282,6 +262,52 @@ class Segment:
             health.held += int(row["held"])
             health.lost += int(row["lost"])
             row["steps"] = row["asleep"] = row["held"] = row["lost"] = 0
+
+
+def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:
+    """Why a node failed; its row is in the table at these addresses."""
+    at = view(clock, CLOCK)[0]
+    tick, row = int(at["tick"]), view(rows, ROW, int(at["failed"]) + 1)[-1]
+    lines = view(row["input"], INPUT, row["inputs"])
+    messages = [_seen(int(line["record"]), port) for line, port in zip(lines, slot.inputs, strict=True)]
+    try:
+        if at["why"] == RAISED or node.own["fault"]:
+            fault, node.own["fault"] = int(node.own["fault"]), 0
+            given = _grouped(messages, slot.counts)
+            if fault:
+                raise node.explain(fault, *given)
+            node.step(*given, dt=1.0 / float(at["rate"]))  # raises as compiled code did
+            raise ArithmeticError("compiled code raised")
+        records = view(row["records"], np.dtype(np.int64), row["count"])[-int(row["outputs"]) :]
+        for output, record in zip(slot.outputs, records.tolist(), strict=True):
+            check_finite(reader(output.kind)(_memory(record, output.kind)))
+        raise ArithmeticError("compiled code failed")
+    except InputError as error:
+        made = NodeError(error.source or slot.name, f"input of {slot.name!r} at tick {tick}", error)
+        made.__cause__ = error
+    except BaseException as error:
+        made = NodeError(slot.name, f"step at tick {tick}", error)
+        made.__cause__ = error
+    return made
+
+
+def view(address: int, dtype: np.dtype, count: int = 1) -> np.ndarray:
+    """The array that lies at an address."""
+    memory: Any = (ctypes.c_char * (int(count) * dtype.itemsize)).from_address(int(address))
+    return np.frombuffer(memory, dtype)
+
+
+def _memory(address: int, kind: type[Message]) -> memoryview:
+    return view(address, layout(kind)).view(np.uint8).data
+
+
+def _seen(record: int, port: Input) -> Message | None:
+    """The message of an input, whose record lies at an address."""
+    memory = _memory(record, port.kind)
+    message = reader(port.kind)(memory) if memory[0] else None
+    if message is not None:
+        msgspec.structs.force_setattr(message, "source", port.producer)
+    return message
 
 
 def _record(output: Output | None) -> np.ndarray:

@@ -54,4 +54,9 @@ failed  row of the node that failed, -1 for none;  why (`RAISED` ...);  tick  at
 resume  row at which the journal was full, -1 for none;  tick  at which
 journal, room, length  address, size and used part of the bytes of the journal;  entry, most, entries  of its `ENTRY`s
 """
+LANE = np.dtype([(name, "<i8") for name in ("rows", "clock", "tick", "taps", "tapped", "every", "room")])
+"""One of several runs side by side: its table, its next tick, its `TAP`s and how many, the divisor of the ticks at
+which they are taken down, and how many of these have room; later ones overwrite the first."""
+TAP = np.dtype([(name, "<i8") for name in ("source", "size", "column")])
+"""A field of a message that is kept: where it is, its bytes, and where those of tick 0 go; the others follow."""
 RAISED, FAULT, INFINITE = 1, 2, 3

@@ -35,7 +35,11 @@ __all__ = ["FindNodule", "Press", "Touch"]
 
 for _name, _file in _HOMES.items():
     if f"palpate/{_name}-v0" not in gymnasium.registry:
-        gymnasium.register(f"palpate/{_name}-v0", entry_point=f"palpate.gym.{_file}:{_name}")
+        gymnasium.register(
+            f"palpate/{_name}-v0",
+            entry_point=f"palpate.gym.{_file}:{_name}",
+            vector_entry_point=f"palpate.gym.vector:{_file}",
+        )
 
 
 def __getattr__(name: str) -> Any:

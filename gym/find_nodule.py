@@ -45,7 +45,7 @@ class FindNodule(Touch):
         assert isinstance(node, WithNodule)
         if node.nodule_radius == 0.0:
             raise ArgumentError(f"{graph}: setting nodule_radius of {self.body!r}: found 0 m, expected more than 0")
-        self._node, self._middle = node, node.position
+        self._middle, self._height = node.position, node.nodule_position[2]
         low, high = [-SPEED] * 3 + [0.0], [SPEED] * 3 + [1.0]
         self.action_space = Box(np.array(low, np.float32), np.array(high, np.float32))
 
@@ -53,7 +53,7 @@ class FindNodule(Touch):
         x, y = self.np_random.uniform(-FIELD, FIELD, 2).tolist()
         begin = self._begins[0]
         return {
-            self.body: {"nodule_position": (self._middle[0] + x, self._middle[1] + y, self._node.nodule_position[2])},
+            self.body: {"nodule_position": (self._middle[0] + x, self._middle[1] + y, self._height)},
             self.hands[0].device: {"begin": (self._middle[0], self._middle[1], begin[2])},
         }
 
@@ -62,5 +62,6 @@ class FindNodule(Touch):
         reward = -self.step_time / self.duration * (1.0 + max(0.0, contact.force / GENTLE - 1.0))
         if action[3] <= 0.5:
             return reward, False, {}
-        distance = math.dist(contact.foot, self._node.nodule_position)
-        return reward + math.exp(-((distance / self._node.nodule_radius) ** 2)), True, {"distance": distance}
+        distance = math.dist(contact.foot, self.setting(self.body, "nodule_position"))
+        radius = self.setting(self.body, "nodule_radius")
+        return reward + math.exp(-((distance / radius) ** 2)), True, {"distance": distance}

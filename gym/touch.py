@@ -100,16 +100,15 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.step_time) or 1}
         self.tick: Tick | None = None
         """The graph after its last tick: `env.unwrapped.tick.tissue.displacement`."""
-        self._shape = (3,) if len(devices) == 1 else (len(devices), 3)
+        self.shape = (3,) if len(devices) == 1 else (len(devices), 3)
+        """Of a part of the observation that each hand has."""
         self._steered = [node for node in map(self.stepper.node, devices) if isinstance(node, Steered)]
         self._begins = [node.begin for node in self._steered]
         self._started = False
-        parts: dict[str, Space[Any]] = {
-            name: Box(-most, most, self._shape, np.float32) for name, most in BOUNDS.items()
-        }
+        parts: dict[str, Space[Any]] = {name: Box(-most, most, self.shape, np.float32) for name, most in BOUNDS.items()}
         parts |= {name: Box(0.0, BOUNDS["force"], (1,), np.float32) for name in self.wanted}
         self.observation_space: Space[Any] = Dict(parts)
-        self.action_space: Space[Any] = Box(-SPEED, SPEED, self._shape, np.float32)
+        self.action_space: Space[Any] = Box(-SPEED, SPEED, self.shape, np.float32)
 
     def __reduce__(self) -> Any:
         args, given = self._given
@@ -137,6 +136,18 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """The numbers of `wanted`."""
         return {}
 
+    def setting(self, node: str, name: str) -> Any:
+        """A setting of a node in this episode."""
+        return getattr(self.stepper.node(node), name)
+
+    def begin(self, seed: int | None, options: Mapping[str, Any] | None) -> Changes:
+        """Draw an episode; its settings."""
+        super().reset(seed=seed)
+        changes = self.draw()
+        for node, values in (options or {}).items():
+            changes[node] = {**changes.get(node, {}), **values}
+        return changes
+
     # -- Gymnasium's interface ---------------------------------------------------------------------------------------
 
     def reset(
@@ -144,10 +155,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin an episode: `draw`, every node as at its start, and one tick. `options`: settings by node, which go
         before those drawn, {"tissue": {"stiffness": 2e3}}."""
-        super().reset(seed=seed)
-        changes = self.draw()
-        for node, values in (options or {}).items():
-            changes[node] = {**changes.get(node, {}), **values}
+        changes = self.begin(seed, options)
         if not self._started:
             self.stepper.start()
             self._started = True
@@ -211,7 +219,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _observed(self, tick: Tick) -> dict[str, np.ndarray]:
         felt = [self._felt(tick, hand) for hand in self.hands]
         parts = {
-            name: np.array([_within(values[place], most) for values in felt], np.float32).reshape(self._shape)
+            name: np.array([_within(values[place], most) for values in felt], np.float32).reshape(self.shape)
             for place, (name, most) in enumerate(BOUNDS.items())
         }
         return parts | {name: np.array([value], np.float32) for name, value in self.told().items()}

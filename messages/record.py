@@ -51,7 +51,7 @@ def blank(kind: type[Message]) -> np.ndarray:
 
 def array_handle(ndim: int) -> np.dtype:
     """How a record holds an array of so many axes."""
-    return np.dtype([("address", "<i8"), ("shape", "<i8", (ndim,))])
+    return np.dtype([("address", "<i8"), ("shape", "<i8", (ndim,))], align=True)
 
 
 def _kind(kind: type, field: Field) -> Any:
@@ -60,7 +60,7 @@ def _kind(kind: type, field: Field) -> Any:
     if field.dtype is None and field.shape and (element := KINDS.get(_element(field))):
         if isinstance(field.shape[0], int):
             return element, field.shape
-        return np.dtype([("count", "<i8"), ("values", element, (ROOM,))])
+        return np.dtype([("count", "<i8"), ("values", element, (ROOM,))], align=True)
     if field.words:
         return KINDS[int]
     if not field.shape and field.type in KINDS:

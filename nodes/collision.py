@@ -51,6 +51,7 @@ class Nurbs(_Nearest):
         "found": ARRAY, "work": ARRAY, "derivatives": array_handle(3), "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
     """As `physics.geometry.proxy.follow` takes them."""
+    shared = ("data", "layout", "seeds", "index")
 
     def start(self) -> None:
         super().start()
@@ -78,6 +79,7 @@ class Mesh(_Nearest, OnSurface):
         "work": ARRAY, "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
     """As `physics.geometry.proxy.follow_mesh` takes them."""
+    shared = ("points", "cells", "discs", "star_at", "star")
 
     def start(self) -> None:
         super().start()

@@ -8,7 +8,7 @@ from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, faded
 from palpate.nodes.base.surface import OnSurface
-from palpate.physics.contact.spread import Spreader, spread, spreader
+from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
 from palpate.physics.kernel import kernel as compiled
 from palpate.physics.records import form, lend_first, put, unpacking, vector
 
@@ -34,6 +34,8 @@ class Kernel(CompiledNode, OnSurface):
         "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and where it was
         "rigid": bool, "gives": (2,), "cautioned": bool,  # [m] of finger and body where the finger is a rigid tip
     }  # fmt: skip
+
+    shared = tuple(f"spreader.{name}" for name in TABLES)
 
     def start(self) -> None:
         super().start()

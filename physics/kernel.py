@@ -264,15 +264,22 @@ class Kernel(Kept):
         return entry
 
 
-def kernel(function: Callable[..., Any] | None = None, *, error_model: str = "python", pointer: bool = False) -> Any:
+def kernel(
+    function: Callable[..., Any] | None = None,
+    *,
+    error_model: str = "python",
+    pointer: bool = False,
+    nogil: bool = False,
+) -> Any:
     """Decorator of a function to compile.
 
     error_model  a division by 0 raises ("python"), or gives inf or nan ("numpy")
     pointer      kernels take it as an argument, too (`materials.compiled`)
+    nogil        other threads run meanwhile
     """
     if function is None:
-        return partial(kernel, error_model=error_model, pointer=pointer)
+        return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil)
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
-    return Kernel(function, options)
+    return Kernel(function, options | ({"nogil": True} if nogil else {}))

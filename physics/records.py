@@ -139,7 +139,7 @@ def _members(kind: type) -> list[tuple[str, Any]]:
 
 def _member(hint: Any) -> tuple[Any, ...]:
     if hasattr(hint, "__metadata__"):
-        return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))]),)
+        return (np.dtype([("address", "<i8"), ("shape", "<i8", (hint.__metadata__[1],))], align=True),)
     if get_origin(hint) is tuple:
         return "<f8", (len(get_args(hint)),)
     return (NUMBERS[hint][0],) if hint in NUMBERS else (form(hint),)

@@ -72,9 +72,10 @@ MAY = {
     "launch": HIGH,
     "calling": (*HIGH, "launch"),
     "stepping": (*HIGH, "launch"),
+    "ensemble": (*HIGH, "launch", "calling"),
     "gym": (*HIGH, "calling", "stepping"),
     "cli": (*HIGH, "launch", "cli.machine", "studies", "calling", "stepping"),
-    "__init__": (*HIGH, "studies", "calling", "stepping"),
+    "__init__": (*HIGH, "studies", "calling", "ensemble", "stepping"),
 }
 """Of each room those that it may import, imports inside functions included; a room has its folders, but those that are
 a room of their own. Nothing but the command line imports commands."""

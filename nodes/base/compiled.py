@@ -56,9 +56,11 @@ class CompiledNode(Node):
     State    fields of its state and their shapes
     compute  the kernel: own record, inputs, outputs, dt [s]
     idle     a kernel of the same arguments: whether a step on these inputs would leave state and answers as they are
+    shared   arrays of the state, or groups of them ("body.model"), that no kernel writes: runs side by side share them
     """
 
     State: ClassVar[dict[str, Any]] = {}
+    shared: ClassVar[tuple[str, ...]] = ()
     compute: ClassVar[Any]
     idle: ClassVar[Any] = None
 

@@ -18,6 +18,7 @@ from palpate.physics.bodies.beam_bed import (
     relaxation,
 )
 from palpate.physics.bodies.beam_bed_step import held_force
+from palpate.physics.contact.spread import TABLES
 from palpate.physics.exact import row_times
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
@@ -56,6 +57,8 @@ class BeamBundle(CompiledNode, WithNodule):
         "bed": form(BeamFoundation), "places": TABLE,  # feet [m] and normals [1] (c,6) of the last step
         "facing": TABLE, "areas": ARRAY, "push": ARRAY, "pressures": ARRAY,  # [1] [m²] of each vertex; room; [Pa]
     }  # fmt: skip
+
+    shared = "facing", "areas", "bed.beams", "bed.skin.edges", *(f"bed.spreader.{name}" for name in TABLES)
 
     def start(self) -> None:
         if not len(self.layers) == len(self.moduli) == len(self.relaxations) > 0:

@@ -62,6 +62,8 @@ class MassSpring(CompiledNode, WithNodule):
     State = SEVERAL | {"body": form(NodalBody), "hard": ARRAY, "forces": ARRAY, "acting": ARRAY}
     """The surface; factor on K of each vertex where there is a nodule; normal forces [N] of contacts, alone and all."""
 
+    shared = "hard", "body.law", "body.nodal", "body.edges"
+
     _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
 
     def start(self) -> None:

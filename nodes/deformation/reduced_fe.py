@@ -22,6 +22,7 @@ from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body,
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
+from palpate.physics.contact.spread import TABLES
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import product
 from palpate.physics.geometry.mesh import Mesh
@@ -94,6 +95,9 @@ class ReducedFE(CompiledNode, WithNodule):
     )
     """How far the last step was outside of what the body can tell; of each cause that there was its number, how far,
     and the radius [m] of the load, its own and on the coarse surface; how many."""
+    shared = (
+        "areas", "body.model", "body.ground", "body.fine.reach", *(f"body.fine.spreader.{name}" for name in TABLES)
+    )  # fmt: skip
 
     def __new__(cls, **given: Any) -> "ReducedFE":
         sampled = given.get("model", cls.model) == "sampled"

@@ -157,6 +157,10 @@ class Spreader(NamedTuple):
     forces: Annotated[np.ndarray, "<f8", 2]  # [N] (V,3)
 
 
+TABLES = Spreader._fields[:-3]
+"""What no kernel writes of it."""
+
+
 def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
     """Of a surface, a radius of influence R > 0 [m] and one of KERNELS. ValueError: an unknown kernel, a radius that is
     not positive."""

@@ -7,6 +7,7 @@
     for tick in palpate.steps("kidney"): ...   # the same, tick by tick
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
     palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs, on many cores
+    palpate.Ensemble("kidney", 256, {"tissue.stiffness": stiffness}).run()      # many runs at once in this process
 
 Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite
 elements), `palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from palpate.calling import run
+    from palpate.ensemble import Ensemble
     from palpate.physics.errors import PalpateError
     from palpate.records.samples import RecordedStream, Samples
     from palpate.stepping import Tick
@@ -29,11 +31,13 @@ if TYPE_CHECKING:
     from palpate.views.run import Comparison, Run
 
 __all__ = [
-    "Comparison", "PalpateError", "RecordedStream", "Run", "Samples", "Study", "Tick", "compare", "open", "run", "steps"
+    "Comparison", "Ensemble", "PalpateError", "RecordedStream", "Run", "Samples", "Study", "Tick", "compare", "open",
+    "run", "steps",
 ]  # fmt: skip
 
 _HOMES = {
     "Comparison": "palpate.views.run",
+    "Ensemble": "palpate.ensemble",
     "PalpateError": "palpate.physics.errors",
     "Run": "palpate.views.run",
     "Samples": "palpate.records.samples",

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NoReturn
 
 from palpate.engine.faults import choices
+from palpate.engine.job import Job
 from palpate.engine.schedule import nanoseconds
 from palpate.engine.slot import NodeError, Slot
 from palpate.launch.load.launchfile import LaunchFile
@@ -23,7 +24,7 @@ from palpate.launch.run.work.simulated import SimulatedClock
 from palpate.launch.run.work.worker import Worker
 from palpate.messages import Message
 from palpate.nodes.base import Node, SettingError, settings
-from palpate.nodes.base.node import convert as settled
+from palpate.nodes.base.node import convert
 from palpate.physics.errors import ArgumentError
 
 
@@ -76,7 +77,7 @@ class Tick:
         node does not start with them, which ends the loop.
         """
         slot = slot_of(self._worker, node)
-        new = _settled(slot, values)
+        new = settled(slot, values)
         try:
             slot.node.stop()
             for name, value in new.items():
@@ -118,6 +119,11 @@ class Stepper:
         """A node that runs. ArgumentError: there is no such one."""
         return slot_of(self._worker, name).node
 
+    @property
+    def job(self) -> Job:
+        """What runs."""
+        return self._worker.job
+
     def start(self) -> None:
         """Start all nodes. NodeError: one of them failed; `stop` gives back what the others opened."""
         self._worker.start()
@@ -128,7 +134,7 @@ class Stepper:
 
         ArgumentError, SettingError: no such node, setting or value; nothing was changed. NodeError: a node failed.
         """
-        new = {name: _settled(slot_of(self._worker, name), values) for name, values in changes.items()}
+        new = {name: settled(slot_of(self._worker, name), values) for name, values in changes.items()}
         for slot in self._worker.slots:
             for name, value in (self._own[slot.name] | new.get(slot.name, {})).items():
                 setattr(slot.node, name, value)
@@ -168,7 +174,7 @@ def _settings(node: Node) -> dict[str, Any]:
     return {name: getattr(node, name) for name in settings(type(node))}
 
 
-def _settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
+def settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
     """Settings of a node as it holds them. SettingError: no such setting, or not its value."""
     known = settings(type(slot.node))
     new = {}
@@ -176,7 +182,7 @@ def _settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
         if name not in known:
             raise SettingError(f"{slot.name}: no setting {name!r}. {choices('Settings', name, known)}")
         try:
-            new[name] = settled(known[name], in_si(known[name].type, value, known[name].unit))
+            new[name] = convert(known[name], in_si(known[name].type, value, known[name].unit))
         except UnitError as error:
             raise SettingError(f"{slot.name}.{name} [{known[name].unit}]: {error}") from None
     return new

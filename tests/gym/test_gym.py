@@ -18,6 +18,7 @@ from palpate.gym import FindNodule, Press, Touch  # noqa: E402
 from palpate.gym.scripted import Approach, Search, score  # noqa: E402
 from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
+from palpate.gym.vector import VectorTouch  # noqa: E402
 from palpate.nodes.base import SettingError  # noqa: E402
 from palpate.physics.errors import ArgumentError, PalpateError  # noqa: E402
 
@@ -295,3 +296,52 @@ def test_without_gymnasium_the_extra_is_named():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1].endswith('pip install "palpate[gym]"')
+
+
+@pytest.mark.parametrize("name", ["Press", "FindNodule"])
+def test_lanes_of_one_environment_give_what_each_gives_alone_over_episodes(name):
+    """Bit for bit, past the end of an episode: the reset is that of the single environment."""
+    given, count, steps = {"duration": 0.25, "ticks": 10}, 3, 60
+    envs = gymnasium.make_vec(
+        f"palpate/{name}-v0", num_envs=count, vectorization_mode="vector_entry_point", threads=2, **given
+    )
+    drawn = np.random.default_rng(5).uniform(-0.1, 0.1, (steps, *envs.action_space.shape)).astype(np.float32)
+    drawn[..., 2] -= 0.08
+    singles = [gymnasium.make(f"palpate/{name}-v0", **given).unwrapped for _ in range(count)]
+    together, _ = envs.reset(seed=11)
+    alone = [env.reset(seed=11 + lane)[0] for lane, env in enumerate(singles)]
+    over, felt = [False] * count, 0.0
+    for number, actions in enumerate(drawn):
+        for part, values in together.items():
+            assert values.tobytes() == np.stack([one[part] for one in alone]).tobytes(), (number, part)
+        felt = max(felt, float(np.abs(together["force"]).max()))
+        together, rewards, ended, late, infos = envs.step(actions)
+        for lane, env in enumerate(singles):
+            if over[lane]:
+                alone[lane], _ = env.reset()
+                reward, over[lane], cut, info = 0.0, False, False, {}
+            else:
+                alone[lane], reward, over[lane], cut, info = env.step(actions[lane])
+            assert (rewards[lane], ended[lane], late[lane]) == (reward, over[lane], cut)
+            over[lane] = over[lane] or cut
+            for key, value in info.items():
+                assert infos[key][lane] == value and infos[f"_{key}"][lane]
+    assert felt > 0.3
+    for env in (envs, *singles):
+        env.close()
+
+
+def test_a_vector_of_environments_says_what_cannot_be():
+    with pytest.raises(ArgumentError, match="num_envs: found 0"):
+        VectorTouch(Touch, 0)
+    envs = VectorTouch(Touch, 2)
+    with pytest.raises(ArgumentError, match="call reset"):
+        envs.step(np.zeros((2, 3)))
+    envs.reset(seed=[1, 2], options={"tissue": {"stiffness": 1234.0}})
+    with pytest.raises(ArgumentError, match=r"expected \(2, 3\) finite"):
+        envs.step(np.full((2, 3), np.nan))
+    with pytest.raises(ArgumentError, match="seed: found 1"):
+        envs.reset(seed=[1])
+    with pytest.raises(ArgumentError, match="no running node"):
+        envs.reset(options={"tisue": {}})
+    envs.close()

@@ -173,10 +173,11 @@ def check_taken(
         cure = " ".join(_instead(offer) for offer in lost) or "No node reads it."
         faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())
     left: dict[tuple[str, str], list[str]] = {}
+    families = {cls: _family(cls)[0] for cls in {offer.cls for offer in offers}}
     for offer in offers:
         path = f"{offer.path}.{offer.key}"
         known = any(offer.key in settings(o.cls) for o in offers if (o.path, o.key) == (offer.path, offer.key))
-        other = _family(offer.cls)[0].get(offer.key)
+        other = families[offer.cls].get(offer.key)
         if offer.path and not (known or reaches(path) or other is None or _calibrated(other)):
             close = _closest(offer.key, offer.cls)
             about = f"{offer.node} ({offer.cls.__name__}) does not take from scene.{offer.path}: "

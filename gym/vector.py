@@ -1,0 +1,244 @@
+"""Many environments in one: lanes of an ensemble (launch/run/lanes.py), stepped in blocks of ticks.
+
+envs = gymnasium.make_vec("palpate/Press-v0", num_envs=256, vectorization_mode="vector_entry_point")
+"""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium
+import msgspec
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from palpate.engine.lanes import NodeImage, Pool
+from palpate.engine.slot import RecordOutput
+from palpate.gym.touch import BOUNDS, ROOM, SPEED, Changes, Touch
+from palpate.launch.run.lanes import LaneRun, Prepared, check_compiled
+from palpate.messages.record import reader
+from palpate.nodes.device.steered import Steered
+from palpate.physics.errors import ArgumentError, RunError
+from palpate.stepping import Tick, settled
+
+CHUNKS = 4  # parts of the lanes for each thread
+
+
+class VectorTouch(VectorEnv):
+    """Environments of one task, each a lane with its own settings; what a lane gives is what its single environment
+    gives, bit for bit.
+
+    task      class of the environments, a `Touch`
+    num_envs  how many
+    threads   None: one for each core
+    given     arguments of the task, but for `render_mode`
+
+    An environment whose episode is over is reset by the next `step`, which leaves out its action (`NEXT_STEP`).
+
+    PalpateError: what is wrong with the graph or an argument; a node in Python has no lanes.
+    """
+
+    metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(self, task: type[Touch], num_envs: int = 1, threads: int | None = None, **given: Any) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise ArgumentError(f"num_envs: found {num_envs!r}, expected a whole number from 1")
+        self.num_envs, first = num_envs, task(**given)
+        self.tasks = [first, *(_alike(first) for _ in range(num_envs - 1))]
+        """The environments; their nodes do not run."""
+        plan, job = first.stepper.plan, first.stepper.job
+        check_compiled(plan)
+        self._hands, self._ticks = first.hands, first.ticks
+        keep = [(hand.pose, name) for hand in self._hands for name in ("position", "velocity")]
+        for hand in self._hands:
+            keep += [(hand.contact, name) for name in ("force", "normal", "lateral_force")]
+            keep += [(hand.friction, "force")] if hand.friction is not None else []
+        self._runs = LaneRun([Prepared(plan.graph, job)] * num_envs, keep, rows=1)
+        self._lanes = self._runs.lanes
+        self._columns = dict(zip(keep, (column[:, 0] for column in self._lanes.columns), strict=True))
+        self._jobs, self._slots = job.nodes, self._runs.segment.slots
+        self._base = [self._runs.image(place, node) for place, node in enumerate(job.nodes)]
+        self._devices = [place for place, slot in enumerate(self._slots) if isinstance(slot.node, Steered)]
+        self._goals: list[list[np.ndarray]] = [[]] * num_envs
+        self._views: list[Any] = [None] * num_envs
+        self._over: np.ndarray | None = None
+        count = min(num_envs, CHUNKS * (threads or len(os.sched_getaffinity(0))))
+        self._chunks = np.array_split(np.arange(num_envs), count)
+        self._pool = ThreadPoolExecutor(threads or len(os.sched_getaffinity(0)), "palpate environments")
+        self.single_observation_space, self.single_action_space = first.observation_space, first.action_space
+        self.observation_space = batch_space(first.observation_space, num_envs)
+        self.action_space = batch_space(first.action_space, num_envs)
+        self.units = first.units
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Begin an episode in each environment, as `Touch.reset`; a single `seed` is that of the first one, the others
+        count on from it."""
+        seeds: Sequence[int | None] = seed if isinstance(seed, Sequence) else [seed] * self.num_envs
+        if isinstance(seed, int):
+            seeds = range(seed, seed + self.num_envs)
+        if len(seeds) != self.num_envs:
+            raise ArgumentError(f"seed: found {len(seeds)} numbers, expected {self.num_envs}")
+        for lane, own in enumerate(seeds):
+            self._begin(lane, own, options)
+        self._over = np.zeros(self.num_envs, bool)
+        return self._observed(), {"time": self._times(), "_time": np.ones(self.num_envs, bool)}
+
+    def step(self, actions: Any) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Steer all environments for `ticks` ticks. ArgumentError: no reset before, or actions of another shape or with
+        a NaN."""
+        if self._over is None:
+            raise ArgumentError("step: there is no episode; call reset() first")
+        actions = np.asarray(actions, float)
+        if actions.shape != self.action_space.shape or not np.isfinite(actions).all():
+            raise ArgumentError(f"actions: found {actions.shape}, expected {self.action_space.shape} finite numbers")
+        speeds = np.clip(actions.reshape(self.num_envs, -1), -SPEED, SPEED)
+        anew = self._over
+        for goals, speed in zip(self._goals, speeds, strict=True):
+            for number, velocity in enumerate(goals):
+                velocity[:] = speed[3 * number : 3 * number + 3]
+        before = self._lanes.ticks.copy()
+        if anew.any():
+            for lane in np.flatnonzero(anew):
+                self._begin(int(lane), None, None)
+            parts = [(int(lane), 1) for lane in np.flatnonzero(~anew)]
+        else:
+            parts = [(int(chunk[0]), len(chunk)) for chunk in self._chunks]
+        list(self._pool.map(lambda part: self._lanes.run(part[0], part[1], self._ticks), parts))
+        self._check(np.flatnonzero(~anew & (self._lanes.ticks != before + self._ticks)))
+        return self._judged(actions, anew)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Stop all nodes."""
+        self._pool.shutdown()
+        self._runs.close()
+
+    # -- lanes -------------------------------------------------------------------------------------------------------
+
+    def _begin(self, lane: int, seed: int | None, options: Mapping[str, Any] | None) -> None:
+        """Begin an episode in an environment, with one tick."""
+        task = self.tasks[lane]
+        changes, images, pool = task.begin(seed, options), list(self._base), Pool()
+        there: Changes = {}
+        unknown = set(changes) - {slot.name for slot in self._slots}
+        if unknown:
+            task.stepper.node(min(unknown))  # says which there are
+        for place, (slot, job) in enumerate(zip(self._slots, self._jobs, strict=True)):
+            there[slot.name] = job.settings
+            if slot.name in changes:
+                there[slot.name] = job.settings | settled(slot, changes[slot.name])
+                images[place] = NodeImage(msgspec.structs.replace(job, settings=there[slot.name]), slot.counts, pool)
+        self._lanes.place(lane, images)
+        nodes: dict[str, Any] = {slot.name: slot.node for slot in self._slots}
+        task.setting = lambda node, name: there[node].get(name, getattr(nodes[node], name))  # type: ignore[method-assign]
+        goals = []
+        for place in self._devices:
+            name, own = self._slots[place].name, self._lanes.own(lane, place)[0]
+            begin, origin = task.setting(name, "begin"), task.setting(name, "origin")
+            own["low"], own["high"] = (np.subtract(np.add(begin, corner).tolist(), origin) for corner in ROOM)
+            goals.append(own["velocity"])
+        self._goals[lane], self._views[lane] = goals, self._view(lane)
+        self._lanes.run(lane, 1, 1)
+        self._check([lane] if self._lanes.ticks[lane] != 1 else [])
+
+    def _view(self, lane: int) -> Any:
+        """What a `Tick` of a lane reads."""
+        outputs = {}
+        for slot in self._slots:
+            for output in slot.outputs:
+                assert isinstance(output, RecordOutput)
+                memory = self._lanes.record(lane, output).view(np.uint8).data
+                outputs[output.stream] = _Last(reader(output.kind), memory)
+        return SimpleNamespace(job=self.tasks[0].stepper.job, outputs=outputs, slots=[])
+
+    def _check(self, lanes: Sequence[int] | np.ndarray) -> None:
+        """RunError: these lanes failed."""
+        for lane in lanes:
+            error = self._lanes.failure(int(lane))
+            raise RunError(f"environment {lane}: {error}") from error
+
+    # -- what is felt ------------------------------------------------------------------------------------------------
+
+    def _times(self) -> np.ndarray:
+        rate = self.tasks[0].stepper.rate
+        return np.rint((self._lanes.ticks - 1) * 1e9 / rate) * 1e-9
+
+    def _judged(self, actions: np.ndarray, anew: np.ndarray) -> Any:
+        """Observations, rewards, ends and infos after a step; `anew` were reset by it."""
+        count, times = self.num_envs, self._times()
+        rewards, over = np.zeros(count), np.zeros(count, bool)
+        infos: dict[str, Any] = {"time": times, "_time": np.ones(count, bool)}
+        for lane, task in enumerate(self.tasks):
+            if anew[lane]:
+                continue
+            tick = Tick(self._views[lane], int(self._lanes.ticks[lane]) - 1)
+            rewards[lane], over[lane], info = task.judge(tick, actions[lane])
+            for key, value in info.items():
+                if key not in infos:
+                    infos[key] = np.zeros(count, type(value) if isinstance(value, bool | int | float) else object)
+                    infos[f"_{key}"] = np.zeros(count, bool)
+                infos[key][lane], infos[f"_{key}"][lane] = value, True
+        late = ~over & ~anew & (times >= self.tasks[0].duration)
+        self._over = over | late
+        return self._observed(), rewards, over, late, infos
+
+    def _observed(self) -> dict[str, np.ndarray]:
+        found: dict[str, list[np.ndarray]] = {"position": [], "velocity": [], "force": []}
+        for hand in self._hands:
+            found["position"].append(self._columns[hand.pose, "position"])
+            found["velocity"].append(self._columns[hand.pose, "velocity"])
+            f, n, a = (self._columns[hand.contact, name] for name in ("force", "normal", "lateral_force"))
+            friction = 0.0 if hand.friction is None else self._columns[hand.friction, "force"]
+            found["force"].append(f[:, None] * n - friction + a)
+        parts = {
+            name: np.clip(np.stack(rows, axis=1), -BOUNDS[name], BOUNDS[name])
+            .astype(np.float32)
+            .reshape(self.num_envs, *self.tasks[0].shape)
+            for name, rows in found.items()
+        }
+        wanted = [task.told() for task in self.tasks] if self.tasks[0].wanted else []
+        return parts | {name: np.array([[one[name]] for one in wanted], np.float32) for name in self.tasks[0].wanted}
+
+
+class _Last:
+    """The last message of a stream in a lane."""
+
+    __slots__ = ("_memory", "_read")
+
+    def __init__(self, read: Callable[[Any], Any], memory: memoryview) -> None:
+        self._read, self._memory = read, memory
+
+    @property
+    def last(self) -> Any:
+        """None before the first."""
+        return self._read(self._memory) if self._memory[0] else None
+
+
+def _alike(task: Touch) -> Touch:
+    """An environment as a lane has it: what the first one was made of, with its own random numbers."""
+    other = object.__new__(type(task))
+    other.__dict__.update(task.__dict__)
+    return other
+
+
+def find_nodule(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
+    """Of `palpate/FindNodule-v0`."""
+    from palpate.gym.find_nodule import FindNodule
+
+    return VectorTouch(FindNodule, num_envs, **given)
+
+
+def press(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
+    """Of `palpate/Press-v0`."""
+    from palpate.gym.press import Press
+
+    return VectorTouch(Press, num_envs, **given)
+
+
+def touch(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
+    """Of `palpate/Touch-v0`."""
+    return VectorTouch(Touch, num_envs, **given)

@@ -1,0 +1,198 @@
+"""Many touches of one graph at once: `palpate.Ensemble` (docs/ensembles.md)."""
+
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.calling import described
+from palpate.engine.faults import choices
+from palpate.engine.graph import Graph
+from palpate.engine.schedule import nanoseconds
+from palpate.launch.run.lanes import LaneRun, prepare_all
+from palpate.messages import Field, fields
+from palpate.messages.record import layout
+from palpate.physics.errors import ArgumentError, RunError
+from palpate.records.samples import Samples
+
+SHOWN = 3  # failures that a warning names
+
+
+class Ensemble:
+    """One graph run many times at once, each lane with its own settings; a lane computes the bits of its single run.
+
+    graph      one that ships, or a launch file or graph; its nodes are compiled ones
+    lanes      how many
+    over       what differs: paths as after `--set`, "tissue.stiffness", and for each an array or a list with a value
+               for each lane, or one value for all
+    keep       fields that `run` returns, "stream.field"
+    every      of how many ticks one is kept
+    scene, duration, sets, nodes  as of `palpate.run`
+    threads    None: one for each core
+
+    GraphError, ArgumentError: what is wrong, before anything runs.
+    """
+
+    def __init__(
+        self,
+        graph: str | Path = "kidney",
+        lanes: int = 1,
+        over: Mapping[str, Any] | None = None,
+        keep: Sequence[str] = ("contact.force",),
+        *,
+        scene: str | None = None,
+        duration: float | str | None = None,
+        sets: Sequence[str] = (),
+        every: int = 1,
+        threads: int | None = None,
+        **nodes: str | Mapping[str, Any],
+    ) -> None:
+        for name, value in (("lanes", lanes), ("every", every), ("threads", threads)):
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
+                raise ArgumentError(f"{name}: found {value!r}, expected a whole number from 1")
+        launch = described(graph, scene=scene, duration=duration, sets=sets, nodes=nodes)
+        if launch.duration is None:
+            raise ArgumentError(f"{graph}: the graph has no duration; pass duration=2.0 [s]")
+        base = launch.load()
+        self.name, self.count, self._threads, self._every = base.path.stem, lanes, threads, every
+        self.over = {_path(path, base): _each(path, given, lanes) for path, given in (over or {}).items()}
+        self._keep = [_kept(text, base) for text in ([keep] if isinstance(keep, str) else keep)]
+        if not self._keep:
+            raise ArgumentError("keep: found nothing, expected a list such as ['contact.force']")
+        self.rate = base.rate
+        """[Hz] of ticks."""
+        self.ticks = max(1, round(launch.duration * self.rate))
+        rows = -(-self.ticks // every)
+        size = lanes * rows * sum(layout(base.streams[s])[f.name].itemsize for s, f in self._keep)
+        room = os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+        if size > room:
+            raise ArgumentError(
+                f"keep: {lanes} lanes of {rows} rows take {size / 1e9:.3g} GB, {room / 1e9:.3g} GB are free; "
+                "expected fewer lanes or fields, a shorter duration, or every=10"
+            )
+        names = [(stream, field.name) for stream, field in self._keep]
+        self._prepared = prepare_all(launch, self.over, lanes, names)
+        first = self._prepared[0]
+        for lane, one in enumerate(self._prepared):
+            if one.structure != first.structure or one.job.rate != self.rate:
+                raise ArgumentError(
+                    f"lane {lane} ({self.settings(lane)}): found other nodes, streams or rates than in lane 0 "
+                    f"({self.settings(0)}), expected lanes that differ in settings alone; make an ensemble of each kind"
+                )
+
+    def settings(self, lane: int) -> str:
+        """What a lane has of its own, in words."""
+        return ", ".join(f"{path}={values[lane]}" for path, values in self.over.items()) or "the settings of the graph"
+
+    def run(self, *, quiet: bool = False) -> Any:
+        """Run all lanes from their beginning. An xarray Dataset with dimensions `lane` and `time` [s], and `axis` for
+        vectors; where xarray is missing a dictionary of numpy arrays that know their unit. What is varied is a
+        coordinate of `lane`. A stream that is sent less often than each tick keeps its last value.
+
+        A lane that fails has NaN from there on, and what happened in `error`; a warning says so.
+
+        quiet  no progress bar
+
+        RunError: all lanes failed. KeyboardInterrupt: Ctrl-C, within 0.1 s.
+        """
+        names = [(stream, field.name) for stream, field in self._keep]
+        with nullcontext(lambda ticks: None) if quiet else _progress(self) as done:
+            lanes = LaneRun(self._prepared, names, -(-self.ticks // self._every), self._every)
+            try:
+                lanes.run(self.ticks, self._threads, done)
+            finally:
+                lanes.close()
+        self.memory = lanes.lanes.memory
+        """[bytes] of the state of all lanes, and of what they share, after `run`."""
+        errors = [str(lanes.failures.get(lane, "")) for lane in range(self.count)]
+        if lanes.failures:
+            self._report(errors)
+        time = np.array([nanoseconds(tick, self.rate) * 1e-9 for tick in range(0, self.ticks, self._every)])
+        found = {
+            f"{stream}.{field.name}": _words(field, column)
+            for (stream, field), column in zip(self._keep, lanes.lanes.columns, strict=True)
+        }
+        units = {f"{stream}.{field.name}": field.unit for stream, field in self._keep}
+        try:
+            import xarray
+        except ImportError:
+            plain = {name: Samples(values, name, units[name], np.empty(0)) for name, values in found.items()}
+            return {**plain, "time": time, "error": np.array(errors)}
+        data: dict[str, Any] = {
+            name: (("lane", "time", *(f"axis{n if n != 3 else ''}" for n in values.shape[2:])), values,
+                   {"units": units[name]}) for name, values in found.items()
+        }  # fmt: skip
+        data["error"] = ("lane", np.array(errors, dtype=object), {})
+        coordinates: dict[str, Any] = {"lane": np.arange(self.count), "time": ("time", time, {"units": "s"})}
+        for path, values in self.over.items():
+            shown = values if all(isinstance(v, bool | int | float | str) for v in values) else list(map(str, values))
+            coordinates[path] = ("lane", shown)
+        return xarray.Dataset(data, coordinates, {"graph": self.name})
+
+    def _report(self, errors: Sequence[str]) -> None:
+        """Warn of lanes that failed. RunError: all did."""
+        failed = [lane for lane, error in enumerate(errors) if error]
+        lines = [f"lane {lane} ({self.settings(lane)}): {errors[lane]}" for lane in failed[:SHOWN]]
+        if len(failed) > SHOWN:
+            lines.append(f"and {len(failed) - SHOWN} more; `error` has all")
+        text = f"{len(failed)} of {self.count} lanes failed:\n" + "\n".join(lines)
+        if len(failed) == self.count:
+            raise RunError(text)
+        warnings.warn(text, RuntimeWarning, stacklevel=3)
+
+
+def _path(path: str, base: Graph) -> str:
+    """A part of the scene that no node has the name of needs no `scene.` before it."""
+    head = path.partition(".")[0]
+    if "." not in path:
+        raise ArgumentError(f"over {path!r}: expected a setting, such as tissue.stiffness, or scene.<path>")
+    return f"scene.{path}" if head in base.scene and head not in base.nodes else path
+
+
+def _each(path: str, given: Any, lanes: int) -> list[Any]:
+    """A value for each lane. ArgumentError: another number of them."""
+    plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
+    if isinstance(plain, str | Mapping) or not isinstance(plain, Sequence):
+        return [plain] * lanes
+    if len(plain) != lanes:
+        raise ArgumentError(f"over {path!r}: found {len(plain)} values, expected {lanes}, one for each lane, or one")
+    return [value.tolist() if isinstance(value, np.ndarray | np.generic) else value for value in plain]
+
+
+def _kept(text: str, graph: Graph) -> tuple[str, Field]:
+    """The stream and the field of "stream.field". ArgumentError: there is none, or it has no fixed size."""
+    stream, _, name = str(text).rpartition(".")
+    if stream not in graph.streams:
+        raise ArgumentError(f"keep {text!r}: no stream {stream!r}. {choices('Streams', stream, graph.streams)}")
+    known = {field.name: field for field in fields(graph.streams[stream])}
+    if name not in known:
+        raise ArgumentError(f"keep {text!r}: {stream} has no field {name!r}. {choices('Fields', name, known)}")
+    kind = graph.streams[stream]
+    fixed = [field for field in known if layout(kind)[field].base.fields is None]
+    if name not in fixed:
+        raise ArgumentError(f"keep {text!r}: its arrays change in length. {choices('Fields', name, fixed)}")
+    return stream, known[name]
+
+
+def _words(field: Field, column: np.ndarray) -> np.ndarray:
+    """The values of a field; those of words as texts."""
+    return np.array(field.words)[column] if field.words else column
+
+
+@contextmanager
+def _progress(ensemble: Ensemble) -> Iterator[Callable[[int], None]]:
+    """A bar on standard error, where that is a terminal."""
+    from rich import progress as bars
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    times = bars.TimeElapsedColumn(), bars.TextColumn("left"), bars.TimeRemainingColumn()
+    title = bars.TextColumn(f"{ensemble.count} lanes of {ensemble.name}")
+    columns = title, bars.BarColumn(), bars.TaskProgressColumn(), *times
+    with bars.Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("", total=ensemble.count * ensemble.ticks)
+        yield lambda ticks: progress.update(task, completed=ticks)
