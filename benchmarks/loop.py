@@ -1,4 +1,4 @@
-"""The whole kidney loop: rate fused and as processes, late ticks and latency on the real clock, start,
+"""The whole kidney loop: rate fused and as processes, on a fine mesh, late ticks and latency on the real clock, start,
 memory.
 
     python benchmarks/loop.py [--seconds S] [--json]
@@ -18,6 +18,7 @@ import re
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -34,8 +35,11 @@ from palpate.launch.run.assign import jobs
 from palpate.launch.run.execute import execute
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.result import Result
+from palpate.nodes.base.surface import surface_mesh
+from palpate.physics.geometry.mesh import write_ply
 from palpate.records.times import step_times
 
+VERTICES = (10_000, 550_000)  # Of the kidney as a mesh file: 20 000 and 1.1 million triangles
 PLACES = {"fused": "fused", "processes": None}
 REAL = ((APART, 1000.0), (AUTO, 1000.0), (AUTO, 5000.0))
 """Placements and rates [Hz] on the real clock."""
@@ -96,6 +100,31 @@ def real_time(place: str, rate: float, seconds: float) -> dict[str, object]:
     }
 
 
+def fine_mesh(seconds: float) -> list[dict[str, object]]:
+    """The kidney as a mesh file of few and of many triangles: best rate [Hz] without a recording, and size of a
+    recording of everything [MB/s]."""
+    rows: list[dict[str, object]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        launches = {}
+        for count in VERTICES:
+            mesh = surface_mesh("kidney", count)
+            file = Path(folder) / f"{count}.ply"
+            write_ply(file, mesh)
+            over = (f"scene.surface.surface={file}", "collision.use=collision.Mesh")
+            launches[len(mesh.triangles)] = find("kidney").but(place="fused", duration=seconds, overrides=over)
+        best = dict.fromkeys(launches, 0.0)
+        for _ in track(range(3), "fine mesh", transient=True):
+            for triangles, launch in launches.items():
+                result = execute(_unrecorded(launch)).result
+                best[triangles] = max(best[triangles], result.ticks / result.wall)
+        for triangles, launch in launches.items():
+            record = Path(folder) / "touch.mcap"
+            execute(dataclasses.replace(launch, record=record))
+            size = record.stat().st_size / seconds
+            rows.append({"triangles": triangles, "best [Hz]": best[triangles], "recording [MB/s]": 1e-6 * size})
+    return rows
+
+
 def first_tick() -> float:
     """[s] from the command to the first tick, all caches warm."""
     command = [sys.executable, "-m", "palpate.cli", "run", "kidney", "--no-record", "--json", "--duration", "0.05"]
@@ -150,6 +179,7 @@ def main() -> None:
         "machine": platform.platform(),
         "load": os.getloadavg()[0],
         "rates": rates(given.seconds),
+        "fine mesh": fine_mesh(given.seconds),
         "real": [real_time(place, rate, given.seconds) for place, rate in REAL],
         "first tick": first_tick(),
         "memory": memory(),
@@ -166,6 +196,7 @@ def main() -> None:
     show("kidney loop, simulated time as fast as possible, and the time of a tick", rows)
     steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
+    show("the kidney as a mesh file, fused, simulated time", figures["fine mesh"])
     show("real clock, and beside it the sleeper", [_row(real) for real in figures["real"]], digits=3)
     for real in figures["real"]:
         queue = ", ".join(f"{group} {wait * 1e6:.1f}" for group, wait in real["control"]["queue"].items())

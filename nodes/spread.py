@@ -7,7 +7,7 @@ import msgspec
 from palpate.messages import Contact, Friction, Load
 from palpate.nodes.base import CompiledNode, Out, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, faded
-from palpate.nodes.base.surface import OnSurface
+from palpate.nodes.base.surface import OnSurface, OnThinnedSurface
 from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
 from palpate.physics.kernel import kernel as compiled
 from palpate.physics.records import form, lend_first, put, unpacking, vector
@@ -15,10 +15,13 @@ from palpate.physics.records import form, lend_first, put, unpacking, vector
 RIGID = 5e4
 """[N/m] Force over compression from which on a finger counts as rigid; a fingertip that bears 10 N has some 3e3."""
 
+COARSEST = 0.25
+"""[1] Spacing of a thinned surface over the patch's radius, from which on the force is off by up to 1 %."""
+
 _spreader_of = unpacking(Spreader)
 
 
-class Kernel(CompiledNode, OnSurface):
+class Kernel(CompiledNode, OnThinnedSurface):
     """Spreads the contact force over the nodes round the foot point with a smooth kernel.
 
     The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes. A friction
@@ -39,7 +42,13 @@ class Kernel(CompiledNode, OnSurface):
 
     def start(self) -> None:
         super().start()
-        self.hold("spreader", spreader(self.mesh(), self.radius, self.kernel))
+        mesh = self.mesh()
+        self.hold("spreader", spreader(mesh, self.radius, self.kernel))
+        if self.spacing > COARSEST * self.radius and mesh is not OnSurface.mesh(self):
+            self._notes.append(
+                f"Kernel: the surface is thinned to {1e3 * self.spacing:.2g} mm, which is coarse for a patch of "
+                f"{1e3 * self.radius:.2g} mm; set scene.surface.spacing to {125 * self.radius:.2g} mm"
+            )
         begin(self.own["friction"]["gain"], FADE, FADE)
         self._told = False
 

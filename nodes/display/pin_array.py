@@ -8,7 +8,7 @@ import scipy  # its parts are slow to import, and are when they are used
 
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
-from palpate.nodes.base.surface import OnSurface
+from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.display import shape_display as pads
 from palpate.physics.display.pin_heights import heights_from_force, heights_from_pressure, heights_from_surface
 from palpate.physics.display.pins import Drives, drive, pin_grid
@@ -17,7 +17,7 @@ from palpate.physics.exact import length, product
 NEIGHBOURS = 9  # surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh
 
 
-class PinArray(OnSurface):
+class PinArray(OnThinnedSurface):
     """Pins under the fingerpad on a linear actuator (docs/equations/shape-display.md).
 
     `shows` says where the shape comes from. "force": from the normal force alone, by the model of a fingerpad on

@@ -53,13 +53,13 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
     if not np.isfinite(vertices[triangles]).all():
         raise ValueError("a vertex of a triangle is not finite")
     triangles = weld(vertices)[triangles]
-    keep = np.flatnonzero(~_superfluous(triangles, *_stars(triangles, len(vertices))))
+    keep = np.flatnonzero(~_superfluous(triangles, *stars(triangles, len(vertices))))
     triangles = triangles[keep]
     corners = vertices[triangles]
     centre = (corners.min(axis=1) + corners.max(axis=1)) / 2
     order = np.argsort(_morton(centre, centre.min(axis=0), max(np.ptp(centre, axis=0).max(), 1e-300)), kind="stable")
     triangles = np.ascontiguousarray(triangles[order])
-    star_at, star = _stars(triangles, len(vertices))
+    star_at, star = stars(triangles, len(vertices))
     cells = np.empty((len(triangles), COLUMNS), dtype=np.int32)
     cells[:, :3] = triangles
     cells[:, ORIGIN] = keep[order]
@@ -83,7 +83,8 @@ def weld(vertices: np.ndarray) -> np.ndarray:
     return representative
 
 
-def _stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+def stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """First place (V+1) in the list of each of `count` vertices, and the list (3T) of the triangles round each."""
     at = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=count))])
     return at, (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
 
