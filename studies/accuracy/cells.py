@@ -26,8 +26,9 @@ class Cell:
 
     status          "ok", "refused" or "failed"; why says more
     errors          by quantity, see `score.Score`
-    p50, p99        [s] of a step;  steps how many were timed
+    p50, p99        [s] processor time of a step;  steps how many were timed
     memory          [byte];  offline [s]
+    law             whether the method is a law of contact alone
     kept            whether it is of an earlier run
     """
 
@@ -44,6 +45,7 @@ class Cell:
     steps: int = 0
     memory: int | None = None
     offline: float = 0.0
+    law: bool = False
     kept: bool = field(default=False, compare=False)
 
     def at_reference(self, quantity: str = "force") -> bool:
@@ -87,7 +89,7 @@ def compute(
 
 def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
     """One cell. Whatever a method raises is its failure, and is charged."""
-    cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.rate)
+    cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.rate, law=method.law)
     why = method.refuses(touch)
     right = truth(touch)
     if not why:

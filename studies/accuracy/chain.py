@@ -1,12 +1,12 @@
 """A touch through the nodes that run in a graph: contact.Series, friction.LuGre, spread.Kernel and a body.
 
-They are wired as in graphs/kidney.yaml (the body's law reaches the contact one tick later) and stepped as in a fused
-run, without encoding their messages: what is priced is the steps of the nodes, none of which sleeps.
+They are wired as in graphs/kidney.yaml: the body's law reaches the contact one tick later. They run as in a fused run:
+a segment of compiled nodes, one call per tick (engine/segment.py). The price is the processor time of that call. No
+node sleeps, no message is encoded. A body in Python runs after a segment of the other nodes.
 """
 
 import gc
 import time
-from collections.abc import Iterator
 from typing import Any, TypeVar
 
 import msgspec
@@ -14,15 +14,17 @@ import numpy as np
 
 from palpate.engine.job import InputJob, NodeJob
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.slot import NodeError, Output, Slot
+from palpate.engine.segment import Segment, segments
+from palpate.engine.slot import NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface
-from palpate.nodes.base import Node, SettingError, inputs
+from palpate.nodes.base import TABLE, CompiledNode, Node, Out, SettingError, inputs
 from palpate.nodes.base.surface import OnSurface, complete
 from palpate.nodes.contact import Series
 from palpate.nodes.friction import LuGre  # type: ignore[attr-defined]
 from palpate.nodes.spread import Kernel
-from palpate.physics.entry_point import NO_NODES, NO_VECTORS
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats
 from palpate.studies.accuracy import UnsupportedError
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
@@ -37,7 +39,6 @@ VERTICES = 10000
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "finger_power_exponent": 1.0,
                         "finger_damping": 0.0}  # fmt: skip
 """A finger that does not give."""
-UP = (0.0, 0.0, 1.0)
 LAW = frozenset({"stiffness", "exponent", "damping", "rest_indentation", "previous_indentation", "step", "relaxation"})
 """Fields of a body that the contact reads: its terminal law."""
 
@@ -48,26 +49,23 @@ def surface_of(touch: BenchCase) -> dict[str, Any]:
 
 
 def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], repeats: int) -> MethodOutcome:
-    """The touch with this class of body; it is repeated for the times only.
+    """The touch with this class of body: once for what it sends, `repeats` times for the durations, since to read the
+    messages empties the processor's caches.
 
     contact  settings of contact.Series
 
     UnsupportedError: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
     """
     times = np.arange(round(touch.duration * fidelity.rate) + 1) / fidelity.rate
-    approach, _, place, slip = touch.at(times)
+    place = touch.at(times)[2]
     begun = time.perf_counter()
-    chain = _Chain(body, fidelity, contact, touch)
+    chain = _Chain(body, fidelity, contact, touch, times)
     offline = time.perf_counter() - begun
-    approaches = list(_proximities(touch, fidelity.rate, approach, place, slip))
-    seconds: list[np.ndarray] = []
-    first: list[Sent] = []
-    for turn in range(repeats):
-        if turn:
-            chain.start()
-        heard, spent = chain.through(approaches, keep=turn == 0)
-        seconds.append(spent)
-        first = first or heard
+    first, _ = chain.through(len(times), keep=True)
+    seconds = []
+    for _ in range(repeats):
+        chain.start()
+        seconds.append(chain.through(len(times), keep=False)[1])
     force = np.array([c.force for c, *_ in first])
     if not np.isfinite(force).all():
         raise ArithmeticError(f"the force is not finite from {times[np.argmin(np.isfinite(force))]:.4f} s on")
@@ -94,21 +92,39 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     return MethodOutcome(times, values, shapes, np.concatenate(seconds), held_bytes(chain.nodes), offline)
 
 
-def _proximities(
-    touch: BenchCase, rate: float, approach: np.ndarray, place: np.ndarray, slip: np.ndarray
-) -> Iterator[Proximity]:
-    """On the plane, or along the top of the kidney."""
+def _motion(touch: BenchCase, times: np.ndarray) -> np.ndarray:
+    """Gap [m], foot point [m], normal, slip [m/s] (T,10): on the plane, or along the top of the kidney."""
+    approach, _, place, slip = touch.at(times)
     if touch.body == "kidney":
         feet, normals, ahead = along(place)
     else:
         feet, normals, ahead = (np.zeros((len(place), 3)) for _ in range(3))
         feet[:, 0], normals[:, 2], ahead[:, 0] = place, 1.0, 1.0
-    told = (approach, feet, normals, slip[:, None] * ahead)
-    for tick, (e, foot, normal, v) in enumerate(zip(*(one.tolist() for one in told), strict=True)):
-        yield Proximity(
-            tick=tick, time=nanoseconds(tick, rate), foot=tuple(foot), normal=tuple(normal), coordinates=(0.0, 0.0),
-            element=0, gap=-e, approach=max(e, 0.0), slip=tuple(v),
-        )  # fmt: skip
+    return np.ascontiguousarray(np.hstack([-approach[:, None], feet, normals, slip[:, None] * ahead]))
+
+
+class _Motion(CompiledNode):
+    """Sends the touch, a row of `_motion` at each tick."""
+
+    paced = True
+    State = {"tick": int, "rows": TABLE}
+
+    def __init__(self, rows: np.ndarray) -> None:
+        super().__init__()
+        self._rows = rows
+
+    def start(self) -> None:
+        super().start()
+        self.hold("rows", self._rows)
+
+    @kernel
+    def compute(own, out: Out[Proximity], dt):
+        row = floats(own.rows)[own.tick]
+        own.tick += 1
+        out.gap = row[0]
+        out.approach = max(-row[0], 0.0)
+        for i in range(3):
+            out.foot[i], out.normal[i], out.slip[i] = row[1 + i], row[4 + i], row[7 + i]
 
 
 def _pressed(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
@@ -124,18 +140,20 @@ class _Awake(Slot):
 
 
 class _Chain:
-    """Contact, friction, spread and body, whose steps `engine.tick` runs."""
+    """The touch, contact, friction, spread and body."""
 
-    def __init__(self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: BenchCase) -> None:
+    def __init__(
+        self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: BenchCase, times: np.ndarray
+    ) -> None:
         given = fidelity.settings
         surface = surface_of(touch) | {"vertices": VERTICES} | given.get("surface", {})
         own = given.get("body", {})
         if issubclass(body, OnSurface):
             own = {**surface, **own}
         self.rate, self.at = fidelity.rate, 0
-        self.near = Output("near", Proximity, False)
         try:
             nodes = {
+                "near": _Motion(_motion(touch, times)),
                 "contact": Series(**contact),
                 "friction": LuGre(**SLIDING._asdict()) if touch.friction else None,
                 "spread": (spread := Kernel(**surface, **given.get("spread", {}))),
@@ -148,8 +166,9 @@ class _Chain:
         self.nodes = [slot.node for slot in self.slots]
         outputs = {slot.name: slot.outputs[0] for slot in self.slots}
         for slot in self.slots:
-            slot.wire(outputs | {"near": self.near})
-        self.outputs = [outputs.get(name) for name in nodes]
+            slot.wire(outputs)
+        self.parts = segments(self.slots, lambda part: Segment(part, self.rate, False, lambda *_: 0.0, lambda *_: None))
+        self.outputs = [outputs.get(name) for name in nodes if name != "near"]
         self.mesh = spread.mesh() if pressed.wants("displacement") else None
 
     def start(self) -> None:
@@ -160,19 +179,22 @@ class _Chain:
             except NodeError as fault:
                 raise fault.cause if isinstance(fault.cause, Exception) else fault from None
 
-    def through(self, approaches: list[Proximity], keep: bool) -> tuple[list[Sent], np.ndarray]:
-        """What was sent at each tick, if it is kept, and how long the steps of the nodes took [s] (T,)."""
-        nothing = Load(nodes=NO_NODES, forces=NO_VECTORS, foot=approaches[0].foot, normal=approaches[0].normal)
-        self.slots[-1].step(-1, nanoseconds(-1, self.rate), [nothing], 1.0 / self.rate)
-        spent = np.empty(len(approaches))
+    def through(self, ticks: int, keep: bool) -> tuple[list[Sent], np.ndarray]:
+        """What was sent at each tick, if it is kept, and the processor time of each [s] (T,)."""
+        whole = self.parts[0] if len(self.parts) == 1 else None
+        spent = np.empty(ticks)
         heard: list[Sent] = []
         gc.collect()
         gc.disable()
         try:
-            for tick, self.near.last in enumerate(approaches):
-                begun, self.at = self._spent(), self.near.last.time
-                run_tick(self.slots, tick, self)
-                spent[tick] = self._spent() - begun
+            for tick in range(ticks):
+                self.at = nanoseconds(tick, self.rate)
+                begun = time.thread_time_ns()
+                if isinstance(whole, Segment):
+                    whole.advance(tick)
+                else:
+                    run_tick(self.parts, tick, self)
+                spent[tick] = time.thread_time_ns() - begun
                 if keep:
                     sent: list[Any] = [output.last if output else None for output in self.outputs]
                     touched, rubbed, load, surface = sent
@@ -182,12 +204,10 @@ class _Chain:
             gc.enable()
         return heard, 1e-9 * spent
 
-    def _spent(self) -> int:
-        return sum(slot.health.step.total for slot in self.slots)
-
-    def gather(self, slot: Slot, tick: int) -> None:
-        """Nothing comes from elsewhere: each node has its inputs, or none."""
-        raise NodeError(slot.name, f"tick {tick}", "an input is missing")
+    def gather(self, slot: Slot, tick: int) -> list[Message | None]:
+        """What the nodes of other parts sent; nothing in the first tick of the loop."""
+        needs = [(port, -1 if port.dead or port.inside else port.need(tick)) for port in slot.inputs]
+        return [port.of(need) if need >= 0 else None for port, need in needs]
 
     def sent(self, slot: Slot, tick: int) -> None:
         """Answers stay in the outputs."""

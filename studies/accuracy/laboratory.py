@@ -36,7 +36,7 @@ def methods() -> list[Method]:
         if version := module.version():
             own = name.lower()
             title = f"{name} {version}"
-            known.append(Method(name, title, _pressed, _meshes(own), partial(_refuses, own), (version,)))
+            known.append(Method(name, title, _pressed, _meshes(own), partial(_refuses, own), source=(version,)))
     return known
 
 

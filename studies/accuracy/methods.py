@@ -50,10 +50,7 @@ def _only_fingertip(touch: BenchCase) -> str:
 
 
 def standard() -> list[Method]:
-    """The methods that come with palpate, and outside solvers that are installed.
-
-    patient  whether a basis that is not stored is built even where that takes minutes
-    """
+    """The methods that come with palpate, and outside solvers that are installed."""
     laws = (
         ("exponential", "exponential", "exponential law"),
         ("hertz-exponential", "hertz", "Hertz law, stiffening modulus"),
@@ -67,8 +64,8 @@ def standard() -> list[Method]:
         else:
             others.append(of_user(name, body))
     return [
-        Method("hertz", "Hertz's law", _law(BALL), tuple(steps()), _only_ball),
-        *(Method(name, title, _law({"finger_law": law}), tuple(steps()), _only_fingertip)
+        Method("hertz", "Hertz's law", _law(BALL), tuple(steps()), _only_ball, law=True),
+        *(Method(name, title, _law({"finger_law": law}), tuple(steps()), _only_fingertip, law=True)
           for name, law, title in laws),
         *own, *others, *laboratory.methods(),
     ]  # fmt: skip
@@ -102,7 +99,7 @@ def of_user(name: str, cls: type[Node]) -> Method:
         return {k: v for k, v in material.items() if k in known}
 
     points = [*steps(), *(meshes() if issubclass(cls, OnSurface) else ())]
-    return Method(name, name, of_body(cls, own), tuple(points), only_slab, (_text_of(cls),))
+    return Method(name, name, of_body(cls, own), tuple(points), only_slab, source=(_text_of(cls),))
 
 
 def _text_of(cls: type) -> str:

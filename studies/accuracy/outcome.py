@@ -59,5 +59,7 @@ class Method:
     compute: Callable[[BenchCase, Fidelity, int], MethodOutcome]
     fidelities: tuple[Fidelity, ...]
     refuses: Callable[[BenchCase], str] = lambda touch: ""
+    law: bool = False
+    """Whether it is a law of contact alone, without a body: it can do one or two test cases."""
     source: tuple[str, ...] = field(default_factory=tuple)
     """What else its answers depend on, for the key of a kept result."""

@@ -54,6 +54,8 @@ class BenchCase:
         return place[:, 0], rate[:, 0], place[:, 1], rate[:, 1]
 
 
+TISSUE = ("slab", "kidney")
+"""Bodies of the test cases that a tissue has to be able to do: a fingertip's patch on something soft."""
 APART = -1e-4
 _PRESS = ((0.0, APART, 0.0), (0.3, 5.5e-3, 0.0))
 

@@ -23,7 +23,7 @@ from palpate.physics.device.stability import poles
 from palpate.physics.device.wall_loop import WallDevice, advance, settles
 from palpate.physics.entry_point import NO_NODES, NO_VECTORS
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy.chain import BALL, LAW, UP
+from palpate.studies.accuracy.chain import BALL, LAW
 
 PUSH = 0.1  # [N] of the hand: soft bodies are then pressed by millimetres
 SPEED, BEGIN, SECONDS = 0.02, 0.2e-3, 2.0  # [m/s], [m] above the body, [s]
@@ -32,7 +32,7 @@ FAR = 1.0  # [m] A device that is so far away was thrown off
 PLACE: dict[str, Any] = {"surface": "plane", "vertices": 1000, "position": (0.0, 0.0, 0.0)}
 STIFF = ("Pa", "N/m", "N/m^n")  # Units of settings that say how stiff a body is
 NARROW = 3  # Halvings of an octave
-NONE = (0.0, 0.0, 0.0)
+NONE, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 COLUMNS = {
     "body": "", "rate": "Hz", "delay": "1", "stable": "N/m", "bare": "N/m", "controlled": "N/m", "given_out": "J",
 }  # fmt: skip

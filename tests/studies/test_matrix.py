@@ -4,22 +4,26 @@ from dataclasses import replace
 from itertools import pairwise
 
 import bodies_for_bench
+import msgspec
 import numpy as np
 import pytest
 
+from palpate.messages import Proximity
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import MassSpring, ReducedFE
+from palpate.nodes.friction import LuGre
+from palpate.nodes.spread import Kernel
 from palpate.physics.errors import PalpateError
-from palpate.studies.accuracy import UnsupportedError, chain, methods
+from palpate.studies.accuracy import chain, methods
 from palpate.studies.accuracy.bodies.reduced_fe import ready
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
 from palpate.studies.accuracy.fidelities import of_body
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.output.pareto import advice, best, front, point, summaries
+from palpate.studies.accuracy.output.pareto import advice, best, elsewhere, front, of_bodies, of_laws, point, summaries
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
 from palpate.studies.accuracy.touches import TOUCHES
-from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.accuracy.truth import HERTZ, SLIDING
 
 STANDARD = {m.name: m for m in methods.standard()}
 SMALL = {"surface": {"vertices": 400}}
@@ -151,6 +155,52 @@ def test_kept_cells_are_taken_up_and_another_machine_computes_its_own(tmp_path, 
     assert len(list((tmp_path / "palpate" / "bench" / "cells").iterdir())) == 2
 
 
+def test_the_forces_are_those_of_nodes_that_are_stepped_one_by_one():
+    """The compiled table against `CompiledNode.step` on messages, of a touch with friction."""
+    touch, rate = TOUCHES["slide"], 1000.0
+    times = np.arange(round(touch.duration * rate) + 1) / rate
+    own = STANDARD["MassSpring"].compute(touch, DEFAULT, 1)
+    plane = chain.surface_of(touch) | SMALL["surface"]
+    nodes = Series(), LuGre(**SLIDING._asdict()), Kernel(**plane), MassSpring(**plane, stiffness=HERTZ, damping=0.0)
+    for node in nodes:
+        node.start()
+    contact, friction, spread, body = nodes
+    approach, _, place, slip = touch.at(times)
+    surface, forces, rubbing = None, [], []
+    for tick, (e, x, v) in enumerate(zip(approach.tolist(), place.tolist(), slip.tolist(), strict=True)):
+        near = Proximity(
+            tick=tick, time=1_000_000 * tick, foot=(x, 0.0, 0.0), normal=(0.0, 0.0, 1.0), coordinates=(0.0, 0.0),
+            element=0, gap=-e, approach=max(e, 0.0), slip=(v, 0.0, 0.0),
+        )  # fmt: skip
+        touched = contact.step(near, surface, dt=1.0 / rate)
+        rubbed = friction.step(touched, near, dt=1.0 / rate)
+        surface = body.step([spread.step(touched, rubbed, dt=1.0 / rate)], dt=1.0 / rate)
+        surface = msgspec.structs.replace(surface, tick=tick, time=near.time)
+        forces.append(touched.force)
+        rubbing.append(np.linalg.norm(rubbed.force))
+    assert np.array_equal(own.values["force"], forces) and np.allclose(own.values["friction"], rubbing, rtol=1e-12)
+    assert len(own.steps) == len(times)
+
+
+def test_a_body_in_python_runs_between_compiled_nodes():
+    """A spring of 300 N/m in Python gives the force of the compiled one."""
+    linear = of_body(MassSpring, lambda touch: {"stiffness": 300.0, "exponent": 1.0, "damping": 0.0})
+    found = [m.compute(TOUCHES["indent"], DEFAULT, 1) for m in (user("Spring"), Method("x", "x", linear, (DEFAULT,)))]
+    assert np.allclose(*(one.values["force"] for one in found), atol=1e-9)
+
+
+def test_calibrated_springs_are_near_where_they_were_calibrated_and_laws_stand_apart():
+    cells = [one(TOUCHES[t], STANDARD[m], DEFAULT) for t, m in (
+        ("indent", "MassSpring"), ("indent", "MassSpring-calibrated"), ("plate", "exponential"), ("ball", "MassSpring"),
+    )]  # fmt: skip
+    errors = [cell.errors["force"]["rms"] for cell in cells]
+    assert errors[1] < 0.02 < 0.2 < errors[0]
+    assert [c.method for c in of_bodies(cells)] == ["MassSpring", "MassSpring-calibrated"]
+    assert [c.method for c in of_laws(cells)] == ["exponential"]
+    (sentence,) = elsewhere(cells)
+    assert "rigid ball" in sentence and "MassSpring, law of a ball < 0.001 %" in sentence
+
+
 def test_arrays_are_counted_once_however_they_are_reached():
     table = np.zeros(1000)
     assert chain.held_bytes([{"a": table, "b": table[10:]}, [table]]) == table.nbytes
@@ -168,5 +218,3 @@ def test_a_basis_that_is_not_stored_is_built_once_and_charged(tmp_path, monkeypa
     assert seconds > 0.0
     assert ready(node) == seconds
     node.start()
-    with pytest.raises(UnsupportedError, match="palpate build basis"):
-        ready(ReducedFE(model="sampled", surface="sphere", coarse=50))

@@ -1,13 +1,18 @@
-"""Springs with Hertz's law; with and without a surface."""
+"""Springs: with Hertz's law of a ball, with and without a surface, and calibrated to ReducedFE."""
 
+from functools import lru_cache
 from typing import Any
+
+import numpy as np
 
 from palpate.nodes.deformation import MassSpring
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.bodies import reduced_fe
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, spread, steps
-from palpate.studies.accuracy.outcome import Method
-from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.accuracy.outcome import Fidelity, Method
+from palpate.studies.accuracy.touches import TOUCHES, BenchCase
 from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.fit_body import power_law
 
 
 class _Silent(MassSpring):
@@ -20,8 +25,9 @@ def methods() -> list[Method]:
     forms = [spread("kernel", kernel, kernel) for kernel in ("wendland", "cosine")]
     finer = (*steps(), *meshes(), *reaches(), *forms)
     return [
-        Method("series", "laws in series, no surface", of_body(_Silent, _slab), tuple(steps()), _no_nodule),
-        Method("MassSpring", "MassSpring", of_body(MassSpring, _slab), finer, only_slab),
+        Method("series", "laws in series, no surface", of_body(_Silent, _slab), tuple(steps()), _no_nodule, law=True),
+        Method("MassSpring", "MassSpring, law of a ball", of_body(MassSpring, _slab), finer, only_slab),
+        Method("MassSpring-calibrated", "MassSpring, calibrated", of_body(MassSpring, _calibrated), finer, only_slab),
     ]
 
 
@@ -31,6 +37,22 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
     if touch.retardation == 0.0:
         law["damping"] = 0.0
     return law | (NODULE if touch.nodule else {})
+
+
+def _calibrated(touch: BenchCase) -> dict[str, Any]:
+    """As `palpate fit body` does: K, n and c from ReducedFE on one test case, for all of them."""
+    return _constants() | ({"damping": 0.0} if touch.retardation == 0.0 else {}) | (NODULE if touch.nodule else {})
+
+
+@lru_cache(maxsize=1)
+def _constants() -> dict[str, Any]:
+    """Power law through ReducedFE's indentation and force on `hold`."""
+    compute = next(m.compute for m in reduced_fe.methods() if m.name == "ReducedFE")
+    pressed = compute(TOUCHES["hold"], Fidelity("1000 Hz"), 1)
+    depth, force = pressed.values["indentation"], pressed.values["force"]
+    rate = np.diff(depth, prepend=0.0) / np.diff(pressed.times, prepend=-pressed.times[1])
+    touching = (force > 0.0) & (depth > 0.0)
+    return power_law(depth[touching], rate[touching], force[touching])
 
 
 def _no_nodule(touch: BenchCase) -> str:

@@ -5,7 +5,19 @@ from pathlib import Path
 from typing import Any
 
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.output.pareto import advice, best, duration, front, percent, point, summaries, unable
+from palpate.studies.accuracy.output.pareto import (
+    advice,
+    best,
+    duration,
+    elsewhere,
+    front,
+    of_bodies,
+    of_laws,
+    percent,
+    point,
+    summaries,
+    unable,
+)
 from palpate.studies.accuracy.places import on_path, stored
 from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.accuracy.truth import QUANTITIES
@@ -14,7 +26,11 @@ LEGEND = (
     "Bold: on the Pareto front of those that compute as many touches as any. Unsupported: touches that a method cannot "
     "do or breaks down on; they are in no error and no time."
 )
-COLUMNS = "Below, errors are rms and worst, over the peak of the reference; *once* is building and starting."
+LAWS = "Without a body: each on the test case that it describes, and none of them is a tissue."
+COLUMNS = (
+    "Times are processor times of one compiled tick: motion, contact, friction, spread and body with its surface. "
+    "Below, errors are rms and worst, over the peak of the reference; *once* is building and starting."
+)
 SOLVER = {"fe": "full FE", "felupe": "FElupe"}  # Those of the references
 NOT_COVERED = (
     "Organs other than a slab and the top of one kidney; of that, the shape of its surface and its viscosity.",
@@ -27,10 +43,10 @@ NOT_COVERED = (
 
 
 def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
-    told = summaries(cells)
-    lines = ["# What accuracy costs in time", "", advice(told), ""]
+    told = summaries(of_bodies(cells))
+    lines = ["# What accuracy costs in time", "", advice(told), *elsewhere(cells), ""]
     if "overview" in pictures:
-        lines += [f"![All touches]({pictures['overview'].name})", ""]
+        lines += [f"![Bodies on the test cases of tissue]({pictures['overview'].name})", ""]
     lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]
     lines += ["|---|---|---|---|---|---|---|"]
     bold = best(told)
@@ -42,6 +58,15 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
         )
     lines += ["", LEGEND, ""]
     lines += [f"Cannot do any touch: {', '.join(out)}.", ""] if (out := unable(cells)) else []
+    if laws := of_laws(cells):
+        lines += ["## Laws of contact alone", "", LAWS, "", "| law, setting | test case | force error | p50 | p99 |"]
+        lines += ["|---|---|---|---|---|"]
+        lines += [
+            f"| {c.title}, {c.fidelity} | {c.touch} | {percent(c.errors['force']['rms'])} | {duration(c.p50)} | "
+            f"{duration(c.p99)} |"
+            for c in laws
+        ]
+        lines += [""]
     lines += [COLUMNS, ""]
     for touch in dict.fromkeys(c.touch for c in cells):
         lines += _of_touch([c for c in cells if c.touch == touch], pictures.get(touch))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.studies.accuracy.cells import Cell
+from palpate.studies.accuracy.touches import TISSUE, TOUCHES
 
 GAIN = 0.98  # [1] Share of the error of the cheaper ones below which a point counts as more accurate than they
 LOOP = 1e-3  # [s] Period of a haptic loop
@@ -78,6 +79,29 @@ def summaries(cells: Sequence[Cell]) -> list[ParetoPoint]:
     return told
 
 
+def of_bodies(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells of bodies on the test cases that a tissue has to be able to do; all cells where there is none of these."""
+    return [c for c in cells if not c.law and TOUCHES[c.touch].body in TISSUE] or list(cells)
+
+
+def of_laws(cells: Sequence[Cell]) -> list[Cell]:
+    """Cells of laws that computed their test case."""
+    return [c for c in cells if c.law and c.status == "ok"]
+
+
+def elsewhere(cells: Sequence[Cell]) -> list[str]:
+    """Force errors of bodies on the other test cases, a sentence each; the first setting of a method stands for it."""
+    lines = []
+    for touch in dict.fromkeys(c.touch for c in cells if TOUCHES[c.touch].body not in TISSUE):
+        own = {c.title: c for c in reversed(cells) if c.touch == touch and c.status == "ok" and not c.law}
+        errors = ", ".join(f"{title} {percent(c.errors['force']['rms'])}" for title, c in reversed(own.items()))
+        if errors:
+            lines.append(
+                f"Not in the picture and the table: {TOUCHES[touch].title} (`{touch}`). Force error: {errors}."
+            )
+    return lines
+
+
 def best(told: Sequence[ParetoPoint]) -> list[int]:
     """The Pareto front of those that compute as many touches as any does: the median of few is not held against one of
     many."""
@@ -120,4 +144,6 @@ def unable(cells: Sequence[Cell]) -> list[str]:
 
 
 def percent(value: float) -> str:
+    if value < 1e-5:
+        return "< 0.001 %"
     return f"{100 * value:.2g} %" if value < 1.0 else f"{100 * value:.0f} %"

@@ -11,7 +11,7 @@ from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
 from palpate.studies.accuracy.laboratory import missing
 from palpate.studies.accuracy.output import page
-from palpate.studies.accuracy.output.pareto import summaries
+from palpate.studies.accuracy.output.pareto import of_bodies, summaries
 from palpate.studies.accuracy.truth import QUANTITIES
 
 PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "kept")]
@@ -59,5 +59,5 @@ def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
         for touch, file in drawn.items():
             touch_picture([c for c in cells if c.touch == touch], file)
         drawn["overview"] = folder / "overview.png"
-        overview(summaries(cells), cells, drawn["overview"])
+        overview(summaries(of_bodies(cells)), cells, drawn["overview"])
     return drawn

@@ -24,7 +24,7 @@ def accuracy(
     body: Annotated[
         list[str] | None, typer.Option(help="Also a custom body: mylab.tissue.Liver; may be given again.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 4 minutes of a core.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 2 minutes of a core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
     as_json: Json = False,
@@ -67,9 +67,9 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.physics import extras
     from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.output.page import LEGEND
-    from palpate.studies.accuracy.output.pareto import advice, best, duration, summaries, unable
+    from palpate.studies.accuracy.output.pareto import advice, best, duration, elsewhere, of_bodies, summaries, unable
 
-    told = summaries(cells)
+    told = summaries(of_bodies(cells))
     heads = ("", ">force error\nRMS, median [%]", ">worst\ntouch [%]", ">step\np50", ">\np99", ">touches\ncomputed",
              ">\nunsupported")  # fmt: skip
     rows = [
@@ -77,7 +77,8 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
          str(s.computed), str(s.charged or ""))
         for s in told
     ]  # fmt: skip
-    say(advice(told))
+    for sentence in (advice(told), *elsewhere(cells)):
+        say(sentence, wrap=True)
     if why := busy(own=1):
         say(f"{why}: p50 and p99 are too long.", "yellow")
     console().print(table(heads, rows, fixed=heads[1:], bold=best(told)))
