@@ -11,13 +11,13 @@ from palpate.messages import Contact, Friction, Proximity, Vector3
 from palpate.messages.record import array_handle
 from palpate.messages.vibration import Vibration
 from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wants
+from palpate.nodes.base.texture_file import read_texture, tabulated
 from palpate.physics.device import random_numbers
 from palpate.physics.device.random_numbers import seeded
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, lend_first, put, vector
 from palpate.physics.texture import surface
 from palpate.physics.texture.autoregressive import coefficients, filtered, innovation
-from palpate.physics.texture.models import read_texture, tabulated
 
 LONGEST = 0.1  # [s] of a block; what is later in a longer step is left out
 FRICTION, PRESS, SLIP = Wants("force", "bristle", "stick", "stored"), Wants("force"), Wants("slip")

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from palpate.models.fit.sessions import SessionError
+from palpate.nodes.base.texture_file import Model, Texture, tabulated
 from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
-from palpate.physics.texture.models import Model, Texture, tabulated
 from palpate.physics.texture.surface import read_table, third_octaves
 
 WINDOW = 0.1  # [s]

@@ -8,8 +8,8 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes import friction
 from palpate.nodes.base import SettingError
+from palpate.nodes.base.texture_file import Model, Texture
 from palpate.nodes.texture import Autoregressive, Spectral
-from palpate.physics.texture.models import Model, Texture
 from palpate.physics.texture.surface import density, third_octaves
 
 SPECTRUM = ((200.0, 1.0), (600.0, 1.0), (2000.0, 0.02))

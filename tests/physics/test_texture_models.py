@@ -6,8 +6,8 @@ import pytest
 from pytest import approx
 from scipy.signal import lfilter
 
+from palpate.nodes.base.texture_file import Model, Texture, read_texture, tabulated
 from palpate.physics.texture.autoregressive import coefficients, innovation, line_spectrum, spectrum, yule_walker
-from palpate.physics.texture.models import Model, Texture, read_texture, tabulated
 
 
 def random_model(random, order):
