@@ -309,3 +309,36 @@ def test_without_its_package_the_sound_card_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "sounddevice", None)
     with pytest.raises(SettingError, match=r"the package sounddevice is not installed; .*palpate\[feel\]"):
         SoundCard().start()
+
+
+def test_a_sound_card_plays_through_its_stream_and_closes_it(monkeypatch):
+    import sys
+    from types import SimpleNamespace
+
+    from palpate.nodes.actuator import SoundCard
+
+    opened = []
+
+    class Stream:
+        def __init__(self, **given):
+            if given["device"] == "broken":
+                raise ValueError("No output device matching 'broken'")
+            self.given, self.running = given, None
+            opened.append(self)
+
+        def start(self):
+            self.running = True
+
+        def close(self):
+            self.running = False
+
+    fake = SimpleNamespace(OutputStream=Stream, PortAudioError=RuntimeError)
+    monkeypatch.setitem(sys.modules, "sounddevice", fake)
+    node = SoundCard(device="3")
+    node.start()
+    assert opened[0].running and opened[0].given["device"] == 3 and opened[0].given["channels"] == 1
+    node.stop()
+    node.stop()
+    assert opened[0].running is False
+    with pytest.raises(SettingError, match="No output device matching 'broken'.*device: none plays nothing"):
+        SoundCard(device="broken").start()

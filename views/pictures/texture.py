@@ -1,5 +1,7 @@
 """The vibration of a texture: its spectrogram, its waveform and the sliding speed."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.mlab import specgram
@@ -10,6 +12,7 @@ from palpate.records.stored import RecordingError
 from palpate.views.pictures.style import FRICTION, SPEED, figure
 from palpate.views.pictures.touch import TouchStreams
 
+_spectrogram: Any = specgram  # of arrays, which its types do not say
 WINDOW = 0.05  # [s]
 RANGE = 50.0  # [dB]
 HIGHEST = 1000.0  # [Hz] that a finger feels
@@ -28,7 +31,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     width = int(WINDOW * sampling)
     if len(force) < 2 * width:
         return None
-    power, frequency, time = specgram(force, NFFT=width, Fs=sampling, noverlap=3 * width // 4, pad_to=4 * width)
+    power, frequency, time = _spectrogram(force, NFFT=width, Fs=sampling, noverlap=3 * width // 4, pad_to=4 * width)
     level = 10.0 * np.log10(np.maximum(power, 1e-30) / power.max())
     out = figure(11.5, 7.0, "Vibration of the texture under the finger")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
