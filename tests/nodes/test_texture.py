@@ -340,5 +340,5 @@ def test_a_sound_card_plays_through_its_stream_and_closes_it(monkeypatch):
     node.stop()
     node.stop()
     assert opened[0].running is False
-    with pytest.raises(SettingError, match="No output device matching 'broken'.*device: none plays nothing"):
+    with pytest.raises(SettingError, match=r"No output device matching 'broken'.*device: none plays nothing"):
         SoundCard(device="broken").start()
