@@ -6,7 +6,7 @@ from pathlib import Path
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-FORMATS = ("foxglove", "parquet", "csv")
+FORMATS = ("foxglove", "parquet", "csv", "wav", "hjif")
 
 
 def export(
@@ -19,7 +19,7 @@ def export(
 ) -> list[Path]:
     """Write a recording in another format; the files written.
 
-    to       one of FORMATS: foxglove (MCAP with JSON channels), parquet, csv (a file per stream)
+    to       one of FORMATS: foxglove (MCAP with JSON channels), parquet, csv (a file per stream), wav, hjif
     out      file or folder; None: beside the recording
     streams  to write; none: all that fit
     every    each n-th message only; None: all
@@ -30,7 +30,7 @@ def export(
         raise RecordingError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
     for name in streams:
         recording.known(name)
-    ending = ".foxglove.mcap" if to == "foxglove" else f"-{to}"
+    ending = {"foxglove": ".foxglove.mcap", "wav": ".wav", "hjif": ".hjif"}.get(to, f"-{to}")
     target = out or recording.path.with_name(recording.path.stem + ending)
     what = recording, target, tuple(streams) or tuple(recording.streams), every
     # Each file imports what its format takes.
@@ -38,6 +38,10 @@ def export(
         from palpate.records.export.foxglove import write_foxglove
 
         return write_foxglove(*what)
+    if to in ("wav", "hjif"):
+        from palpate.records.export.vibration import write_hjif, write_wav
+
+        return (write_wav if to == "wav" else write_hjif)(*what)
     from palpate.records.export.tables import write_csv, write_parquet
 
     return (write_csv if to == "csv" else write_parquet)(*what)

@@ -15,10 +15,12 @@ MCAP = "mcap"
 
 def export(
     file: File,
-    to: Annotated[str, typer.Option(help="foxglove, parquet or csv; mcap: a complete recording.")],
+    to: Annotated[str, typer.Option(help="foxglove, parquet, csv; wav, hjif: a texture; mcap: a complete recording.")],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="File (foxglove, mcap) or folder; by default next to the recording."),
+        typer.Option(
+            "-o", "--out", help="File (foxglove, wav, hjif, mcap) or folder; by default next to the recording."
+        ),
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
@@ -33,7 +35,8 @@ def export(
 ) -> None:
     """Write a recording for other tools, or repair a truncated one.
 
-    As MCAP with JSON (Foxglove, PlotJuggler), as Parquet or CSV. With --to mcap: a complete recording from the
+    As MCAP with JSON (Foxglove, PlotJuggler), as Parquet or CSV; the vibration of a texture as sound (WAV) or as MPEG
+    haptics (.hjif, ISO/IEC 23090-31). With --to mcap: a complete recording from the
     readable part of a truncated or damaged one. Exit code 1 if a message that --full computes differs from the
     recorded one; the messages before it are written.
     """

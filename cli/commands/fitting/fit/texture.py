@@ -1,0 +1,52 @@
+"""`palpate fit texture RECORDING.csv`: autoregressive models of a surface, for texture.Autoregressive."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.output import console, say, table, tell
+
+EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
+
+
+def texture(
+    file: Annotated[Path, typer.Argument(help="CSV: t,speed,normal and lateral or acceleration, in SI units.")],
+    held_out: Annotated[float | None, typer.Option(help="Speed that is predicted from the others, in m/s.")] = None,
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="File to write; by default RECORDING.json.")] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Fit a texture to a recording of strokes at several speeds and forces.
+
+    Prints the vibration of each model with its 95 % interval, and the error in third-octave bands at a speed that was
+    held out. `palpate run texture --set texture.use=texture.Autoregressive --set texture.model=FILE` renders it.
+    """
+    import msgspec
+
+    from palpate.models.fit.sessions import SessionError
+    from palpate.models.fit.texture import fit_texture
+
+    target = out or file.with_suffix(".json")
+    if target.exists() and not force:
+        raise SessionError(f"{target}: exists; expected another file (-o), or --force")
+    fitted = fit_texture(file, held_out)
+    try:
+        target.write_bytes(msgspec.json.format(msgspec.json.encode(fitted)) + b"\n")
+    except OSError as error:
+        raise SessionError(f"{target}: cannot be written: {error.strerror}") from None
+    if as_json:
+        tell({"ok": True, "file": str(target), **msgspec.to_builtins(fitted)})
+        return
+    unit = "N" if fitted.quantity == "force" else "m/s^2"
+    rows = [(f"{1e3 * m.speed:.4g}", f"{m.force:.3g}", f"{m.rms:.4g}", "{:.4g} to {:.4g}".format(*m.interval or (0, 0)))
+            for m in fitted.models]  # fmt: skip
+    console().print(table((">speed [mm/s]", ">force [N]", f">rms [{unit}]", ">95 % interval"), rows))
+    say(f"order {len(fitted.models[0].lsf)}, {fitted.sampling:g} Hz: written {target}", wrap=True)
+    if fitted.held_out is None:
+        say("no speed was held out: models at three speeds and more are needed", "yellow")
+        return
+    speed, errors = fitted.held_out
+    shown = ", ".join(f"{frequency:g} Hz {error:+.1f}" for frequency, error in errors)
+    say(f"held out, {1e3 * speed:.4g} mm/s: error in third-octave bands [dB]: {shown}", wrap=True)

@@ -1,0 +1,163 @@
+"""Autoregressive models of a texture from a recording of a finger or a tool that slides over it.
+
+The recording is cut into windows of steady speed and force. Windows of similar speed and force make a model
+(Yule-Walker on their mean autocovariance), labelled with their medians; one order, the least sum of BIC, serves all, so
+that line spectral frequencies can be interpolated (H. Culbertson, J. Unwin, K. J. Kuchenbecker, IEEE Trans. Haptics 7
+(2014) 381-393, whose segments are found by the signal instead). A speed in the middle is predicted from the others.
+"""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import butter, sosfiltfilt
+
+from palpate.models.fit.sessions import SessionError
+from palpate.nodes.base.texture_file import Model, Texture, tabulated
+from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule_walker
+from palpate.physics.texture.surface import read_table, third_octaves
+
+WINDOW = 0.1  # [s]
+STEADY = 0.2  # [1] change of speed or force within a window beyond which it is left out
+RATIO = 1.25  # of speeds, and of forces, that one model stands for
+LEAST = 8  # windows of a model
+ORDERS = range(4, 41)
+LOWEST = 20.0  # [Hz] motion of the hand lies below
+DRAWS = 400  # of the bootstrap
+
+
+class Cell(NamedTuple):
+    """Windows (n, w) of a vibration at a speed [m/s] and a force [N]."""
+
+    speed: float
+    force: float
+    windows: np.ndarray
+
+
+def fit_texture(path: Path, held_out: float | None = None) -> Texture:
+    """The models of a CSV with the columns t [s], speed [m/s], normal [N], and lateral [N] or acceleration [m/s^2].
+
+    held_out  speed [m/s] that is predicted from the others; None: one in the middle
+
+    SessionError: what is wrong.
+    """
+    try:
+        sampling, quantity, cells = _cells(path)
+    except OSError as error:
+        raise SessionError(f"{path}: {error.strerror}") from None
+    except ValueError as error:
+        raise SessionError(f"{path}: {error}") from None
+    models = _models(cells, sampling)
+    speeds = np.unique([cell.speed for cell in cells])
+    groups = _groups(speeds)
+    if held_out is not None:
+        nearest = groups[np.argmin(np.abs(speeds - held_out))]
+        if not 1 / RATIO < speeds[groups == nearest].mean() / held_out < RATIO:
+            raise SessionError(f"--held-out: found {held_out:g} m/s; the models have the speeds {_list(speeds)} m/s")
+    elif groups[-1] < 2:
+        return Texture(sampling=sampling, quantity=quantity, models=tuple(models))
+    else:
+        nearest = groups[-1] // 2
+    away = speeds[groups == nearest]
+    kept = [cell for cell in cells if cell.speed not in away]
+    if not kept:
+        raise SessionError(f"--held-out: {_list(away)} m/s is the only speed of {path}")
+    fewer = Texture(sampling=sampling, quantity=quantity, models=tuple(_models(kept, sampling)))
+    errors = np.mean([_errors(fewer, cell) for cell in cells if cell.speed in away], axis=0)
+    prediction = tuple((round(float(f), 1), round(float(e), 2)) for f, e in errors)
+    return Texture(
+        sampling=sampling, quantity=quantity, models=tuple(models), held_out=(float(away.mean()), prediction)
+    )
+
+
+def _list(numbers: np.ndarray) -> str:
+    return ", ".join(f"{number:.3g}" for number in numbers)
+
+
+def _cells(path: Path) -> tuple[float, str, list[Cell]]:
+    """Sampling [Hz], quantity, and the windows by speed and force."""
+    with open(path, encoding="utf-8-sig") as file:
+        head = [name.strip() for name in file.readline().split(",")]
+    measured = next((name for name in ("acceleration", "lateral") if name in head), "lateral")
+    table = read_table(path, "t", "speed", "normal", measured)
+    step = np.diff(table[:, 0])
+    if len(step) < 2 or not np.all(np.abs(step / np.median(step) - 1.0) < 0.05):
+        raise ValueError("expected rows at equal steps of t")
+    sampling = float(1.0 / np.mean(step))
+    width = round(WINDOW * sampling)
+    if sampling < 4 * LOWEST or len(table) < LEAST * width:
+        raise ValueError(f"found {len(table)} rows at {sampling:.4g} Hz; expected {LEAST * WINDOW:g} s and more, at "
+                         f"{4 * LOWEST:g} Hz and more")  # fmt: skip
+    signal = sosfiltfilt(butter(4, LOWEST, "highpass", fs=sampling, output="sos"), table[:, 3])
+    count = len(table) // width
+    speed, force, windows = (
+        column[: count * width].reshape(count, width) for column in (np.abs(table[:, 1]), table[:, 2], signal)
+    )
+    at = np.array([np.median(speed, axis=1), np.median(force, axis=1)])
+    moves = np.array([np.ptp(speed, axis=1), np.ptp(force, axis=1)])
+    good = (at > 0.0).all(axis=0) & (moves < STEADY * at).all(axis=0) & (windows.std(axis=1) > 0.0)
+    at, windows, cells = at[:, good], windows[good], []
+    label = np.array([_groups(row) for row in at])
+    for each in np.unique(label, axis=1).T:
+        mine = (label == each[:, None]).all(axis=0)
+        if mine.sum() >= LEAST:
+            cells.append(Cell(float(np.median(at[0, mine])), float(np.median(at[1, mine])), windows[mine]))
+    if not cells:
+        raise ValueError(f"no speed and force are steady within {100 * STEADY:g} % for {LEAST} windows of {WINDOW:g} s")
+    return sampling, "acceleration" if measured == "acceleration" else "force", cells
+
+
+def _groups(values: np.ndarray) -> np.ndarray:
+    """Number (n) of the group of each value (n) > 0: a group begins where the last one would span more than RATIO."""
+    numbers, number, begin = np.zeros(len(values), int), -1, 0.0
+    for i in np.argsort(values):
+        if number < 0 or values[i] > RATIO * begin:
+            number, begin = number + 1, values[i]
+        numbers[i] = number
+    return numbers
+
+
+def _models(cells: list[Cell], sampling: float) -> list[Model]:
+    """A model of each cell, all of the order with the least sum of BIC."""
+    most = min(ORDERS[-1], cells[0].windows.shape[1] // 8)
+    covariances = [_covariance(cell.windows, most) for cell in cells]
+    bic = np.zeros(most + 1)
+    for cell, covariance in zip(cells, covariances, strict=True):
+        size = cell.windows.size
+        bic += size * np.log(yule_walker(covariance)[1]) + np.log(size) * np.arange(most + 1)
+    order = ORDERS[0] + int(np.argmin(bic[ORDERS[0] :]))
+    random, models = np.random.default_rng(0), []
+    for cell, covariance in zip(cells, covariances, strict=True):
+        power = np.mean(cell.windows**2, axis=1)
+        drawn = np.sqrt(power[random.integers(0, len(power), (DRAWS, len(power)))].mean(axis=1))
+        low, high = (float(q) for q in np.quantile(drawn, (0.025, 0.975)))
+        lsf = tuple(float(x) for x in line_spectrum(yule_walker(covariance[: order + 1])[0]))
+        rms = float(np.sqrt(power.mean()))
+        models.append(Model(speed=cell.speed, force=cell.force, rms=rms, lsf=lsf, interval=(low, high)))
+    return models
+
+
+def _covariance(windows: np.ndarray, most: int) -> np.ndarray:
+    """Mean autocovariance (most + 1) of windows (n, w) under a Hann taper."""
+    tapered = windows * np.hanning(windows.shape[1])
+    power = np.mean(np.abs(np.fft.rfft(tapered, 2 * windows.shape[1], axis=1)) ** 2, axis=0)
+    found = np.fft.irfft(power)[: most + 1]
+    found[0] *= 1.0 + 1e-9
+    return found
+
+
+def _errors(texture: Texture, cell: Cell) -> np.ndarray:
+    """Third-octave bands [Hz] and the error of the predicted level [dB] in each (n, 2)."""
+    speeds, forces, table = tabulated(texture)
+    row = table[np.argmin(np.abs(speeds - cell.speed)), np.argmin(np.abs(forces - cell.force))]
+    width = cell.windows.shape[1]
+    frequency = np.fft.rfftfreq(4 * width, 1.0 / texture.sampling)
+    taper = np.hanning(width)
+    found = np.mean(np.abs(np.fft.rfft(cell.windows * taper, 4 * width, axis=1)) ** 2, axis=0)
+    found *= 2.0 / (texture.sampling * np.sum(taper**2))
+    wanted = spectrum(row[:-1], row[-1], texture.sampling, frequency)
+    bands = third_octaves(2 * LOWEST, 0.45 * texture.sampling)
+    inside = [(frequency >= centre / 10**0.05) & (frequency < centre * 10**0.05) for centre in bands]
+    return np.array(
+        [(b, 10.0 * np.log10(wanted[i].sum() / found[i].sum())) for b, i in zip(bands, inside, strict=True)]
+    )

@@ -1,0 +1,303 @@
+"""Texture of the surface under a sliding finger (docs/texture.md)."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Contact, Friction, Proximity, Vector3
+from palpate.messages.record import array_handle
+from palpate.messages.vibration import Vibration
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError, Wants
+from palpate.nodes.base.texture_file import read_texture, tabulated
+from palpate.physics.device import random_numbers
+from palpate.physics.device.random_numbers import seeded
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, lend_first, put, vector
+from palpate.physics.texture import surface
+from palpate.physics.texture.autoregressive import coefficients, filtered, innovation
+
+LONGEST = 0.1  # [s] of a block; what is later in a longer step is left out
+FRICTION, PRESS, SLIP = Wants("force", "bristle", "stick", "stored"), Wants("force"), Wants("slip")
+Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
+
+
+@kernel(error_model="numpy")
+def slide(own, friction, contact, proximity, dt):
+    """Speed of sliding [m/s], bound of the fluctuation [N], and direction [1] (3) in this step.
+
+    The bound is a share of the force that friction dissipates with, (f.v T - dV)/|v T| <= |f|: friction and
+    fluctuation together dissipate, whatever the texture.
+    """
+    v, z, f = vector(proximity.slip), vector(friction.bristle), vector(friction.force)
+    stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
+    released, speed = own.stored - stored, math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    strained = v[0] * (z[0] - own.bristle[0]) + v[1] * (z[1] - own.bristle[1]) + v[2] * (z[2] - own.bristle[2])
+    put(own.bristle, z)
+    own.stored = stored
+    if friction.stick or not contact.force > 0.0 or not speed * dt > 0.0:
+        return 0.0, 0.0, (0.0, 0.0, 0.0)
+    sliding = min(max(speed - strained / (speed * dt), 0.0), speed)
+    lost = f[0] * v[0] + f[1] * v[1] + f[2] * v[2] + released / dt  # [W]
+    size = math.sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2])
+    bound = own.share * min(max(lost, 0.0) / speed, size) if sliding > 0.0 else 0.0
+    return sliding, bound, (v[0] / speed, v[1] / speed, v[2] / speed)
+
+
+@kernel(error_model="numpy")
+def block(own, dt):
+    """How many samples end in this step, and the time [s] of the first one from its beginning."""
+    before, due = own.begun, own.begun + dt * own.sampling
+    count = int(due + 1e-6)
+    own.begun = due - count if due - count > 1e-6 else 0.0
+    return min(count, floats(own.samples).shape[0]), (1.0 - before) / own.sampling
+
+
+@kernel(error_model="numpy")
+def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, out, vibration):
+    """Scale the samples, bound them and send them; their mean is added to the friction."""
+    samples, upright, total, before = floats(own.samples), floats(own.upright), 0.0, own.amplitude
+    for i in range(count):
+        scale = before + (amplitude - before) * min((first + i / own.sampling) / dt, 1.0)
+        samples[i] = min(max(samples[i] * scale, -bound), bound)
+        total += samples[i]
+        upright[i] = own.normal * samples[i]
+    own.amplitude = amplitude
+    mean, f = total / count if count > 0 else 0.0, vector(friction.force)
+    put(out.force, (f[0] + mean * direction[0], f[1] + mean * direction[1], f[2] + mean * direction[2]))
+    put(out.bristle, vector(friction.bristle))
+    out.stick, out.stored.count = friction.stick, friction.stored.count
+    out.stored.values[0] = friction.stored.values[0]
+    lend_first(vibration.lateral, own.samples, count)
+    lend_first(vibration.normal, own.upright, count if own.normal > 0.0 else 0)
+    vibration.sampling, vibration.speed = own.sampling, sliding
+
+
+class _Texture(CompiledNode):
+    """Settings of all textures. Friction passes through, with the mean of each block added.
+
+    share   of the friction to which the fluctuation is limited
+    normal  fluctuation of the normal force over that of the lateral force; felt by what reads `Vibration`, not by the
+            hand
+    onset   sliding speed from which on the fluctuation is full; it grows with speed below
+    """
+
+    share: Annotated[float, "1", Share] = 0.9
+    normal: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.0
+    onset: Annotated[float, "m/s", Positive] = 2e-3
+
+    State = {"samples": ARRAY, "upright": ARRAY, "bristle": (3,), "stored": (), "begun": (), "amplitude": ()}
+    """A block; bristles and their energy at the last step; part of a sample that has passed; [N] the last amplitude."""
+
+    @kernel
+    def idle(own, friction, contact, proximity, out, vibration, dt):
+        if contact.force > 0.0 or own.amplitude != 0.0 or own.begun != 0.0 or vibration.speed != 0.0:
+            return False
+        stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
+        same = own.stored == stored and out.stick == friction.stick and vector(own.bristle) == vector(friction.bristle)
+        return same and vector(out.force) == vector(friction.force)
+
+    def room(self, sampling: float) -> None:
+        """Hold blocks at this rate [Hz]."""
+        for name in ("samples", "upright"):
+            self.hold(name, np.zeros(math.ceil(LONGEST * sampling) + 1))
+
+
+class Spectral(_Texture):
+    """A surface texture by its spatial spectrum, its wavelength or a measured profile.
+
+    The fluctuation is phi(s) f_n over the path s of slip: a spatial frequency k is felt at k times the sliding speed.
+    Between steps of the graph it is sampled at `sampling`.
+
+    spectrum        points of (spatial frequency [1/m], relative power density), power laws between them
+    wavelength      of a sinusoidal grating in place of the spectrum; 0: none
+    profile         CSV with s,height [m] in place of the spectrum: the fluctuation is its slope
+    shortest        wavelength of a profile that is resolved
+    roughness       rms of the fluctuation over the normal force at 1 N and 0.1 m/s; 0 with a profile: as measured
+    force_exponent, speed_exponent  powers of normal force and sliding speed by which it grows
+    direction       along which the path is measured, so that a stroke back feels the same surface; zero: along the slip
+    speed           highest sliding speed that is expected
+    """
+
+    spectrum: Annotated[tuple[tuple[float, float], ...], "1/m, 1"] = ((50.0, 1.0), (200.0, 1.0), (2000.0, 0.01))
+    wavelength: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
+    profile: Annotated[str, "1"] = ""
+    shortest: Annotated[float, "m", Positive] = 0.2e-3
+    roughness: Annotated[float, "1", msgspec.Meta(ge=0, le=10)] = 0.05
+    force_exponent: Annotated[float, "1", msgspec.Meta(ge=0, le=3)] = 1.0
+    speed_exponent: Annotated[float, "1", msgspec.Meta(ge=0, le=3)] = 0.0
+    direction: Annotated[Vector3, "1"] = (0.0, 0.0, 0.0)
+    speed: Annotated[float, "m/s", Positive] = 0.3
+    sampling: Annotated[float, "Hz", msgspec.Meta(ge=100, le=1e5)] = 10e3
+    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
+
+    State = _Texture.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool}
+    """One period [1] and its spacing [m]; place in it [m]; speed [m/s] beyond which nothing is felt; unit direction."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        points = np.array(self.spectrum).reshape(-1, 2)
+        good = (
+            len(points) > 1
+            and np.isfinite(points).all()
+            and (points > 0.0).all()
+            and (np.diff(points[:, 0]) > 0.0).all()
+        )
+        if self.wavelength and self.profile:
+            raise SettingError("settings 'wavelength' and 'profile': found both, expected one")
+        if not (self.wavelength or self.profile or good):
+            raise SettingError(
+                f"setting 'spectrum' [1/m, 1]: found {self.spectrum}, expected two or more pairs of a rising spatial "
+                "frequency > 0 and a power density > 0"
+            )
+        if self.fit < self.speed:
+            raise SettingError(
+                f"setting 'speed' [m/s]: at {self.speed:g} it reaches {self.finest * self.speed:.4g} Hz, beyond half "
+                f"of 'sampling', {0.5 * self.sampling:g} Hz. The highest speed that fits is {self.fit:.4g} m/s; "
+                f"or sample at {2.0 * self.finest * self.speed:.4g} Hz or more"
+            )
+
+    @property
+    def finest(self) -> float:
+        """Highest spatial frequency [1/m]."""
+        return (
+            1.0 / self.wavelength if self.wavelength else 1.0 / self.shortest if self.profile else self.spectrum[-1][0]
+        )
+
+    @property
+    def fit(self) -> float:
+        """Highest speed [m/s] at which it is sampled without aliasing."""
+        return 0.5 * self.sampling / self.finest
+
+    def start(self) -> None:
+        super().start()
+        try:
+            if self.profile:
+                table, spacing = surface.profile(Path(self.profile), self.roughness, self.shortest)
+            elif self.wavelength:
+                table, spacing = surface.grating(self.wavelength, self.roughness)
+            else:
+                table, spacing = surface.random_surface(np.array(self.spectrum), self.roughness, self.seed)
+        except (OSError, ValueError) as error:
+            name = "profile" if self.profile else "spectrum"
+            raise SettingError(f"setting {name!r}: {self.profile or self.spectrum}: {error}") from None
+        self.room(self.sampling)
+        self.hold("table", table)
+        self.own["spacing"], self.own["fastest"] = spacing, self.fit
+        length = math.sqrt(sum(each * each for each in self.direction))
+        self.own["axis"] = [each / length for each in self.direction] if length else 0.0
+        self._told = False
+
+    def notes(self) -> list[str]:
+        if hasattr(self, "own") and self.own["late"] and not self._told:
+            self._told = True
+            self._notes.append(f"Spectral: the finger slid faster than {self.fit:.3g} m/s, the highest speed that fits "
+                               f"{self.sampling:g} Hz; the texture was silent there")  # fmt: skip
+        return super().notes()
+
+    @kernel(error_model="numpy")
+    def compute(
+        own, friction: Annotated[Friction, FRICTION], contact: Annotated[Contact, PRESS],
+        proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
+    ):  # fmt: skip
+        dt = min(dt, LONGEST)
+        sliding, bound, d = slide(own, friction, contact, proximity, dt)
+        count, first = block(own, dt)
+        samples, table = floats(own.samples), floats(own.table)
+        x, way = own.axis, sliding
+        if x[0] != 0.0 or x[1] != 0.0 or x[2] != 0.0:
+            way = sliding * (x[0] * d[0] + x[1] * d[1] + x[2] * d[2])
+        n = len(table)
+        for i in range(count):
+            place = (own.place + way * (first + i / own.sampling)) / own.spacing
+            whole = math.floor(place)
+            k = int(whole) % n
+            samples[i] = table[k] + (place - whole) * (table[k + 1 if k + 1 < n else 0] - table[k])
+        own.place += way * dt
+        own.place -= math.floor(own.place / (n * own.spacing)) * (n * own.spacing)
+        own.late = own.late or sliding > own.fastest
+        amplitude = contact.force * min(sliding / own.onset, 1.0) if sliding <= own.fastest else 0.0
+        if own.force_exponent != 1.0 and amplitude > 0.0:
+            amplitude *= contact.force ** (own.force_exponent - 1.0)
+        if own.speed_exponent != 0.0 and amplitude > 0.0:
+            amplitude *= (sliding / 0.1) ** own.speed_exponent
+        send(own, friction, count, bound, d, amplitude, sliding, dt, first, out, vibration)
+
+
+class Autoregressive(_Texture):
+    """A texture by models of recorded vibrations over sliding speed and normal force.
+
+    model   file of `palpate fit texture`, or a model set (.xml) of the Penn Haptic Texture Toolkit
+    mass    [kg] by which an acceleration becomes a force
+    seed    of the noise that the models filter
+
+    Between models line spectral frequencies and rms are interpolated; outside of them the nearest ones are taken, and
+    below their least speed and force the fluctuation falls in proportion.
+    """
+
+    model: Annotated[str, "1"]
+    mass: Annotated[float, "kg", Positive] = 0.02
+    seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
+
+    State = _Texture.State | {
+        "sampling": (), "unit": (), "speeds": ARRAY, "forces": ARRAY, "table": array_handle(3), "row": ARRAY,
+        "a": ARRAY, "work": TABLE, "past": ARRAY, "newest": int, "random": random_numbers.STATE,
+    }  # fmt: skip
+    """Of the model file; LSF and rms at the last step; coefficients; the last samples in a ring; its noise."""
+
+    def start(self) -> None:
+        super().start()
+        try:
+            texture = read_texture(Path(self.model))
+        except (OSError, ValueError) as error:
+            raise SettingError(f"setting 'model': {self.model}: {error}") from None
+        speeds, forces, table = tabulated(texture)
+        order = table.shape[2] - 1
+        self.room(texture.sampling)
+        held = {"speeds": speeds, "forces": forces, "table": table, "row": np.zeros(order + 1)}
+        held |= {"a": np.zeros(order), "work": np.zeros((2, order + 2)), "past": np.zeros(order)}
+        for name, array in held.items():
+            self.hold(name, np.ascontiguousarray(array))
+        self.own["sampling"], self.own["random"] = texture.sampling, seeded(self.seed)
+        self.own["unit"] = self.mass if texture.quantity == "acceleration" else 1.0
+
+    @kernel(error_model="numpy")
+    def compute(
+        own, friction: Annotated[Friction, FRICTION], contact: Annotated[Contact, PRESS],
+        proximity: Annotated[Proximity, SLIP], out: Out[Friction], vibration: Out[Vibration], dt,
+    ):  # fmt: skip
+        dt = min(dt, LONGEST)
+        sliding, bound, d = slide(own, friction, contact, proximity, dt)
+        count, first = block(own, dt)
+        samples, row, amplitude = floats(own.samples), floats(own.row), 0.0
+        if sliding > 0.0:
+            speeds, forces, table = floats(own.speeds), floats(own.forces), floats(own.table)
+            i, u = cell(speeds, sliding)
+            j, w = cell(forces, contact.force)
+            i1, j1 = min(i + 1, len(speeds) - 1), min(j + 1, len(forces) - 1)
+            for k in range(len(row)):
+                low = table[i, j, k] + u * (table[i1, j, k] - table[i, j, k])
+                high = table[i, j1, k] + u * (table[i1, j1, k] - table[i, j1, k])
+                row[k] = low + w * (high - low)
+            a, work, past = floats(own.a), floats(own.work), floats(own.past)
+            coefficients(row[: len(a)], work[0], work[1], a)
+            gain = innovation(a, work[0])
+            for k in range(count):
+                samples[k], own.newest = filtered(a, gain, past, own.newest, own.random)
+            amplitude = (
+                own.unit * row[len(a)] * min(sliding / own.onset, sliding / speeds[0], contact.force / forces[0], 1.0)
+            )
+        send(own, friction, count, bound, d, amplitude, sliding, dt, first, out, vibration)
+
+
+@kernel(error_model="numpy")
+def cell(line, x):
+    """Place of a number in a rising, even row (n), and the part [1] of its cell that lies before it."""
+    n = len(line)
+    if n < 2:
+        return 0, 0.0
+    place = min(max((x - line[0]) / (line[n - 1] - line[0]) * (n - 1), 0.0), n - 1.0)
+    i = min(int(place), n - 2)
+    return i, place - i

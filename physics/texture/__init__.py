@@ -1,0 +1,1 @@
+"""Texture: fluctuation of the force of a sliding contact."""

@@ -1,0 +1,107 @@
+"""The vibration of a texture as sound (WAV), and as MPEG haptics (ISO/IEC 23090-31, `.hjif`)."""
+
+import json
+import wave
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from palpate.messages.vibration import Vibration
+from palpate.physics.archive import replacing
+from palpate.physics.texture.surface import third_octaves
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
+
+STEP = 0.02  # [s] between keyframes
+LEAST = 1e-3  # [1] of the peak below which a band is left out
+
+
+def samples(recording: Recording, streams: Sequence[str] = ()) -> tuple[np.ndarray, float, np.ndarray]:
+    """Lateral force [N] (n), its sampling [Hz] and the sliding speed [m/s] (n) of the first stream of vibrations.
+
+    RecordingError: there is none, or nothing slid.
+    """
+    found = [name for name in streams or recording.streams if recording.known(name).type is Vibration]
+    if not found:
+        raise RecordingError(f"{recording.path}: no stream of Vibration; `palpate run texture` records one")
+    blocks = cast(list[Vibration], list(recording.messages(found[0])))
+    force = np.concatenate([np.zeros(0), *(block.lateral for block in blocks)])
+    if not np.any(force):
+        raise RecordingError(f"{recording.path}: nothing slid, so {found[0]!r} is silent; expected a finger that "
+                             "presses on the surface and moves along it")  # fmt: skip
+    return force, blocks[0].sampling, np.repeat([b.speed for b in blocks], [len(b.lateral) for b in blocks])
+
+
+def write_wav(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+    """One channel of 16 bits; full scale is the largest force."""
+    force, sampling, _ = _all(recording, target, streams, every)
+    with replacing(target) as part, wave.open(str(part), "wb") as file:
+        file.setnchannels(1)
+        file.setsampwidth(2)
+        file.setframerate(round(sampling))
+        file.writeframes(np.round(force * (32767.0 / np.abs(force).max())).astype("<i2").tobytes())
+    return [target]
+
+
+def write_hjif(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
+    """Amplitudes of sines at the centres of third-octave bands, 50 times a second; the channel's gain is in newtons."""
+    force, sampling, _ = _all(recording, target, streams, every)
+    with replacing(target) as part:
+        part.write_text(json.dumps(haptics(force, sampling, recording.path.stem)), encoding="utf-8")
+    return [target]
+
+
+def _all(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> Any:
+    if every:
+        raise RecordingError("--every: sound needs every message; leave it out")
+    if target.exists() and target.samefile(recording.path):
+        raise RecordingError(f"{target} is the recording itself; name another file with --out")
+    return samples(recording, streams)
+
+
+def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:
+    """The document of a force [N] (n)."""
+    from scipy.signal import butter, sosfiltfilt  # slow to import
+
+    width = max(round(STEP * sampling), 1)
+    count = len(force) // width
+    bands: list[dict[str, Any]] = []
+    levels = []
+    for centre in third_octaves(10.0, 0.45 * sampling):
+        edges = centre * 10.0 ** np.array([-0.05, 0.05])
+        if len(force) < 32:
+            break
+        part = sosfiltfilt(butter(2, edges, "bandpass", fs=sampling, output="sos"), force)[: count * width]
+        levels.append((centre, edges, np.sqrt(2.0 * np.mean(part.reshape(count, width) ** 2, axis=1))))
+    gain = max((level.max() for *_, level in levels if len(level)), default=0.0) or 1.0
+    for number, (centre, edges, level) in enumerate(levels):
+        if not len(level) or level.max() < LEAST * gain:
+            continue
+        frames = [{"relative_position": round(1e3 * STEP * (i + 0.5)), "frequency_modulation": round(centre),
+                   "amplitude_modulation": round(float(a / gain), 5)} for i, a in enumerate(level)]  # fmt: skip
+        effect = {
+            "effect_type": "Basis",
+            "id": number,
+            "position": 0,
+            "phase": 0.0,
+            "base_signal": "Sine",
+            "keyframes": frames,
+        }
+        bands.append({"band_type": "VectorialWave", "lower_frequency_limit": round(edges[0]),
+                      "upper_frequency_limit": round(edges[1]), "effects": [effect]})  # fmt: skip
+    channel = {
+        "id": 0, "description": "lateral force; gain in newtons", "gain": float(gain), "mixing_coefficient": 1.0,
+        "body_part_mask": 0, "bands": bands,
+    }  # fmt: skip
+    perception = {
+        "id": 0, "avatar_id": 1, "description": "texture", "perception_modality": "Vibrotactile", "effect_library": [],
+        "channels": [channel],
+    }  # fmt: skip
+    return {
+        "version": "2023", "profile": "Main", "level": 2, "date": datetime.now().strftime("%Y-%m-%d"),
+        "description": f"palpate: {name}", "timescale": 1000, "avatars": [{"id": 1, "lod": 0, "type": "Vibration"}],
+        "perceptions": [perception], "syncs": [],
+    }  # fmt: skip

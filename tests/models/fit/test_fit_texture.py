@@ -1,0 +1,105 @@
+"""`palpate fit texture` on recordings made of known models."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.signal import lfilter
+from typer.testing import CliRunner
+
+from palpate.cli.__main__ import app
+from palpate.nodes.base.texture_file import read_texture
+from palpate.physics.texture.autoregressive import line_spectrum, spectrum
+
+SAMPLING = 2000.0
+SPEEDS, FORCES = (0.04, 0.06, 0.09, 0.135), (0.5, 1.0)
+
+
+def resonance(speed):
+    """A surface wavelength of 0.5 mm through a broad resonance: a (2) at its frequency."""
+    angle = 2 * np.pi * speed / 0.5e-3 / SAMPLING
+    return np.array([-2 * 0.9 * np.cos(angle), 0.81])
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    random, rows, time = np.random.default_rng(0), [], 0.0
+    for speed in SPEEDS:
+        for force in FORCES:
+            x = lfilter([1.0], np.concatenate([[1.0], resonance(speed)]), random.normal(size=9000))[1000:]
+            x *= 0.3 * force * speed / x.std()
+            t = time + np.arange(8000) / SAMPLING
+            time = t[-1] + 1 / SAMPLING
+            wobble = 1 + 0.03 * np.sin(7 * t)
+            rows.append(np.column_stack([t, speed * wobble, force * wobble[::-1], x + 0.05 * np.sin(4 * t)]))
+    path = tmp_path_factory.mktemp("texture") / "stroke.csv"
+    np.savetxt(path, np.concatenate(rows), "%.7g", ",", header="t,speed,normal,lateral", comments="")
+    return path
+
+
+def fit(*given):
+    return CliRunner().invoke(app, ["fit", "texture", *map(str, given)])
+
+
+def test_the_fit_finds_the_models_and_predicts_the_speed_that_was_held_out(recording, tmp_path):
+    target = tmp_path / "wood.json"
+    result = fit(recording, "-o", target, "--json")
+    assert result.exit_code == 0, result.output
+    told, found = json.loads(result.output), read_texture(target)
+    assert told["quantity"] == found.quantity == "force" and found.sampling == approx(SAMPLING, rel=1e-3)
+    assert len(found.models) == len(SPEEDS) * len(FORCES)
+    for model in found.models:
+        assert min(abs(model.speed / speed - 1) for speed in SPEEDS) < 0.02
+        low, high = model.interval
+        assert low < model.rms < high and high - low < 0.1 * model.rms
+    speed, errors = found.held_out
+    assert speed == approx(0.06, rel=0.02)
+    assert max(abs(error) for frequency, error in errors if frequency < 800) < 2.0
+
+
+def test_the_interval_covers_the_truth_about_as_often_as_it_says(recording, tmp_path):
+    """Of the power above the 20 Hz of the high-pass."""
+    fit(recording, "-o", tmp_path / "a.json")
+    at, inside = np.linspace(20.0, SAMPLING / 2, 20_000), []
+    for m in read_texture(tmp_path / "a.json").models:
+        speed = min(SPEEDS, key=lambda one: abs(one - m.speed))
+        lsf = line_spectrum(resonance(speed))
+        inside.append(
+            m.interval[0] < np.trapezoid(spectrum(lsf, 0.3 * m.force * speed, SAMPLING, at), at) ** 0.5 < m.interval[1]
+        )
+    assert np.mean(inside) >= 0.75  # of eight, 95 % each
+
+
+def test_the_table_names_speeds_intervals_and_the_error(recording, tmp_path):
+    result = fit(recording, "-o", tmp_path / "b.json", "--held-out", "0.06")
+    assert (
+        result.exit_code == 0
+        and "95 % interval" in result.output
+        and re.search(r"held out, (59|60)\.?\d* mm/s", result.output)
+    )
+    again = fit(recording, "-o", tmp_path / "b.json")
+    assert again.exit_code == 2 and "exists" in again.output
+
+
+@pytest.mark.parametrize(
+    ("rows", "options", "told"),
+    [
+        ("t,speed,normal\n0,1,1\n", (), "expected lateral too"),
+        ("t,speed,normal,lateral\n0,1,1,x\n", (), "line 2"),
+        ("t,speed,normal,lateral\n" + "".join(f"{i * i},1,1,{i}\n" for i in range(9)), (), "equal steps"),
+        ("t,speed,normal,lateral\n" + "".join(f"{i},1,1,{i}\n" for i in range(9)), (), "rows at 1 Hz"),
+        ("t,speed,normal,lateral\n" + "".join(f"{i / 1e3},{1 + i % 2},1,{i % 3}\n" for i in range(900)), (), "steady"),
+        (
+            "t,speed,normal,lateral\n" + "".join(f"{i / 1e3},1,1,{i % 3}\n" for i in range(900)),
+            ("--held-out", "3"),
+            "1 m/s",
+        ),
+    ],
+)
+def test_a_bad_recording_says_what_is_wrong(tmp_path, rows, options, told):
+    (tmp_path / "bad.csv").write_text(rows)
+    result = fit(tmp_path / "bad.csv", *options)
+    assert result.exit_code == 2 and told in " ".join(result.output.split())
+    assert fit(tmp_path / "none.csv").exit_code == 2

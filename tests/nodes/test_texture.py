@@ -1,0 +1,342 @@
+"""Textures on the test bus: spectrum, scaling with speed and force, bounds, energy, blocks, bad settings."""
+
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.launch.testing import FakeBus
+from palpate.messages import Contact, Friction, Proximity
+from palpate.nodes import friction
+from palpate.nodes.base import SettingError
+from palpate.nodes.base.texture_file import Model, Texture
+from palpate.nodes.texture import Autoregressive, Spectral
+from palpate.physics.texture.surface import density, third_octaves
+
+SPECTRUM = ((200.0, 1.0), (600.0, 1.0), (2000.0, 0.02))
+PERIOD = 2**13 / 16 / 2000 * 2  # [m] of a random surface of this spectrum: 70/200 m, up to the next power of two
+
+
+def press(force):
+    return Contact(
+        foot=(0, 0, 0), normal=(0, 0, 1), force=force,
+        compression=0, indentation=0, compression_rate=0, indentation_rate=0,
+    )  # fmt: skip
+
+
+def near(speed, across=0.0):
+    return Proximity(
+        foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0, gap=0, approach=0, slip=(speed, across, 0)
+    )
+
+
+def rubbed(force, mu=0.5, **more):
+    return Friction(force=(mu * force, 0, 0), **({"bristle": (0, 0, 0), "stick": False} | more))
+
+
+def stroke(node, speed, force, time, rate=50.0):
+    """Samples [N] of a steady stroke, of which the first step is a prelude."""
+    bus = FakeBus(node, rate=rate, contact=press(force), proximity=near(speed))
+    answers = bus.publish(*[rubbed(force)] * (1 + round(time * rate)))
+    return np.concatenate([vibration.lateral for _, vibration in answers[1:]])
+
+
+@pytest.mark.parametrize("force", [0.3, 1.0, 4.0])
+@pytest.mark.parametrize("speed", [0.02, 0.05, 0.1, 0.2, 0.3])
+def test_the_rendered_spectrum_is_the_wanted_one_in_every_third_octave(speed, force):
+    """S_f(f) = f_n^2 S(f/v)/v, integrated over each band by a fine sum; over one period of the surface."""
+    sampling, rms = 10e3, 0.05
+    x = stroke(Spectral(spectrum=SPECTRUM, roughness=rms, seed=3), speed, force, PERIOD / speed)
+    power = 2.0 * np.abs(np.fft.rfft(x)) ** 2 / len(x) ** 2
+    at = np.fft.rfftfreq(len(x), 1.0 / sampling)
+    fine = np.linspace(1.0, 2100.0 * speed, 200_000)
+    wanted = (rms * force) ** 2 * density(np.array(SPECTRUM), fine / speed)
+    wanted /= density(np.array(SPECTRUM), fine / speed).sum()
+    centres = third_octaves(200.0 * speed, 2000.0 * speed)
+    assert len(centres) >= 9
+    for centre in centres:
+        low, high = centre / 10**0.05, centre * 10**0.05
+        found = power[(at >= low) & (at < high)].sum()
+        assert 10.0 * np.log10(found / wanted[(fine >= low) & (fine < high)].sum()) == approx(0.0, abs=1.0), centre
+
+
+def test_twice_the_speed_gives_every_second_sample():
+    slow, fast = (stroke(Spectral(spectrum=SPECTRUM), speed, 1.0, 0.4) for speed in (0.05, 0.1))
+    place = 2 * np.arange(200, 900) + 1 + 200  # the prelude of 200 samples has half of the path
+    assert slow[place] == approx(fast[200:900], abs=1e-10)
+
+
+def test_a_grating_is_felt_at_speed_over_wavelength():
+    x = stroke(Spectral(wavelength=1e-3, roughness=0.1), 0.08, 2.0, 1.0)
+    level = np.abs(np.fft.rfft(x)) * 2 / len(x)
+    assert np.argmax(level) == 80 and level[80] == approx(0.1 * 2.0 * np.sqrt(2), rel=2e-3)
+
+
+def test_powers_of_force_and_speed():
+    one = Spectral(wavelength=1e-3, force_exponent=0.5, speed_exponent=2.0)
+    at = {key: stroke(one, *key, 0.5).std() for key in ((0.1, 1.0), (0.1, 4.0), (0.2, 1.0))}
+    assert at[0.1, 1.0] == approx(0.05, rel=1e-2)
+    assert at[0.1, 4.0] == approx(2 * at[0.1, 1.0], rel=1e-2) and at[0.2, 1.0] == approx(4 * at[0.1, 1.0], rel=1e-2)
+
+
+def test_it_is_silent_at_rest_in_the_air_and_in_a_contact_that_sticks():
+    bus = FakeBus(Spectral(roughness=1.0), contact=press(2.0), proximity=near(0.1))
+    assert np.any(bus.publish(rubbed(2.0))[0][1].lateral)
+    for held, friction_ in (
+        ({"proximity": near(0.0)}, rubbed(2.0)),
+        ({"contact": press(0.0)}, rubbed(0.0)),
+        ({}, rubbed(2.0, stick=True)),
+    ):
+        for name, message in ({"contact": press(2.0), "proximity": near(0.1)} | held).items():
+            bus.hold(name, message)
+        passed, vibration = bus.publish(friction_)[0]
+        assert passed.force == friction_.force
+        assert not np.any(vibration.lateral) and vibration.speed == 0.0
+
+
+def test_presliding_moves_the_bristles_and_not_the_surface():
+    """A finger that moves by as much as its bristles strain does not slide."""
+    bus = FakeBus(Spectral(roughness=1.0), contact=press(2.0), proximity=near(0.01))
+    strained = [rubbed(2.0, bristle=(1e-5 * (i + 1), 0, 0), stored=(1e-9 * i,)) for i in range(5)]
+    answers = [bus.publish(message)[0] for message in strained]
+    assert all(vibration.speed == approx(0.0, abs=1e-12) for _, vibration in answers)
+
+
+@pytest.mark.parametrize("law", ["LuGre", "ElastoPlastic", "Coulomb"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_friction_and_texture_never_give_out_energy(law, seed):
+    """D = W - V of both together never falls, under a random stroke, a load that swings and an absurd roughness."""
+    node = getattr(friction, law)()
+    law_bus = FakeBus(node, contact=press(1.0), proximity=near(0.0))
+    bus = FakeBus(Spectral(roughness=10.0, share=1.0, spectrum=SPECTRUM), contact=press(1.0), proximity=near(0.0))
+    random = np.random.default_rng(seed)
+    work = alone = stored = 0.0
+    highest, base, force = 0.0, 0.0, 0.0
+    v = np.zeros(2)
+    for i in range(1500):
+        v = 0.98 * v + 0.02 * random.normal(size=2) * 0.5
+        v = np.zeros(2) if 600 < i < 700 else v
+        force = max(1.0 + np.sin(0.01 * i), 0.0)
+        contact, place = press(force), near(*v)
+        law_bus.hold("proximity", place)
+        (plain,) = law_bus.publish(contact)
+        bus.hold("contact", contact)
+        bus.hold("proximity", place)
+        (answer, vibration) = bus.publish(plain)[0]
+        work += np.dot(answer.force[:2], v) * 1e-3
+        alone += np.dot(plain.force[:2], v) * 1e-3
+        stored = plain.stored[0] if plain.stored else 0.0
+        base = max(base, alone - stored)
+        highest = max(highest, work - stored)
+        # no more than friction alone
+        assert highest - (work - stored) <= base - (alone - stored) + 1e-12
+        assert np.abs(vibration.lateral).max(initial=0.0) <= np.hypot(*plain.force[:2]) + 1e-12
+    assert work > 0.0
+
+
+def test_the_fluctuation_is_bounded_by_the_share_of_friction():
+    x = stroke(Spectral(roughness=5.0, share=0.4), 0.1, 2.0, 0.5)
+    assert np.abs(x).max() == approx(0.4 * 0.5 * 2.0)
+
+
+def test_friction_gets_the_mean_of_each_block_along_the_slip():
+    bus = FakeBus(Spectral(normal=0.5), contact=press(2.0), proximity=near(0.0, 0.1))
+    given = Friction(force=(0.0, 1.0, 0.0), bristle=(0, 0, 0), stick=False)
+    passed, vibration = bus.publish(*[given] * 5)[-1]
+    assert passed.force == approx((0.0, 1.0 + vibration.lateral.mean(), 0.0))
+    assert vibration.normal == approx(0.5 * vibration.lateral) and len(vibration.lateral) == 10
+
+
+@pytest.mark.parametrize("sampling", [10e3, 44.1e3, 1234.5])
+def test_blocks_join_whatever_the_rate_of_the_graph(sampling):
+    node = Spectral(wavelength=5e-3, sampling=sampling)
+    quick, slow = (stroke(node, 0.1, 1.0, 1.0 - 1.0 / rate, rate) for rate in (1000.0, 100.0))
+    assert len(quick) + 1e-3 * sampling == approx(sampling, abs=1.01)
+    count = min(len(quick), len(slow)) - round(0.02 * sampling)
+    shift = round(0.009 * sampling)
+    if sampling == 10e3:
+        assert quick[shift : shift + count - shift] == approx(slow[: count - shift], abs=1e-9)
+    assert np.abs(np.diff(quick)).max() < 1.01 * np.abs(quick).max() * 2 * np.pi * 20.0 / sampling
+
+
+def test_with_a_direction_a_stroke_back_feels_the_same_surface():
+    node = Spectral(spectrum=SPECTRUM, direction=(2.0, 0.0, 0.0), roughness=0.05)
+    bus = FakeBus(node, contact=press(1.0), proximity=near(0.1))
+    forth = np.concatenate([v.lateral for _, v in bus.publish(*[rubbed(1.0)] * 20)])
+    bus.hold("proximity", near(-0.1))
+    back = Friction(force=(-0.5, 0, 0), bristle=(0, 0, 0), stick=False)
+    returned = np.concatenate([v.lateral for _, v in bus.publish(*[back] * 20)])
+    assert returned[:180] == approx(forth[::-1][1:181], abs=1e-9)
+
+
+def test_a_profile_is_felt_as_its_slope(tmp_path):
+    s = np.linspace(0.0, 0.05, 4001)
+    rows = np.column_stack([s, 1e-5 * np.sin(2 * np.pi * s / 2e-3) + 0.01 * s])
+    np.savetxt(tmp_path / "p.csv", rows, delimiter=",", header="s,height", comments="")
+    node = Spectral(profile=str(tmp_path / "p.csv"), roughness=0.0, shortest=0.5e-3)
+    x = stroke(node, 0.1, 1.0, 1.0)
+    level = np.abs(np.fft.rfft(x)) * 2 / len(x)
+    assert np.argmax(level) == 50 and level[50] == approx(1e-5 * 2 * np.pi / 2e-3, rel=0.02)
+
+
+def test_a_seed_is_a_surface():
+    one, again, other = (stroke(Spectral(seed=seed), 0.1, 1.0, 0.1) for seed in (1, 1, 2))
+    assert one.tobytes() == again.tobytes() and np.abs(one - other).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"speed": 5.0},
+            r"it reaches 1e\+04 Hz, beyond half of 'sampling', 5000 Hz. The highest speed that fits is 2.5",
+        ),
+        ({"spectrum": ((10.0, 1.0),)}, "two or more pairs"),
+        ({"spectrum": ((10.0, 1.0), (100.0, -1.0))}, "a power density > 0"),
+        ({"spectrum": ((100.0, 1.0), (10.0, 1.0))}, "a rising spatial frequency"),
+        ({"wavelength": 1e-3, "profile": "p.csv"}, "found both"),
+    ],
+)
+def test_bad_settings_say_what_would_work(given, told):
+    with pytest.raises(SettingError, match=told):
+        Spectral(**given)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("s,h\n0,0\n", "expected height too"),
+        ("s,height\n0,0\n1,x\n", "line 3: found '1, x', expected numbers"),
+        ("s,height\n0,0\n1e-3,nan\n", "finite"),
+        ("s,height\n0,0\n1e-3,1\n", "at least 4 rows"),
+        ("s,height\n" + "".join(f"{i}0,1\n" for i in range(9)), "m long"),
+        ("s,height\n" + "".join(f"{i}e-3,1\n" for i in range(9)), "flat"),
+    ],
+)
+def test_a_bad_profile_says_what_is_wrong(tmp_path, text, told):
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(SettingError, match=told):
+        Spectral(profile=str(tmp_path / "p.csv")).start()
+    with pytest.raises(SettingError, match="No such file"):
+        Spectral(profile=str(tmp_path / "none.csv")).start()
+    with pytest.raises(SettingError, match="times its lowest"):
+        Spectral(spectrum=((1.0, 1.0), (1e4, 1.0))).start()
+
+
+def test_a_finger_that_is_too_fast_is_told_and_feels_nothing():
+    node = Spectral()
+    bus = FakeBus(node, contact=press(1.0), proximity=near(3.0))
+    passed, vibration = bus.publish(*[rubbed(1.0)] * 3)[-1]
+    assert not np.any(vibration.lateral) and passed.force == (0.5, 0, 0)
+    assert "faster than 2.5 m/s" in node.notes()[0] and not node.notes()
+
+
+@pytest.fixture
+def wood(tmp_path):
+    import msgspec
+
+    models = [
+        Model(speed=v, force=f, rms=0.2 * f * v, lsf=(3.0 * v, 5.0 * v, 1.5, 2.5))
+        for v in (0.05, 0.1, 0.2)
+        for f in (0.5, 1.0, 2.0)
+    ]
+    path = tmp_path / "wood.json"
+    path.write_bytes(msgspec.json.encode(Texture(sampling=5000.0, quantity="force", models=tuple(models))))
+    return str(path)
+
+
+def test_an_autoregressive_texture_has_the_rms_and_the_spectrum_of_its_model(wood):
+    from palpate.physics.texture.autoregressive import spectrum
+
+    for speed, force in ((0.05, 2.0), (0.2, 0.5)):
+        x = stroke(Autoregressive(model=wood), speed, force, 20.0)
+        rms = 0.02 * force * speed / 0.1
+        assert x.std() == approx(rms, rel=0.05)
+        blocks = x[: len(x) // 1000 * 1000].reshape(-1, 1000) * np.hanning(1000)
+        found = np.mean(np.abs(np.fft.rfft(blocks, axis=1)) ** 2, axis=0) * 2 / 5000 / np.sum(np.hanning(1000) ** 2)
+        at = np.fft.rfftfreq(1000, 1 / 5000)
+        lsf = np.array((0.3 * speed / 0.1, 0.5 * speed / 0.1, 1.5, 2.5))
+        wanted = spectrum(lsf, rms, 5000.0, at)
+        for centre in third_octaves(60.0, 2000.0):
+            inside = (at >= centre / 10**0.05) & (at < centre * 10**0.05)
+            assert 10 * np.log10(found[inside].sum() / wanted[inside].sum()) == approx(0.0, abs=1.0)
+
+
+def test_an_autoregressive_texture_is_silent_at_rest_and_ends_its_fluctuation_with_the_force(wood):
+    bus = FakeBus(Autoregressive(model=wood), contact=press(1.0), proximity=near(0.1))
+    assert np.any(bus.publish(*[rubbed(1.0)] * 2)[1][1].lateral)
+    bus.hold("proximity", near(0.0))
+    assert not np.any(bus.publish(rubbed(1.0))[0][1].lateral)
+    light = [stroke(Autoregressive(model=wood), speed, force, 2.0).std() for speed, force in ((0.1, 0.5), (0.1, 0.05))]
+    assert light[1] == approx(0.1 * light[0], rel=1e-6)
+
+
+def test_a_sound_card_gets_the_vibration_at_its_own_rate():
+    from palpate.messages.vibration import Vibration
+    from palpate.nodes.actuator import SoundCard
+
+    node = SoundCard(device="none", gain=1.0)
+    bus = FakeBus(node)
+    t = np.arange(1, 2001) / 10e3
+    wave = np.sin(2 * np.pi * 50 * t)
+    for block in wave[:1500].reshape(-1, 10):
+        bus.publish(Vibration(lateral=block, normal=np.zeros(0), sampling=10e3, speed=0.1))
+    assert node.written == approx(0.15 * 48e3, abs=6)
+    out = np.zeros((node.written + 10, 1), np.float32)
+    node.fill(out, len(out), None, None)
+    start = np.arange(node.written) / 48e3
+    assert out[: node.written, 0] == approx(np.sin(2 * np.pi * 50 * (start + 1e-4)), abs=0.01)
+    assert not out[node.written :].any()
+
+
+def test_a_sound_card_that_nobody_empties_does_not_grow():
+    from palpate.messages.vibration import Vibration
+    from palpate.nodes.actuator import SoundCard
+
+    node = SoundCard(device="none")
+    bus = FakeBus(node)
+    for _ in range(500):
+        bus.publish(Vibration(lateral=np.ones(10), normal=np.zeros(0), sampling=10e3, speed=0.1))
+    assert node.written <= len(node.ring) and node.ring.max() == 1.0
+
+
+def test_without_its_package_the_sound_card_says_what_to_install(monkeypatch):
+    import sys
+
+    from palpate.nodes.actuator import SoundCard
+
+    monkeypatch.setitem(sys.modules, "sounddevice", None)
+    with pytest.raises(SettingError, match=r"the package sounddevice is not installed; .*palpate\[feel\]"):
+        SoundCard().start()
+
+
+def test_a_sound_card_plays_through_its_stream_and_closes_it(monkeypatch):
+    import sys
+    from types import SimpleNamespace
+
+    from palpate.nodes.actuator import SoundCard
+
+    opened = []
+
+    class Stream:
+        def __init__(self, **given):
+            if given["device"] == "broken":
+                raise ValueError("No output device matching 'broken'")
+            self.given, self.running = given, None
+            opened.append(self)
+
+        def start(self):
+            self.running = True
+
+        def close(self):
+            self.running = False
+
+    fake = SimpleNamespace(OutputStream=Stream, PortAudioError=RuntimeError)
+    monkeypatch.setitem(sys.modules, "sounddevice", fake)
+    node = SoundCard(device="3")
+    node.start()
+    assert opened[0].running and opened[0].given["device"] == 3 and opened[0].given["channels"] == 1
+    node.stop()
+    node.stop()
+    assert opened[0].running is False
+    with pytest.raises(SettingError, match=r"No output device matching 'broken'.*device: none plays nothing"):
+        SoundCard(device="broken").start()
