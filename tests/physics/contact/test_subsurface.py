@@ -13,7 +13,7 @@ from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element.mesh import EDGES
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.base import SettingError
-from palpate.nodes.tactile import Stress
+from palpate.nodes.tactile.field import Stress
 from palpate.physics.contact import subsurface
 from palpate.physics.contact.spread import KERNELS
 from palpate.physics.contact.subsurface import PAIRS, point_stress, strain_energy_density, under_patch, von_mises

@@ -14,7 +14,7 @@ from palpate.physics.contact.tactile import stick_radius
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import length, product
 
-TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
+TABLE = Path(__file__).parents[1] / "tables" / "fingertip.npz"
 
 
 class Flow(Node):
