@@ -55,7 +55,7 @@ class Afferents(CompiledNode):
                     f"setting {name!r}: found {getattr(self, name)}, expected three numbers, of {', '.join(TYPES)}, "
                     f"from {least:g} on"
                 )
-        self.population = made = self._made()
+        self.population = made = self.made()
         n = len(made.kind)
         rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson)
         since = np.full(n, 1000, np.int64)
@@ -70,7 +70,8 @@ class Afferents(CompiledNode):
             self.hold(name, array)
         self.own["counts"] = np.maximum(np.bincount(made.kind, minlength=3), 1)
 
-    def _made(self) -> population.Population:
+    def made(self) -> population.Population:
+        """The receptors. SettingError: there can be none such."""
         try:
             if self.units:
                 return population.read(Path(self.units), self.depths, self.seed)

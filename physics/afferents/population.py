@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.physics.afferents.published import FITS, TYPES
+from palpate.physics.contact.subsurface import energy_stress
 from palpate.physics.kernel import kernel
 
 NO_GRID, OUTSIDE = 1, 2
@@ -129,6 +130,4 @@ def equivalent(stress, corners, weights, poisson):
             s = stress[corners[c]]
             xx, yy, zz = xx + w * s[0], yy + w * s[1], zz + w * s[2]
             yz, xz, xy = yz + w * s[3], xz + w * s[4], xy + w * s[5]
-    trace = xx + yy + zz
-    square = xx * xx + yy * yy + zz * zz + 2.0 * (yz * yz + xz * xz + xy * xy)
-    return math.sqrt(max((1.0 + poisson) * square - poisson * trace * trace, 0.0))
+    return math.sqrt(max(energy_stress(xx, yy, zz, yz, xz, xy, poisson), 0.0))

@@ -8,7 +8,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Load, MessageError, Subsurface
 from palpate.nodes.base import SettingError
 from palpate.nodes.tactile import Afferents
-from palpate.nodes.tactile.field import Stress
+from palpate.nodes.tactile.stress import Stress
 from palpate.physics.afferents.published import DEPTHS
 
 SA1, RA1, PC = range(3)
