@@ -37,6 +37,7 @@ class Afferents(CompiledNode):
     units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45  # Of the skin: that of tactile.Stress
     seed: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 1
+    trial: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 0  # Another one: the same finger, other noise
     smoothing: Annotated[float, "s", msgspec.Meta(gt=0)] = 0.1  # Time constant of the rates
 
     rates = Part("tactile", "rate", about="The smoothed rate of each afferent.")
@@ -74,8 +75,8 @@ class Afferents(CompiledNode):
         """The receptors. SettingError: there can be none such."""
         try:
             if self.units:
-                return population.read(Path(self.units), self.depths, self.seed)
-            return population.scatter(self.densities, self.reach, self.depths, self.seed)
+                return population.read(Path(self.units), self.depths, self.seed, self.trial)
+            return population.scatter(self.densities, self.reach, self.depths, self.seed, self.trial)
         except (OSError, ValueError) as error:
             raise SettingError(f"setting {'units' if self.units else 'densities'!r}: {error}") from None
 

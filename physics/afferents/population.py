@@ -31,7 +31,9 @@ class Population(NamedTuple):
     keys: np.ndarray
 
 
-def scatter(densities: tuple[float, ...], reach: float, depths: tuple[float, ...], seed: int) -> Population:
+def scatter(
+    densities: tuple[float, ...], reach: float, depths: tuple[float, ...], seed: int, trial: int = 0
+) -> Population:
     """Receptors with these densities [1/m²] of each type on a disc of radius `reach` [m], independent and uniform."""
     numbers, kind, places = np.random.default_rng(seed), [], []
     for which, density in enumerate(densities):
@@ -44,10 +46,10 @@ def scatter(densities: tuple[float, ...], reach: float, depths: tuple[float, ...
             found = np.concatenate([found, more[(more * more).sum(axis=1) <= 1.0]])
         places.append(np.column_stack([reach * found[:count], np.full(count, depths[which])]))
         kind += [which] * count
-    return _population(np.array(kind, np.int32), np.concatenate(places), seed)
+    return _population(np.array(kind, np.int32), np.concatenate(places), seed, trial)
 
 
-def read(path: Path, depths: tuple[float, ...], seed: int) -> Population:
+def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Population:
     """Receptors of a CSV file with the columns type, x, y and, if wanted, depth, in m. ValueError, OSError: not one."""
     kind, at = [], []
     with path.open(newline="", encoding="utf-8") as file:
@@ -68,17 +70,18 @@ def read(path: Path, depths: tuple[float, ...], seed: int) -> Population:
     if not kind:
         raise ValueError(f"{path}: no receptors, expected lines with type, x, y, depth below a line with these names")
     order = np.argsort(kind, kind="stable")
-    return _population(np.array(kind, np.int32)[order], np.array(at)[order], seed)
+    return _population(np.array(kind, np.int32)[order], np.array(at)[order], seed, trial)
 
 
-def _population(kind: np.ndarray, at: np.ndarray, seed: int) -> Population:
+def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Population:
     """The fibre of each receptor is one of those that were fitted to its type, by chance."""
     numbers = np.random.default_rng([seed, 1])
     fits = np.zeros((len(kind), 12))
     for which, fibres in enumerate(FITS):
         mine = kind == which
         fits[mine] = fibres[numbers.integers(len(fibres), size=int(mine.sum()))]
-    return Population(kind, np.ascontiguousarray(at), fits, numbers.integers(1 << 62, size=len(kind)))
+    keys = np.random.default_rng([seed, trial, 2]).integers(1 << 62, size=len(kind))
+    return Population(kind, np.ascontiguousarray(at), fits, keys)
 
 
 @kernel(error_model="numpy")

@@ -64,6 +64,10 @@ def test_spikes_are_reproducible_and_differ_by_seed():
     first, again, other = run(course), run(course), run(course, seed=2)
     assert np.array_equal(first[0], again[0]) and np.array_equal(first[1], again[1])
     assert not np.array_equal(first[0], other[0])
+    node = Afferents(trial=3)
+    noisy = run(course, node=node)
+    assert not np.array_equal(first[0], noisy[0]) and len(first[0]) == approx(len(noisy[0]), rel=0.05)
+    assert np.array_equal(node.population.at, Afferents().made().at)
 
 
 def test_the_answer_at_5_khz_is_that_at_1_khz_where_the_stress_is_as_smooth():
