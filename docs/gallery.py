@@ -17,7 +17,8 @@ HEAD = """# Gallery
 Every graph that ships, as `python docs/gallery.py` writes it, with a picture by `python docs/pictures/gallery.py`: the
 surface at its deepest instant, or one of the run's pictures; devices and sensors are emulators. A
 run ends with its [pictures](pictures.md); `palpate picture FILE --film` makes a [film](python.md) of its recording.
-`palpate plan GRAPH` lists what runs and why.
+`palpate plan GRAPH` lists what runs and why. `palpate run nodule --scene afferents` adds the
+[spikes of the fingertip's afferents](equations/afferents.md).
 
 """
 
