@@ -35,7 +35,9 @@ def scatter(
     densities: tuple[float, ...], reach: float, depths: tuple[float, ...], seed: int, trial: int = 0
 ) -> Population:
     """Receptors with these densities [1/m²] of each type on a disc of radius `reach` [m], independent and uniform."""
-    numbers, kind, places = np.random.default_rng(seed), [], []
+    numbers = np.random.default_rng(seed)
+    kind: list[int] = []
+    places = []
     for which, density in enumerate(densities):
         count = round(density * math.pi * reach * reach)
         if count > MOST:

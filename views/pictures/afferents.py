@@ -99,7 +99,7 @@ def population_of(touch: TouchStreams, stream: str) -> Population | None:
 
 def spikes(touch: TouchStreams, stream: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit and moment [s] of each spike, and the times [s] of the messages."""
-    sent = list(touch.recording.messages(stream, touch.read))
+    sent: list[Any] = list(touch.recording.messages(stream, touch.read))
     time = np.array([each.time * 1e-9 for each in sent])
     if not sent:
         return np.zeros(0, int), np.zeros(0), time
