@@ -53,7 +53,8 @@ def scatter(
 
 def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Population:
     """Receptors of a CSV file with the columns type, x, y and, if wanted, depth, in m. ValueError, OSError: not one."""
-    kind, at = [], []
+    kind: list[int] = []
+    at: list[list[float]] = []
     with path.open(newline="", encoding="utf-8") as file:
         for number, line in enumerate(csv.DictReader(file), 2):
             try:
