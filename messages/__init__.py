@@ -12,14 +12,14 @@ from palpate.messages.fields import Field, Floats, Ints, MessageError, Vector, V
 from palpate.messages.health import Health
 from palpate.messages.ledger import Ledger
 from palpate.messages.slip import Slip
-from palpate.messages.tactile import Subsurface, Tactile
+from palpate.messages.tactile import Spikes, Subsurface, Tactile
 from palpate.messages.tissue import Surface
 from palpate.messages.uncertainty import ForceBand
 from palpate.registry import find
 
 __all__ = [
     "Contact", "Contacts", "DeviceState", "Field", "Floats", "Force", "ForceBand", "Friction", "Health", "Ints",
-    "Ledger", "Load", "Message", "MessageError", "Pins", "Pointed", "Pose", "Proximity", "Slip", "Subsurface",
+    "Ledger", "Load", "Message", "MessageError", "Pins", "Pointed", "Pose", "Proximity", "Slip", "Spikes", "Subsurface",
     "Surface", "Tactile", "Torque", "Vector", "Vector2", "Vector3", "check_finite", "fields", "pack", "unpack",
 ]  # fmt: skip
 

@@ -1,11 +1,11 @@
-"""Message of what the skin feels beyond force."""
+"""Messages of what the skin feels beyond force."""
 
 from typing import Annotated
 
 import numpy as np
 
-from palpate.messages.base import Floats, Message
-from palpate.messages.tissue import NO_FLOATS
+from palpate.messages.base import Floats, Ints, Message, Vector3
+from palpate.messages.tissue import NO_FLOATS, NO_INTS
 
 NO_VECTORS, NO_STRESS = np.zeros((0, 3)), np.zeros((0, 6))
 for _empty in (NO_VECTORS, NO_STRESS):
@@ -37,11 +37,26 @@ class Subsurface(Message):
     points         [m]     (k,3)  x and y from the foot point, and the depth; z points into the tissue, x lies along the
                                   world's x axis (y axis where the normal is nearer to x)
     stress         [Pa]    (k,6)  xx, yy, zz, yz, xz, xy along these axes; tension is positive
-    von_mises      [Pa]    (k)    equivalent stress
-    energy_density [J/m^3] (k)    strain energy density
+    von_mises      [Pa]    (v)    equivalent stress; v = k, 0 where nobody reads it
+    energy_density [J/m^3] (w)    strain energy density; w = k, 0 where nobody reads it
     """
 
     points: Annotated[Floats, "m", ("k", 3)] = NO_VECTORS
     stress: Annotated[Floats, "Pa", ("k", 6)] = NO_STRESS
-    von_mises: Annotated[Floats, "Pa", ("k",)] = NO_FLOATS
-    energy_density: Annotated[Floats, "J/m^3", ("k",)] = NO_FLOATS
+    von_mises: Annotated[Floats, "Pa", ("v",)] = NO_FLOATS
+    energy_density: Annotated[Floats, "J/m^3", ("w",)] = NO_FLOATS
+
+
+class Spikes(Message):
+    """Spikes of tactile afferents since the message before.
+
+    unit    [1]   (s)  which afferent fired: a place among those of the sender, one type after the other
+    moment  [s]   (s)  when, on the graph's clock, at the receptor; conduction along the nerve is left out
+    mean    [1/s] (3)  mean rates of all SA1, RA1 and PC afferents, smoothed over the sender's `smoothing`
+    rate    [1/s] (n)  smoothed rate of each afferent; empty where nobody reads it
+    """
+
+    unit: Annotated[Ints, "1", ("s",)] = NO_INTS
+    moment: Annotated[Floats, "s", ("s",)] = NO_FLOATS
+    mean: Annotated[Vector3, "1/s"] = (0.0, 0.0, 0.0)
+    rate: Annotated[Floats, "1/s", ("n",)] = NO_FLOATS

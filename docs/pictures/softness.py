@@ -2,6 +2,7 @@
 
 softness.png          a fingerpad on soft tissue, where Hertz theory is valid and where not: `palpate run softness`
 softness-nodule.png   a finger slides over a hard nodule, force and pins: `palpate run nodule`
+afferents.png         spikes of the finger's afferents: `palpate run nodule --scene afferents`
 softness-band.png     force of the kidney and of a measured subject: `palpate run kidney --set scene.finger.band=true`
 """
 
@@ -20,17 +21,20 @@ RUNS = {
     "softness.png": ("softness", "softness", ()),
     "softness-nodule.png": ("nodule", "pins", ()),
     "softness-band.png": ("kidney", "force", ("scene.finger.band=true",)),
+    "afferents.png": ("nodule", "afferents", (), "afferents"),
 }
-"""Picture: the graph, which of its pictures, what is set."""
+"""Picture: the graph, which of its pictures, what is set, and another scene."""
 
 
 def main(folder: Path) -> list[Path]:
     """Run, draw, copy."""
     folder.mkdir(parents=True, exist_ok=True)
-    for target, (graph, picture, sets) in RUNS.items():
+    for target, (graph, picture, sets, *scene) in RUNS.items():
         with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
             file = Path(scratch) / f"{graph}.mcap"
-            outcome = execute(find(graph).but(place="fused", record=file, overrides=sets))
+            outcome = execute(
+                find(graph).but(place="fused", record=file, overrides=sets, scene=next(iter(scene), None))
+            )
             if not outcome.result.ok:
                 raise SystemExit("\n".join(map(str, outcome.result.deaths)))
             made = {path.stem: path for path in draw(file, Path(scratch))}

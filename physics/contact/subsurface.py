@@ -21,6 +21,7 @@ import numpy as np
 
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.exact import arctan2
+from palpate.physics.kernel import kernel
 
 SHALLOWEST = 0.01  # [1] Least depth over the patch's radius: above, the stress is the load's own
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt's order: xx, yy, zz, yz, xz, xy
@@ -85,15 +86,50 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     return found
 
 
-def von_mises(stress: np.ndarray) -> np.ndarray:
-    """Equivalent stress [Pa] (k,) of stresses (k,6) in the order of `PAIRS`."""
-    xx, yy, zz, yz, xz, xy = stress.T
-    apart = (xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2
-    return np.sqrt(0.5 * apart + 3.0 * (yz * yz + xz * xz + xy * xy))
+@kernel(error_model="numpy")
+def along_patch(forces, normal):
+    """The sum [N] of forces (k,3) along the axes of a patch with this outward normal (3): z into the tissue, x along
+    the world's x axis (y axis where the normal is nearer to x)."""
+    fx = fy = fz = 0.0
+    for k in range(len(forces)):
+        fx, fy, fz = fx + forces[k, 0], fy + forces[k, 1], fz + forces[k, 2]
+    n0, n1, n2 = -normal[0], -normal[1], -normal[2]
+    x0, x1, x2 = (1.0 - n0 * n0, -n0 * n1, -n0 * n2) if abs(n0) < 0.8 else (-n1 * n0, 1.0 - n1 * n1, -n1 * n2)
+    long = math.sqrt(x0 * x0 + x1 * x1 + x2 * x2)
+    x0, x1, x2 = x0 / long, x1 / long, x2 / long
+    y0, y1, y2 = n1 * x2 - n2 * x1, n2 * x0 - n0 * x2, n0 * x1 - n1 * x0
+    return fx * x0 + fy * x1 + fz * x2, fx * y0 + fy * y1 + fz * y2, fx * n0 + fy * n1 + fz * n2
 
 
-def strain_energy_density(stress: np.ndarray, young: float, poisson: float) -> np.ndarray:
-    """((1 + nu) sigma:sigma - nu tr(sigma)²)/2E [J/m³] (k,) of stresses [Pa] (k,6) in the order of `PAIRS`."""
-    xx, yy, zz, yz, xz, xy = stress.T
+@kernel
+def stress_of(matrix, force, stress):
+    """Fill stresses [Pa] (p,6) with a matrix [1/m²] (6p,3) of `under_patch` times a force [N] (3)."""
+    for p in range(len(stress)):
+        for c in range(6):
+            row = matrix[6 * p + c]
+            stress[p, c] = row[0] * force[0] + row[1] * force[1] + row[2] * force[2]
+
+
+@kernel
+def von_mises_of(stress, out):
+    """Fill `out` [Pa] (p) with the equivalent stress of stresses [Pa] (p,6) in the order of `PAIRS`."""
+    for p in range(len(stress)):
+        s = stress[p]
+        apart = (s[0] - s[1]) ** 2 + (s[1] - s[2]) ** 2 + (s[2] - s[0]) ** 2
+        out[p] = math.sqrt(0.5 * apart + 3.0 * (s[3] * s[3] + s[4] * s[4] + s[5] * s[5]))
+
+
+@kernel
+def energy_stress(xx, yy, zz, yz, xz, xy, poisson):
+    """(1 + nu) sigma:sigma - nu tr(sigma)² = 2 E W [Pa²] of a stress [Pa]: W is the strain energy density."""
     square = xx * xx + yy * yy + zz * zz + 2.0 * (yz * yz + xz * xz + xy * xy)
-    return ((1.0 + poisson) * square - poisson * (xx + yy + zz) ** 2) / (2.0 * young)
+    trace = xx + yy + zz
+    return (1.0 + poisson) * square - poisson * trace * trace
+
+
+@kernel(error_model="numpy")
+def strain_energy_of(stress, young, poisson, out):
+    """Fill `out` [J/m³] (p) with the strain energy density of stresses [Pa] (p,6) in the order of `PAIRS`."""
+    for p in range(len(stress)):
+        s = stress[p]
+        out[p] = energy_stress(s[0], s[1], s[2], s[3], s[4], s[5], poisson) / (2.0 * young)

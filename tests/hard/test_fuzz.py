@@ -32,7 +32,7 @@ from palpate.nodes.base.mesh_file import read_mesh
 from palpate.nodes.contact.probabilistic import read_law
 from palpate.nodes.deformation import basis_store
 from palpate.nodes.device.motion import read_motion
-from palpate.nodes.tactile import TABLE, Flow
+from palpate.nodes.tactile.flow import TABLE, Flow
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.errors import PalpateError

@@ -28,6 +28,7 @@ from palpate.messages import (
     Pointed,
     Pose,
     Proximity,
+    Spikes,
     Surface,
     unpack,
 )
@@ -49,7 +50,7 @@ class StreamReader:
         self.newest: dict[str, Message] = {}
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
-        large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load)]
+        large = [stream for stream, kind in self.kinds.items() if kind in (Surface, Load, Spikes)]
         self.large = [self._socket(run, [stream], conflate=True) for stream in large]
         self.small = self._socket(run, [stream for stream in self.kinds if stream not in large], conflate=False)
 
@@ -165,6 +166,8 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
         told |= {"sample": pointed.sample}
     if isinstance(pins := last.get(Pins), Pins):
         told |= {"pins": pins.heights.tolist()}
+    if isinstance(spikes := last.get(Spikes), Spikes):
+        told |= {"rates": spikes.rate.tolist(), "mean_rates": spikes.mean}
     return told
 
 
@@ -176,6 +179,7 @@ def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
             "body": touched.use,
             "thickness": touched.thickness,
             "begins": touched.begins,
+            "receptors": touched.receptors,
             "fingers": [finger[Contact] for finger in touched.fingers],
             **about,
         },

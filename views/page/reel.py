@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Message, Proximity, Surface
+from palpate.messages import Contact, Message, Proximity, Spikes, Surface
 from palpate.records.format.mcap_file import Broken, Records
 from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
@@ -19,7 +19,7 @@ from palpate.views.errors import PageError
 from palpate.views.fingers import fingers, links_of
 from palpate.views.page.feed import Curve, frame, kinds_of, picture, surface_frame
 from palpate.views.page.source import FrameSource
-from palpate.views.page.steered import THICKNESS, shapes, streams_of, thickness_of
+from palpate.views.page.steered import THICKNESS, receptors_of, shapes, streams_of, thickness_of
 from palpate.views.surface.colour import able
 
 POINTS = 4000  # Of force and indentation over the whole recording: more than a screen has
@@ -52,6 +52,7 @@ class RecordingSource:
             self.thickness = thickness_of(planned, senders[Proximity]) if Proximity in senders else THICKNESS
         except PageError as error:
             raise RecordingError(f"{path}: {error}") from None
+        self.receptors = receptors_of(planned, senders[Spikes]) if Spikes in senders else {}
         self.use = planned.graph.nodes[senders[Surface]].use
         self._file = self.recording.file().open("rb")
         self._records = Records(self._file)
@@ -123,7 +124,7 @@ class RecordingSource:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
         return surface_frame(self.bodies.mesh, {
             "reel": number, "name": name, "body": self.use, "colours": self._colours(), **self.curves[0],
-            "others": self.curves[1:],
+            "others": self.curves[1:], "receptors": self.receptors,
         })  # fmt: skip
 
     def _colours(self) -> list[str]:

@@ -24,6 +24,7 @@ from palpate.messages import (
     Pointed,
     Pose,
     Proximity,
+    Spikes,
     Surface,
     Torque,
     Vector3,
@@ -33,7 +34,8 @@ from palpate.views.bodies import Bodies
 from palpate.views.errors import PageError
 from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
 
-SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Pointed, Load, Surface)
+Receptors = dict[str, list[float]]
+SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Spikes, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
 THICKNESS = 4e-3  # [m] of a fingertip that nothing is known of
 Shown = dict[type[Message], str]
@@ -50,6 +52,7 @@ class Touched:
     near       of each, its streams of Proximity: one for each organ
     thickness  [m] of the fingertip before the bone edge
     begins     [m] (3) of each finger, where the bone edge is at the start
+    receptors  of the afferents whose spikes are sent: `x` and `y` [mm] and the type of each
     """
 
     body: str
@@ -60,6 +63,7 @@ class Touched:
     near: list[list[str]]
     thickness: float
     begins: list[Vector3]
+    receptors: Receptors
 
 
 def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
@@ -140,6 +144,7 @@ def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement) -
         near=[finger.near for finger in found],
         thickness=thickness,
         begins=[nodes[senders[f[Pointed]]].settings["begin"] for f in shown if Pointed in f],
+        receptors=receptors_of(planned, senders[streams[Spikes]]) if Spikes in streams else {},
     )
 
 
@@ -161,6 +166,15 @@ def shapes(planned: Plan) -> Bodies:
 def thickness_of(planned: Plan, collision: str) -> float:
     """[m] of the fingertip before the bone edge."""
     return float(getattr(planned.make(collision), "thickness", THICKNESS))
+
+
+def receptors_of(planned: Plan, node: str) -> Receptors:
+    """Places and types of the receptors of a node of afferents; empty where it cannot be made."""
+    try:
+        made = planned.make(node).made()  # type: ignore[attr-defined]
+    except (AttributeError, SettingError):
+        return {}
+    return {"x": (1e3 * made.at[:, 0]).tolist(), "y": (1e3 * made.at[:, 1]).tolist(), "kind": made.kind.tolist()}
 
 
 def _place(planned: Plan) -> Placement:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 OF_A_FINGER = ("force", "compression", "friction", "device")  # Of several fingers each has its own
-PICTURES = ("grip", *OF_A_FINGER, "texture", "energy", "slip", "pad", "pins", "softness")
+PICTURES = ("grip", *OF_A_FINGER, "texture", "energy", "slip", "pad", "pins", "softness", "afferents")
 
 
 def draw(recording: Path, folder: Path, console: Console | None = None) -> list[Path]:

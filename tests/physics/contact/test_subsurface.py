@@ -13,10 +13,10 @@ from palpate.models.fe.contact.bed import ElasticFoundation
 from palpate.models.fe.element.mesh import EDGES
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.base import SettingError
-from palpate.nodes.tactile import Stress
+from palpate.nodes.tactile.stress import Stress
 from palpate.physics.contact import subsurface
 from palpate.physics.contact.spread import KERNELS
-from palpate.physics.contact.subsurface import PAIRS, point_stress, strain_energy_density, under_patch, von_mises
+from palpate.physics.contact.subsurface import PAIRS, point_stress, strain_energy_of, under_patch, von_mises_of
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
 
@@ -110,10 +110,12 @@ def test_a_point_at_the_surface_is_refused():
 
 
 def test_equivalent_stress_and_energy_of_a_pull_and_of_shear():
-    pull, shear = np.array([[5.0, 0, 0, 0, 0, 0]]), np.array([[0, 0, 0, 0, 0, 5.0]])
-    assert [*von_mises(pull), *von_mises(shear)] == approx([5.0, 5.0 * math.sqrt(3.0)])
-    assert strain_energy_density(pull, 100.0, NU) == approx([25.0 / 200.0])
-    assert strain_energy_density(shear, 100.0, NU) == approx([25.0 * (1.0 + NU) / 100.0])
+    stress, equivalent, energy = np.array([[5.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 5.0]]), np.zeros(2), np.zeros(2)
+    von_mises_of(stress, equivalent)
+    strain_energy_of(stress, 100.0, NU, energy)
+    assert equivalent == approx([5.0, 5.0 * math.sqrt(3.0)]) and equivalent == approx(von_mises(stress))
+    assert energy == approx([25.0 / 200.0, 25.0 * (1.0 + NU) / 100.0])
+    assert energy == approx(strain_energy_density(stress, 100.0, NU))
     assert PAIRS[5] == (0, 1)
 
 
@@ -143,6 +145,18 @@ def test_full_elements_have_the_same_stress_below_a_patch():
         off = np.bincount(cell, value(found) - value(right)) / np.maximum(np.bincount(cell), 1) / peak
         assert np.sqrt(np.mean(off[np.unique(cell)] ** 2)) < most
     assert von_mises(voigt(found)).max() == approx(0.5 * peak, rel=0.05)
+
+
+def von_mises(stress):
+    """[Pa] (k) of stresses (k,6), from the deviator."""
+    mean = stress[:, :3].mean(axis=1, keepdims=True)
+    return np.sqrt(1.5 * ((stress[:, :3] - mean) ** 2).sum(axis=1) + 3.0 * (stress[:, 3:] ** 2).sum(axis=1))
+
+
+def strain_energy_density(stress, young, poisson):
+    """[J/m³] (k): half of stress times strain, by Hooke's law."""
+    strain = ((1 + poisson) * stress[:, :3] - poisson * stress[:, :3].sum(axis=1, keepdims=True)) / young
+    return 0.5 * (stress[:, :3] * strain).sum(axis=1) + (stress[:, 3:] ** 2).sum(axis=1) * (1 + poisson) / young
 
 
 def voigt(stress):

@@ -96,6 +96,23 @@ export function bars(canvas, heights) {
   paint.fillStyle = style("--faint"); paint.fillText(`pins, ${(1e3 * span).toFixed(2)} mm from lowest to highest`, 0, 10);
 }
 
+// Where the receptors of the finger lie, and how fast each fires [1/s]: SA1 and RA1 as dots, PC as rings.
+export function spots(canvas, receptors, rates, means) {
+  canvas.hidden = !rates?.length || !receptors?.x;
+  if (canvas.hidden) return;
+  const { paint, w, h } = fresh(canvas), reach = Math.max(...receptors.x.map(Math.abs), ...receptors.y.map(Math.abs), 1e-3);
+  const scale = (h / 2 - 10) / reach, most = Math.max(...rates, 50);
+  rates.forEach((rate, i) => {
+    const kind = receptors.kind[i], share = rate / most;
+    paint.strokeStyle = paint.fillStyle = share < 0.01 ? style("--faint") : `hsl(${30 - 40 * share} 80% ${62 - 30 * share}%)`;
+    paint.beginPath();
+    paint.arc(w / 2 + scale * receptors.x[i], h / 2 + 6 - scale * receptors.y[i], share < 0.01 ? 0.8 : [2.6, 1.7, 3.4][kind], 0, 7);
+    if (kind === 2) paint.stroke(); else paint.fill();
+  });
+  const text = means.map((mean, kind) => `${["SA1", "RA1", "PC"][kind]} ${mean.toFixed(0)}`).join(", ");
+  caption(paint, w, `spikes per second: ${text}`, "");
+}
+
 // Save what a scene shows, as it was just drawn, with lines of text and its colour bar: from 0 to `top`, of `what`.
 export function shot(scene, lines, top, what, name) {
   const { canvas, labels } = scene, ratio = canvas.width / canvas.clientWidth, paper = document.createElement("canvas"), paint = paper.getContext("2d");

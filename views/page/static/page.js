@@ -1,7 +1,7 @@
 // What the page does: frames in, samples of the pointer out, switches.
 
 import { Scene, each, figures, fingers, lines, offer, painted, ramp, sends } from "/scene.js";
-import { Strip, bars, shot } from "/charts.js";
+import { Strip, bars, shot, spots } from "/charts.js";
 import { panel } from "/panel.js";
 
 const $ = (id) => document.getElementById(id);
@@ -111,6 +111,7 @@ function tell(head) {
   for (const [id, text] of Object.entries(figures(head))) $(id).textContent = text;
   strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
   bars($("pins"), head.pins);
+  spots($("spikes"), about.receptors, head.rates, head.mean_rates);
   $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks${about.watch ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`;
 }
 

@@ -1,7 +1,7 @@
 // Recordings: the page asks for a time and draws what comes, one picture for each recording.
 
 import { Scene, each, figures, fingers, lines, offer, painted, ramp } from "/scene.js";
-import { Record, bars, shot } from "/charts.js";
+import { Record, bars, shot, spots } from "/charts.js";
 
 const $ = (id) => document.getElementById(id);
 const STEP = 0.001; // [s]
@@ -64,12 +64,13 @@ function show() {
   const shown = reels.filter((reel) => reel.newest);
   const { most, text, what } = painted(shown.map(({ scene, newest }) => [scene, newest]), $("colour").value);
   $("top").textContent = text; $("what").textContent = what;
-  for (const { newest, scene, strips, pick } of shown) {
+  for (const { newest, scene, strips, pick, about } of shown) {
     const { head } = newest;
     scene.full = most;
     for (const [name, text] of Object.entries(figures(head))) pick(`.${name}`).textContent = text;
     strips[0].draw(head.asked, head.load > 0 ? head.band : null); strips[1].draw(head.asked);
     bars(pick(".pins"), head.pins);
+    spots(pick(".spikes"), about.receptors, head.rates, head.mean_rates);
   }
   $("time").value = time; $("now").textContent = `${time.toFixed(3)} s`;
   draw();

@@ -21,7 +21,7 @@ from palpate.messages import Contact
 from palpate.models.build import basis as builder
 from palpate.models.fe.study.press_record import PressRun, run_name
 from palpate.nodes.deformation import ReducedFE
-from palpate.nodes.tactile import Flow
+from palpate.nodes.tactile.flow import Flow
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
 

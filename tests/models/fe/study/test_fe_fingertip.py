@@ -17,7 +17,7 @@ from palpate.models.fe.meshing.layers import BONE, DERMIS, EPIDERMIS, NAIL, PLAT
 from palpate.models.fe.study.press_record import LEVELS, PressRun, record
 from palpate.models.fe.study.pressing import Pressing
 from palpate.nodes.base import SettingError
-from palpate.nodes.tactile import Flow
+from palpate.nodes.tactile.flow import Flow
 from palpate.physics.materials.hyperelastic import rest_moduli
 
 

@@ -1,4 +1,4 @@
-"""What the skin feels beyond force (docs/equations/tactile-flow.md, docs/equations/subsurface.md)."""
+"""How the contact of the fingertip grows with force (docs/equations/tactile-flow.md)."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -6,15 +6,12 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Friction, Load, Subsurface, Tactile, Vector
+from palpate.messages import Contact, Friction, Tactile
 from palpate.nodes.base import Node, SettingError, Wants
 from palpate.physics.archive import ArchiveError, read_arrays
-from palpate.physics.contact.subsurface import PAIRS, SHALLOWEST, strain_energy_density, under_patch, von_mises
 from palpate.physics.contact.tactile import stick_radius
-from palpate.physics.entry_point import NO_FLOATS
-from palpate.physics.exact import length, product
 
-TABLE = Path(__file__).parent / "tables" / "fingertip.npz"
+TABLE = Path(__file__).parents[1] / "tables" / "fingertip.npz"
 
 
 class Flow(Node):
@@ -83,53 +80,4 @@ class Flow(Node):
             volumes=value[int(self._area) :],
             volume_rates=slope[int(self._area) :],
             stick_radius=stick,
-        )
-
-
-class Stress(Node):
-    """Stress, equivalent stress and strain energy density below the patch, at the depths of mechanoreceptors.
-
-    Of an elastic half-space under the load that spread.Kernel makes: a constant matrix times its force. It is that of
-    the tissue, and with their `young` and `poisson` of the skin of the finger. `radius` and `kernel` are those of
-    spread.Kernel. In a graph that has no such node it costs nothing; `every: 10` runs it at a tenth of the rate.
-    """
-
-    effect = "tactile"
-
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
-    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"  # Shape of the pressure
-    young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Enters the strain energy density alone
-    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
-    depths: Annotated[Vector, "m"] = (0.5e-3, 1e-3, 2e-3)
-    spacing: Annotated[float, "m", msgspec.Meta(gt=0)] = 2e-3  # Between points of a depth, which lie on a square grid
-    reach: Annotated[float, "m", msgspec.Meta(ge=0)] = 10e-3  # Half of the grid's side
-
-    def start(self) -> None:
-        least, most = SHALLOWEST * self.radius, 10_000
-        half = int(self.reach / self.spacing + 1e-9)
-        if not self.depths or min(self.depths) < least:
-            raise SettingError(f"setting 'depths': found {self.depths} m, expected depths of {least:.2g} m and more")
-        count = (2 * half + 1) ** 2 * len(self.depths)
-        if count > most:
-            raise SettingError(f"settings 'reach', 'spacing', 'depths': found {count} points, expected at most {most}")
-        line = self.spacing * np.arange(-half, half + 1)
-        self._points = np.array([(x, y, z) for z in self.depths for x in line for y in line])
-        tensor = under_patch(self._points, self.radius, self.kernel, self.poisson)
-        self._matrix = np.stack([tensor[:, i, j] for i, j in PAIRS], axis=1).reshape(-1, 3)
-
-    def step(self, load: Annotated[Load, Wants("forces", "normal")]) -> Subsurface:
-        z = -np.array(load.normal)
-        x = np.array((1.0, 0.0, 0.0) if abs(z[0]) < 0.8 else (0.0, 1.0, 0.0))
-        x -= z * np.sum(x * z)
-        x /= length(x)
-        y = (z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0])
-        axes = np.array((x, y, z))
-        stress = product(self._matrix, product(axes, load.forces.sum(axis=0))).reshape(-1, len(PAIRS))
-        return Subsurface(
-            points=self._points,
-            stress=stress,
-            von_mises=von_mises(stress) if self.wants("von_mises") else NO_FLOATS,
-            energy_density=(
-                strain_energy_density(stress, self.young, self.poisson) if self.wants("energy_density") else NO_FLOATS
-            ),
         )

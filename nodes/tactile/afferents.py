@@ -1,0 +1,158 @@
+"""Spikes of the tactile afferents under the patch (docs/equations/afferents.md)."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from palpate.messages import MessageError, Spikes, Subsurface
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.physics.afferents import fibre, population
+from palpate.physics.afferents.published import DENSITIES, DEPTHS, RATE, TYPES
+from palpate.physics.kernel import kernel
+from palpate.physics.records import floats, integers, lend, lend_first, longs
+
+LONGEST = 0.1  # [s] Of a gap between messages that is computed; a longer one counts as this
+BLOCK = 60  # Samples at once, one bit for each
+NO_STRESS = 3  # fault: the stress is empty
+
+
+class Afferents(CompiledNode):
+    """Spike trains of SA1, RA1 and PC afferents under the patch, from the stress at their receptors, shear included.
+
+    Each is one of the 17 macaque fibres of a published model, drawn by `seed`. They lie on a disc of radius `reach`
+    with the densities of a human fingertip, or as the file `units` says. Vibration acts through the stress, at the
+    rate of the messages. The same seed, inputs and rate give the same spikes.
+    """
+
+    effect = "tactile"
+
+    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=0.1)] = (
+        8e-3  # Radius of the disc; within the grid of tactile.Stress
+    )
+    densities: Annotated[tuple[float, float, float], "1/m^2"] = DENSITIES  # Of SA1, RA1 and PC
+    depths: Annotated[tuple[float, float, float], "m"] = DEPTHS  # Of their receptors
+    units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45  # Of the skin: that of tactile.Stress
+    seed: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 1
+    trial: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 0  # Another one: the same finger, other noise
+    smoothing: Annotated[float, "s", msgspec.Meta(gt=0)] = 0.1  # Time constant of the rates
+
+    rates = Part("tactile", "rate", about="The smoothed rate of each afferent.")
+    State = {
+        "rows": TABLE, "state": TABLE, "since": ARRAY, "at": TABLE, "kind": ARRAY, "keys": ARRAY, "gain": ARRAY,
+        "corners": TABLE, "weights": TABLE, "basis": TABLE, "unit": ARRAY, "moment": ARRAY, "rate": ARRAY,
+        "points": int, "sample": int, "rest": (), "bad": int, "counts": (3,), "mean": (3,),
+    }  # fmt: skip
+
+    def start(self) -> None:
+        super().start()
+        for name in ("densities", "depths"):
+            least = 0.0 if name == "densities" else 1e-5
+            if not all(least <= each < math.inf for each in getattr(self, name)):
+                raise SettingError(
+                    f"setting {name!r}: found {getattr(self, name)}, expected three numbers, of {', '.join(TYPES)}, "
+                    f"from {least:g} on"
+                )
+        self.population = made = self.made()
+        n = len(made.kind)
+        rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson)
+        since = np.full(n, 1000, np.int64)
+        room = n * (math.ceil(LONGEST * RATE) // fibre.REFRACTORY + 2)
+        held = {
+            "rows": rows, "state": np.zeros((n, fibre.STATE)), "since": since, "at": made.at, "kind": made.kind,
+            "keys": made.keys, "gain": gain, "corners": np.zeros((n, 8), np.int32), "weights": np.zeros((n, 8)),
+            "basis": np.ascontiguousarray(fibre.post_spike()), "unit": np.zeros(room, np.int32),
+            "moment": np.zeros(room), "rate": np.zeros(n),
+        }  # fmt: skip
+        for name, array in held.items():
+            self.hold(name, array)
+        self.own["counts"] = np.maximum(np.bincount(made.kind, minlength=3), 1)
+
+    def made(self) -> population.Population:
+        """The receptors. SettingError: there can be none such."""
+        try:
+            if self.units:
+                return population.read(Path(self.units), self.depths, self.seed, self.trial)
+            return population.scatter(self.densities, self.reach, self.depths, self.seed, self.trial)
+        except (OSError, ValueError) as error:
+            raise SettingError(f"setting {'units' if self.units else 'densities'!r}: {error}") from None
+
+    @kernel(error_model="numpy")
+    def compute(own, stress: Annotated[Subsurface, Wants("points", "stress")], out: Out[Spikes], dt):
+        tensor, at = floats(stress.stress), floats(own.at)
+        corners, weights = integers(own.corners), floats(own.weights)
+        state, since, begins = floats(own.state), longs(own.since), own.points == 0
+        if len(tensor) == 0 or len(tensor) != len(floats(stress.points)):
+            own.fault = NO_STRESS
+            return
+        if own.points != len(tensor):
+            wrong, own.bad = population.place(floats(stress.points), at, corners, weights)
+            if wrong:
+                own.fault = wrong
+                return
+            own.points = len(tensor)
+        span = min(dt, LONGEST)
+        count = int((own.rest + span) * RATE + 1e-6)
+        unit, moment, now = integers(own.unit), floats(own.moment), stress.time * 1e-9
+        first, stride = (1.0 / RATE - own.rest) / span, 1.0 / RATE / span
+        left = own.rest + span - count / RATE
+        rows, keys, gain, basis = floats(own.rows), longs(own.keys), floats(own.gain), floats(own.basis)
+        kind, rate = integers(own.kind), floats(own.rate)
+        fade, spikes = own.smoothing / (own.smoothing + span), 0
+        for which in range(3):
+            own.mean[which] *= fade
+        for n in range(len(at)):
+            target = gain[n] * population.equivalent(tensor, corners[n], weights[n], own.poisson)
+            if begins:
+                state[n, 6] = target
+            fired_before = spikes
+            for start in range(0, count, BLOCK):
+                part = min(BLOCK, count - start)
+                fired, since[n] = fibre.advance(
+                    rows[n], state[n], since[n], basis, keys[n], own.sample + start, part,
+                    first + start * stride, stride, target,
+                )  # fmt: skip
+                k = start
+                while fired:
+                    if fired & 1:
+                        unit[spikes] = n
+                        moment[spikes] = now - left - (count - 1 - k) / RATE
+                        spikes += 1
+                    fired >>= 1
+                    k += 1
+            state[n, 6] = target
+            more = (spikes - fired_before) / (own.smoothing + span)
+            own.mean[kind[n]] += more / own.counts[kind[n]]
+            if own.rates:
+                rate[n] = rate[n] * fade + more
+        own.sample += count
+        own.rest = max(left, 0.0)
+        lend_first(out.unit, own.unit, spikes)
+        lend_first(out.moment, own.moment, spikes)
+        for which in range(3):
+            out.mean[which] = own.mean[which]
+        if own.rates:
+            lend(out.rate, own.rate)
+
+    def explain(self, fault: int, *messages: Any) -> Exception:
+        """Why the stress does not fit the receptors."""
+        points = messages[0].points
+        if fault == population.OUTSIDE:
+            bad = int(self.own["bad"])
+            x, y, z = 1e3 * self.population.at[bad]
+            low, high = 1e3 * points.min(axis=0), 1e3 * points.max(axis=0)
+            return MessageError(
+                f"{type(self).__name__}: {TYPES[self.population.kind[bad]]} receptor {bad} at x {x:.3g}, y {y:.3g} mm, "
+                f"{z:.3g} mm deep: the stress is known for x {low[0]:.3g} to {high[0]:.3g}, y {low[1]:.3g} to "
+                f"{high[1]:.3g} mm, {low[2]:.3g} to {high[2]:.3g} mm deep. Give tactile.Stress a 'reach' and 'depths' "
+                "that take in all receptors"
+            )
+        if fault == population.NO_GRID:
+            return MessageError(
+                f"{type(self).__name__}: {len(points)} points of stress: expected a square grid at each depth, depth "
+                "by depth and x by x, as tactile.Stress sends it, with 'reach' of at least one 'spacing'"
+            )
+        return MessageError(f"{type(self).__name__}: the stress of {messages[0].source or 'its input'} is empty")

@@ -1,0 +1,73 @@
+"""Stress below the patch (docs/equations/subsurface.md)."""
+
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from palpate.messages import Load, Subsurface, Vector
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, SettingError, Wants
+from palpate.physics.contact.subsurface import (
+    PAIRS,
+    SHALLOWEST,
+    along_patch,
+    strain_energy_of,
+    stress_of,
+    under_patch,
+    von_mises_of,
+)
+from palpate.physics.kernel import kernel as compiled
+from palpate.physics.records import floats, lend
+
+
+class Stress(CompiledNode):
+    """Stress, equivalent stress and strain energy density below the patch, at the depths of mechanoreceptors.
+
+    Of an elastic half-space under the load that spread.Kernel makes: a constant matrix times its force. It is that of
+    the tissue, and with their `young` and `poisson` of the skin of the finger. `radius` and `kernel` are those of
+    spread.Kernel. In a graph that has no such node it costs nothing; `every: 10` runs it at a tenth of the rate.
+    """
+
+    effect = "tactile"
+
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
+    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"  # Shape of the pressure
+    young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Enters the strain energy density alone
+    poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
+    depths: Annotated[Vector, "m"] = (0.5e-3, 1e-3, 2e-3)
+    spacing: Annotated[float, "m", msgspec.Meta(gt=0)] = 2e-3  # Between points of a depth, which lie on a square grid
+    reach: Annotated[float, "m", msgspec.Meta(ge=0)] = 10e-3  # Half of the grid's side
+
+    mises = Part("tactile", "von_mises", about="The equivalent stress.")
+    energy = Part("tactile", "energy_density", about="The strain energy density.")
+    State = {"matrix": TABLE, "points": TABLE, "stress": TABLE, "equivalent": ARRAY, "density": ARRAY}
+
+    def start(self) -> None:
+        super().start()
+        least, most = SHALLOWEST * self.radius, 10_000
+        half = int(self.reach / self.spacing + 1e-9)
+        if not self.depths or min(self.depths) < least:
+            raise SettingError(f"setting 'depths': found {self.depths} m, expected depths of {least:.2g} m and more")
+        count = (2 * half + 1) ** 2 * len(self.depths)
+        if count > most:
+            raise SettingError(f"settings 'reach', 'spacing', 'depths': found {count} points, expected at most {most}")
+        line = self.spacing * np.arange(-half, half + 1)
+        points = np.array([(x, y, z) for z in self.depths for x in line for y in line])
+        tensor = under_patch(points, self.radius, self.kernel, self.poisson)
+        matrix = np.stack([tensor[:, i, j] for i, j in PAIRS], axis=1).reshape(-1, 3)
+        held = {"matrix": matrix, "points": points, "stress": np.zeros((count, len(PAIRS)))}
+        for name, array in (held | {"equivalent": np.zeros(count), "density": np.zeros(count)}).items():
+            self.hold(name, np.ascontiguousarray(array))
+
+    @compiled(error_model="numpy")
+    def compute(own, load: Annotated[Load, Wants("forces", "normal")], out: Out[Subsurface], dt):
+        force = along_patch(floats(load.forces), load.normal)
+        stress_of(floats(own.matrix), force, floats(own.stress))
+        lend(out.points, own.points)
+        lend(out.stress, own.stress)
+        if own.mises:
+            von_mises_of(floats(own.stress), floats(own.equivalent))
+            lend(out.von_mises, own.equivalent)
+        if own.energy:
+            strain_energy_of(floats(own.stress), own.young, own.poisson, floats(own.density))
+            lend(out.energy_density, own.density)

@@ -1,0 +1,139 @@
+"""Where the receptors of a fingertip lie, and from which points of the stress each gets its own."""
+
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.physics.afferents.published import FITS, TYPES
+from palpate.physics.contact.subsurface import energy_stress
+from palpate.physics.kernel import kernel
+
+NO_GRID, OUTSIDE = 1, 2
+"""Answers of `place`: the points are no grid; a receptor lies outside of it."""
+MOST = 20_000  # Receptors
+
+
+class Population(NamedTuple):
+    """Receptors, one type after the other.
+
+    kind   (n)    place in `TYPES`
+    at     (n,3)  [m] from the middle of the patch, and depth
+    fits   (n,12) of a fibre that was measured
+    keys   (n)    of their noise
+    """
+
+    kind: np.ndarray
+    at: np.ndarray
+    fits: np.ndarray
+    keys: np.ndarray
+
+
+def scatter(
+    densities: tuple[float, ...], reach: float, depths: tuple[float, ...], seed: int, trial: int = 0
+) -> Population:
+    """Receptors with these densities [1/m²] of each type on a disc of radius `reach` [m], independent and uniform."""
+    numbers = np.random.default_rng(seed)
+    kind: list[int] = []
+    places = []
+    for which, density in enumerate(densities):
+        count = round(density * math.pi * reach * reach)
+        if count > MOST:
+            raise ValueError(f"{TYPES[which]}: found {count} receptors, expected at most {MOST}")
+        found = np.zeros((0, 2))
+        while len(found) < count:
+            more = 2.0 * numbers.random((2 * count, 2)) - 1.0
+            found = np.concatenate([found, more[(more * more).sum(axis=1) <= 1.0]])
+        places.append(np.column_stack([reach * found[:count], np.full(count, depths[which])]))
+        kind += [which] * count
+    return _population(np.array(kind, np.int32), np.concatenate(places), seed, trial)
+
+
+def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Population:
+    """Receptors of a CSV file with the columns type, x, y and, if wanted, depth, in m. ValueError, OSError: not one."""
+    kind: list[int] = []
+    at: list[list[float]] = []
+    with path.open(newline="", encoding="utf-8") as file:
+        for number, line in enumerate(csv.DictReader(file), 2):
+            try:
+                which = TYPES.index((line.get("type") or "").strip())
+                depth = line.get("depth")
+                place = [float(line["x"]), float(line["y"]), float(depth) if depth else depths[which]]
+            except (KeyError, TypeError, ValueError):
+                raise ValueError(
+                    f"{path}, line {number}: found {dict(line)}, expected a type of {', '.join(TYPES)}, and x, y and "
+                    "depth (which may be left out) in m"
+                ) from None
+            if not all(map(math.isfinite, place)) or len(kind) == MOST:
+                raise ValueError(f"{path}, line {number}: expected finite numbers and at most {MOST} receptors")
+            kind.append(which)
+            at.append(place)
+    if not kind:
+        raise ValueError(f"{path}: no receptors, expected lines with type, x, y, depth below a line with these names")
+    order = np.argsort(kind, kind="stable")
+    return _population(np.array(kind, np.int32)[order], np.array(at)[order], seed, trial)
+
+
+def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Population:
+    """The fibre of each receptor is one of those that were fitted to its type, by chance."""
+    numbers = np.random.default_rng([seed, 1])
+    fits = np.zeros((len(kind), 12))
+    for which, fibres in enumerate(FITS):
+        mine = kind == which
+        fits[mine] = fibres[numbers.integers(len(fibres), size=int(mine.sum()))]
+    keys = np.random.default_rng([seed, trial, 2]).integers(1 << 62, size=len(kind))
+    return Population(kind, np.ascontiguousarray(at), fits, keys)
+
+
+@kernel(error_model="numpy")
+def place(points, at, corners, weights):
+    """Of each receptor at (n,3) the eight grid points around it (n,8) and their shares (n,8), by which the stress is
+    interpolated linearly; `points` (p,3) are those of `tactile.Stress`: depth by depth, x by x. The answer is 0, or
+    what is wrong and the receptor: (`OUTSIDE`, n)."""
+    total = len(points)
+    layer = 0
+    while layer < total and points[layer, 2] == points[0, 2]:
+        layer += 1
+    side = int(math.sqrt(layer) + 0.5)
+    if side < 2 or side * side != layer or total % layer:
+        return NO_GRID, 0
+    step = points[1, 1] - points[0, 1]
+    last = points[layer - 1]
+    for axis in range(2):
+        if not step > 0.0 or abs(last[axis] - points[0, axis] - (side - 1) * step) > 1e-6 * step:
+            return NO_GRID, 0
+    for n in range(len(at)):
+        x, y = (at[n, 0] - points[0, 0]) / step, (at[n, 1] - points[0, 1]) / step
+        i, j = min(max(int(x), 0), side - 2), min(max(int(y), 0), side - 2)
+        x, y = x - i, y - j
+        below = 0
+        while below < total // layer - 1 and points[below * layer, 2] < at[n, 2] * (1.0 - 1e-9):
+            below += 1
+        above = max(below - 1, 0)
+        top, bottom = points[above * layer, 2], points[below * layer, 2]
+        z = (at[n, 2] - top) / (bottom - top) if bottom > top else 0.0
+        slack = 1e-6
+        if not (-slack <= x <= 1.0 + slack and -slack <= y <= 1.0 + slack and -slack <= z <= 1.0 + slack):
+            return OUTSIDE, n
+        if bottom == top and abs(at[n, 2] - top) > slack * top:
+            return OUTSIDE, n
+        for c in range(8):
+            dz, dx, dy = c >> 2, (c >> 1) & 1, c & 1
+            corners[n, c] = (below if dz else above) * layer + (i + dx) * side + j + dy
+            weights[n, c] = (z if dz else 1.0 - z) * (x if dx else 1.0 - x) * (y if dy else 1.0 - y)
+    return 0, 0
+
+
+@kernel(error_model="numpy")
+def equivalent(stress, corners, weights, poisson):
+    """q = sqrt(2 E W) [Pa] of a receptor: its corners (8), their shares (8), the stress [Pa] (p,6) of all points."""
+    xx = yy = zz = yz = xz = xy = 0.0
+    for c in range(8):
+        w = weights[c]
+        if w != 0.0:
+            s = stress[corners[c]]
+            xx, yy, zz = xx + w * s[0], yy + w * s[1], zz + w * s[2]
+            yz, xz, xy = yz + w * s[3], xz + w * s[4], xy + w * s[5]
+    return math.sqrt(max(energy_stress(xx, yy, zz, yz, xz, xy, poisson), 0.0))

@@ -1,0 +1,106 @@
+"""Spikes of tactile afferents: raster over time, mean rate of each type, and maps of the rates over the patch."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from palpate.messages import Spikes
+from palpate.physics.afferents.population import Population
+from palpate.physics.afferents.published import TYPES
+from palpate.views.pictures.style import (
+    FAINT,
+    FINGER,
+    NORMAL,
+    SPEED,
+    TISSUE,
+    deformation_bar,
+    deformation_colours,
+    figure,
+)
+from palpate.views.pictures.style import over_time as time_axis
+from palpate.views.pictures.touch import TouchStreams
+
+COLOURS = (SPEED, NORMAL, FINGER)
+WINDOW = 0.05  # [s] over which rates are counted
+INSTANTS = 4
+
+
+def draw(touch: TouchStreams) -> Figure | None:
+    """None where no spikes were recorded."""
+    stream = touch.stream_of(Spikes)
+    if stream is None or (made := population_of(touch, stream)) is None:
+        return None
+    unit, moment, time = spikes(touch, stream)
+    if len(time) < 2:
+        return None
+    out = figure(12.0, 12.0, f"Spikes of {len(made.kind)} tactile afferents")
+    top, bottom = out.subfigures(2, 1, height_ratios=(7.8, 4.2))  # type: ignore[misc]
+    raster, *rates, force = top.subplots(5, 1, sharex=True, height_ratios=(4, 1, 1, 1, 1))
+    edges = np.arange(time[0], max(time[-1], time[0] + 2 * WINDOW), WINDOW)
+    for kind, name in enumerate(TYPES):
+        mine, count = made.kind[unit] == kind, int(np.sum(made.kind == kind))
+        if not count:
+            continue
+        raster.plot(moment[mine], unit[mine], linestyle="none", marker="|", markersize=3.5, markeredgewidth=0.8,
+                    color=COLOURS[kind])  # fmt: skip
+        raster.text(1.005, np.mean(np.flatnonzero(made.kind == kind)), f"{name}\n{count} units", color=COLOURS[kind],
+                    transform=raster.get_yaxis_transform(), va="center")  # fmt: skip
+        rate = np.histogram(moment[mine], edges)[0] / (count * WINDOW)
+        rates[kind].plot(edges[:-1] + 0.5 * WINDOW, rate, color=COLOURS[kind])
+        rates[kind].set(ylabel=f"{name} [1/s]", ylim=(0.0, max(1.0, 1.15 * float(rate.max()))))
+    raster.set(ylabel="unit", ylim=(len(made.kind), -1))
+    raster.grid(False)
+    rates[0].set_title(f"Mean rate of the units of each type, over {1e3 * WINDOW:.0f} ms", size=11)
+    if touch.contact is not None:
+        force.plot(touch.contact["time"], touch.contact["force"], color=TISSUE)
+    force.set(ylabel="force [N]")
+    time_axis(force, time, touch.shown, touch.span)
+    _maps(bottom, made, unit, moment, time)
+    return out
+
+
+def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, time: np.ndarray) -> None:
+    """Rates over the patch at the instants with most spikes of their quarter of the time."""
+    edges = np.arange(time[0], max(time[-1], time[0] + 2 * WINDOW), WINDOW)
+    every = np.histogram(moment, edges)[0]
+    quarters = np.array_split(np.arange(len(every)), min(INSTANTS, len(every)))
+    begins = [edges[quarter[np.argmax(every[quarter])]] for quarter in quarters]
+    counts = [np.bincount(unit[(moment >= t) & (moment < t + WINDOW)], minlength=len(made.kind)) for t in begins]
+    rates = [count / WINDOW for count in counts]
+    most = max(max(float(rate.max(initial=0.0)) for rate in rates), 1.0)
+    part.suptitle(
+        "Rate of each unit over the patch: large dots SA1, small dots RA1, rings PC; grey: silent",
+        x=0.01,
+        ha="left",
+        size=12,
+    )
+    for axes, begin, rate in zip(np.atleast_1d(part.subplots(1, len(begins), sharey=True)), begins, rates, strict=True):
+        axes.scatter(*(1e3 * made.at[rate == 0.0, :2].T), s=5, c=FAINT, linewidths=0)
+        for kind, size in enumerate((40, 18, 70)):
+            mine = (made.kind == kind) & (rate > 0.0)
+            colours = deformation_colours()(rate[mine] / most)
+            look = {"facecolors": "none", "edgecolors": colours} if kind == 2 else {"c": colours, "linewidths": 0}
+            axes.scatter(*(1e3 * made.at[mine, :2].T), s=size, **look)
+        axes.set(title=f"{begin:.2f} to {begin + WINDOW:.2f} s", xlabel="x [mm]", aspect="equal")
+        axes.grid(False)
+    part.axes[0].set_ylabel("y [mm]")
+    deformation_bar(part, most, "spikes per second", ax=part.axes, shrink=0.8)
+
+
+def population_of(touch: TouchStreams, stream: str) -> Population | None:
+    """The receptors of the node that sent a stream; None where it cannot be made here."""
+    node = touch.make(stream)
+    try:
+        return node.made() if node is not None else None
+    except ValueError:
+        return None
+
+
+def spikes(touch: TouchStreams, stream: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit and moment [s] of each spike, and the times [s] of the messages."""
+    sent: list[Any] = list(touch.recording.messages(stream, touch.read))
+    time = np.array([each.time * 1e-9 for each in sent])
+    if not sent:
+        return np.zeros(0, int), np.zeros(0), time
+    return np.concatenate([each.unit for each in sent]), np.concatenate([each.moment for each in sent]), time
