@@ -519,4 +519,4 @@ def test_the_command_refuses_what_is_no_recording(tmp_path):
     assert result.exit_code == 2 and "Traceback" not in result.stderr
     empty = record(tmp_path / "e.mcap", {"a": [DeviceState()]})
     result = CliRunner().invoke(app, ["picture", str(empty)])
-    assert result.exit_code == 1 and "nothing that could be drawn" in result.stderr
+    assert result.exit_code == 1 and "nothing to draw" in result.stderr
