@@ -54,7 +54,6 @@ class FakeBus:
 
     @property
     def driver(self) -> str | None:
-        """Name of the driving port; None for a paced node."""
         return None if self.node.paced else next(iter(self.ports), None)
 
     def hold(self, name: str, message: Given) -> None:

@@ -53,7 +53,6 @@ def measure(seconds: float, priority: int | None, period: float = PERIOD) -> Lat
 
 
 def words(lateness: Lateness) -> str:
-    """One line of text."""
     parts = [f"{name} {1e3 * value:.3f}" for name, value in (
         ("p50", lateness.p50), ("p99", lateness.p99), ("p99.9", lateness.p999), ("max", lateness.worst))]  # fmt: skip
     return f"{', '.join(parts)} ms late; {100 * lateness.missed:.2f} % miss their millisecond"

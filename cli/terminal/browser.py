@@ -78,5 +78,4 @@ class RunPage:
                 time.sleep(0.2)
 
     def close(self) -> None:
-        """Stop the server."""
         self._server.close()

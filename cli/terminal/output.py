@@ -28,7 +28,6 @@ def console(**options: Any) -> Console:
 
 
 def print_json(data: Any) -> None:
-    """Print JSON."""
     typer.echo(json.dumps(data, indent=2, ensure_ascii=False, default=str))
 
 

@@ -40,7 +40,6 @@ def processes(placement: Placement) -> str:
 
 
 def skipped(planned: Plan) -> Table:
-    """The nodes that do not run, and why."""
     word = Text("skip", style="yellow")
     return table(("", "", ""), ((word, name, reason) for name, reason in planned.skipped.items()))
 

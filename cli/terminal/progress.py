@@ -88,7 +88,7 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
-class Stages:
+class StageBars:
     """Progress bars of stages, as a context. `begin` returns the function that reports the fraction done."""
 
     def __init__(self, out: Console, quiet: bool = False) -> None:
@@ -99,7 +99,7 @@ class Stages:
         columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
         self.bars = Progress(*columns, console=out, disable=quiet or self.lines)
 
-    def __enter__(self) -> Stages:
+    def __enter__(self) -> StageBars:
         self.bars.start()
         return self
 

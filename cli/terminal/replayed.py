@@ -39,7 +39,6 @@ def checked(recording: Recording, report: Report, tolerance: float, elsewhere: l
 
 
 def as_data(player: Replay) -> dict[str, Any]:
-    """The result of a replay as plain data."""
     return {
         "ok": True,
         "complete": player.recording.complete,
@@ -56,7 +55,6 @@ def as_data(player: Replay) -> dict[str, Any]:
 
 
 def summary(player: Replay) -> None:
-    """Print the result of a replay."""
     times = f", {player.seconds / player.wall:.2f} x real time" if player.wall > 0 else ""
     say(f"{player.seconds:.3f} s replayed in {player.wall:.2f} s{times}", wrap=True)
     rows = (

@@ -178,7 +178,6 @@ class ContactPaths:
             )  # fmt: skip
 
     def _of(self, name: str, kind: type[Message]) -> list[Wire]:
-        """The wires by which a node gets messages of a type."""
         return [w for w in self.wires if w.consumer == name and issubclass(w.port.type, kind)]
 
     def _solver(self, contact: str) -> str:

@@ -114,7 +114,6 @@ def find(name: str) -> LaunchFile:
 
 
 def names() -> list[str]:
-    """Names of the shipped graphs."""
     return sorted(path.stem for path in GRAPHS.glob("*.yaml"))
 
 

@@ -114,7 +114,6 @@ def missing_senders(graph: Graph) -> list[Fault]:
 
 
 def _running(graph: Graph) -> set[str]:
-    """Names of the running nodes, observers included."""
     may = {name: spec for name, spec in graph.nodes.items() if spec.off is None}
     queue = [name for name, spec in may.items() if spec.cls.paced or spec.cls.sink or spec.observer]
     listening = [spec for spec in may.values() if spec.observer]
@@ -132,7 +131,6 @@ def _running(graph: Graph) -> set[str]:
 
 
 def _skipped(graph: Graph, running: set[str]) -> dict[str, str]:
-    """The nodes that do not run and the reason."""
     reasons = {}
     for name, spec in graph.nodes.items():
         if name in running:

@@ -25,11 +25,9 @@ class Scene:
         self.used: set[str] = set()
 
     def paths(self) -> list[str]:
-        """All dotted paths."""
         return list(_paths(self.data, ""))
 
     def has(self, path: str) -> bool:
-        """Whether the scene has this path."""
         return self._find(path)[0]
 
     def get(self, path: str) -> Any:
@@ -38,7 +36,6 @@ class Scene:
         return self._find(path)[1]
 
     def place(self, path: str) -> Location:
-        """Where a value is written."""
         return self.source.place(*path.split("."))
 
     def cure(self, path: str) -> str:

@@ -116,7 +116,6 @@ def unknown(place: Location, without: str) -> tuple[str, str]:
 
 
 def _match(port: Port, sender: str, kinds: Kinds, unclear: set[str], fault: Callable[[str, str], None]) -> str | None:
-    """The sender's stream that fits the port."""
     node, _, message = sender.partition(".")
     expects = f"expects {port.type.__name__}"
     if node in unclear:

@@ -72,7 +72,6 @@ def spared(plan: Plan) -> frozenset[str]:
 
 
 def _links(plan: Plan, path: set[str]) -> int:
-    """See `Job.links`."""
     count = 0
     for name in path:
         cls = plan.graph.nodes[name].cls

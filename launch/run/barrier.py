@@ -38,7 +38,6 @@ class Barrier:
         return waiting
 
     def all(self, state: str) -> bool:
-        """Whether all workers are in this state."""
         return all(member.state == state for member in self._members.values())
 
     def link(self, member: WorkerHandle) -> None:

@@ -45,7 +45,6 @@ class Ending:
         return self.near or self.closed
 
     def stop(self) -> None:
-        """Order a graceful shutdown."""
         self._control.tell("*", Stop())
         self._deadline = time.monotonic() + STOP_PATIENCE
 

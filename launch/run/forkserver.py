@@ -49,7 +49,6 @@ class ForkServer:
         self._rest = b""
 
     def ask(self, request: Prepare | Start | Kill) -> None:
-        """Send one request."""
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             self.socket.sendall(msgspec.json.encode(request) + b"\n")
 
@@ -67,7 +66,6 @@ class ForkServer:
         return [ANSWERS.decode(line) for line in lines]
 
     def printed(self) -> str:
-        """Output of the workers since the last call."""
         printout = b""
         while len(printout) < MOST_PRINTED and (data := self.output.read(65536)):
             printout += data

@@ -59,16 +59,13 @@ class WorkerHandle:
 
     @property
     def alive(self) -> bool:
-        """Whether it is starting or running."""
         return self.state in ALIVE
 
     @property
     def names(self) -> str:
-        """Names of its nodes and observers."""
         return ", ".join(given.name for given in members(self.job))
 
     def heard(self) -> None:
-        """Note a sign of life."""
         self._silence = self._at_disk = 0.0
         self._checked = time.monotonic()
 

@@ -48,12 +48,10 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """Whether no node failed."""
         return not self.deaths
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped it."""
         return bool(self.signal)
 
 

@@ -105,7 +105,6 @@ class Screen:
 
 
 def print_death(death: Death, console: Console) -> None:
-    """Print a death and its traceback."""
     console.print(Text(str(death), style="red"))
     # The text of these errors says what to change.
     if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputError")):

@@ -93,11 +93,11 @@ def _instant(file: Path, at: float, colour: str, target: Path) -> str:
 
 
 def _film(file: Path, target: Path, rate: float, speed: float, colour: str, silent: bool) -> str:
-    from palpate.cli.terminal.progress import Stages
+    from palpate.cli.terminal.progress import StageBars
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import film
 
-    with Stages(console(stderr=True), silent) as stages:
+    with StageBars(console(stderr=True), silent) as stages:
         begun = cache(lambda: stages.begin("film", "drawing frames"))
 
         def drawn(share: float) -> None:

@@ -64,7 +64,6 @@ def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, 
 
 
 def shortened(text: str) -> str:
-    """A text shortened to one line."""
     line = " ".join(text.split())
     return line if len(line) <= LONG else f"{line[: LONG - 4]} ..."
 

@@ -67,7 +67,6 @@ class RunFolder:
         self.path = made.rename(here / run)
 
     def close(self) -> None:
-        """Remove the folder with the sockets in it."""
         shutil.rmtree(self.path, ignore_errors=True)
         os.close(self._lock)
 

@@ -70,7 +70,6 @@ class Audience:
         return tick
 
     def tell(self, report: Health) -> None:
-        """Pass on the health of a node."""
         for slot in self.begun:
             slot.node.health(report)
 

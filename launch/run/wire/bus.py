@@ -36,7 +36,6 @@ LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that ac
 
 
 def frame(stream: str, payload: bytes) -> bytes:
-    """The frame of a message on a stream."""
     return stream.encode() + b"\0" + payload
 
 
@@ -155,7 +154,6 @@ class Bus:
     # -- with the launcher ---------------------------------------------------------------------------------------
 
     def report(self, report: Report) -> None:
-        """Send a report to the launcher."""
         self._reports.send(msgspec.msgpack.encode(Addressed(self.group, report)))  # type: ignore[arg-type]
 
     def _note_order(self) -> None:
@@ -195,7 +193,6 @@ class Bus:
     # -- streams of other groups ---------------------------------------------------------------------------------
 
     def inlet(self, stream: str) -> Inlet | TcpInlet:
-        """The inlet of a stream of another group."""
         if stream not in self._inlets:
             self._inlets[stream] = Inlet(stream, self.group, self._watch, self._ready.append, self._apart)
         return self._inlets[stream]

@@ -58,7 +58,6 @@ class Inlet:
         self.reach()
 
     def reach(self) -> None:
-        """Try to connect to the writer."""
         if now() - self._tried < RETRY:
             return
         self._tried = now()
@@ -95,7 +94,6 @@ class Inlet:
         return self._read(socket.MSG_DONTWAIT) if select.select([self._socket], [], [], left)[0] else []
 
     def take(self) -> list[bytes]:
-        """The payloads that have come."""
         return [] if self._socket is None else self._read(socket.MSG_DONTWAIT)
 
     def _read(self, flags: int) -> list[bytes]:
@@ -194,7 +192,6 @@ class TcpInlet:
         return self.take() if self.socket.poll(max(1, -((now() - deadline) // 1_000_000))) else []
 
     def take(self) -> list[bytes]:
-        """The payloads that have come."""
         payloads = []
         with contextlib.suppress(zmq.Again):
             while True:

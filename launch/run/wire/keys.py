@@ -31,7 +31,6 @@ class Key:
 
     @classmethod
     def make(cls) -> Key:
-        """A new pair."""
         public, secret = zmq.curve_keypair()
         return cls(public.decode(), secret.decode())
 
@@ -68,7 +67,6 @@ class Authenticator:
         return key == self._key
 
     def close(self) -> None:
-        """End its thread."""
         self._thread.stop()
 
 

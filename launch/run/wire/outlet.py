@@ -36,7 +36,6 @@ _SHORT = tuple(bytes((0, size)) for size in range(256))  # headers of short fram
 
 
 def _framed(data: bytes) -> bytes:
-    """A message as a frame."""
     size = len(data)
     return (_SHORT[size] if size <= 255 else b"\2" + size.to_bytes(8, "big")) + data
 
@@ -73,7 +72,6 @@ class ReaderConnection:
         return sent
 
     def keep(self, data: bytes | memoryview) -> None:
-        """Queue data."""
         self.rest.append(data)
         self.queued += len(data)
 
@@ -106,7 +104,6 @@ class Sender:
         self._far = None if far is None else zmq.backend.Socket.send.__get__(far)
 
     def send(self, payload: bytes) -> None:
-        """Send one message to all readers."""
         topic = self.topic
         data = _framed(topic + payload)
         size = len(data)
@@ -162,18 +159,15 @@ class Outlet:
         self._watch.add(self._listener.fileno(), self._accept)
 
     def sender(self, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> Sender:
-        """The sender of a stream."""
         self._senders.append(Sender(self, stream, far, holds))
         self._sort()
         return self._senders[-1]
 
     def linked(self, stream: str) -> int:
-        """Number of groups that read a stream here."""
         topic = stream.encode() + b"\0"
         return len({reader.group for reader in self._readers if reader.group and reader.topics[topic]})
 
     def heard(self, topic: bytes) -> bool:
-        """Whether anybody reads a stream here."""
         return any(topic.startswith(tuple(reader.topics)) for reader in self._readers)
 
     def publish(self, messages: Sequence[bytes]) -> None:
@@ -257,7 +251,6 @@ class Outlet:
         self.drop(reader)
 
     def drop(self, reader: ReaderConnection) -> None:
-        """Close the connection to a reader."""
         if reader not in self._readers:
             return
         del self._readers[reader]

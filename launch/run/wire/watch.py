@@ -13,7 +13,6 @@ class SocketPoller:
         self.fileno = self._epoll.fileno
 
     def add(self, number: int, call: Callable[[], None]) -> None:
-        """Watch a descriptor."""
         self._calls[number] = call
         self._epoll.register(number, select.EPOLLIN)
 

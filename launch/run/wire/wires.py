@@ -67,7 +67,6 @@ class ControlChannel:
         self._orders.send(frame(f"~{group}", msgspec.json.encode(order)))
 
     def expect(self, group: str) -> None:
-        """Expect one more worker of this group."""
         self._expected[group] += 1
 
     def hears(self, group: str) -> bool:

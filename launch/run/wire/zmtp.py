@@ -24,7 +24,6 @@ class ZmtpError(ValueError):
 
 
 def frame(body: bytes, flags: int = 0) -> bytes:
-    """A frame on the wire."""
     size = len(body)
     if size < 256:
         return bytes((flags, size)) + body
@@ -32,7 +31,6 @@ def frame(body: bytes, flags: int = 0) -> bytes:
 
 
 def command(name: bytes, data: bytes = b"") -> bytes:
-    """A command as a frame."""
     return frame(bytes((len(name),)) + name + data, COMMAND)
 
 
@@ -45,7 +43,6 @@ def split_command(body: bytes) -> tuple[bytes, bytes]:
 
 
 def ready(properties: Mapping[bytes, bytes]) -> bytes:
-    """The READY command with these properties."""
     named = (bytes((len(name),)) + name + len(value).to_bytes(4, "big") + value for name, value in properties.items())
     return command(b"READY", b"".join(named))
 

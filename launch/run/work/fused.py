@@ -114,7 +114,6 @@ def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
 
 
 def death(fault: NodeError) -> Death:
-    """The failure of a node, for the result."""
     cause = fault.cause
     if isinstance(cause, MemoryError):  # not necessarily the fault of the node that ran
         during = f"while node {fault.node!r} had its turn ({fault.where})"

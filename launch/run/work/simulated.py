@@ -75,7 +75,6 @@ class SimulatedClock:
         return None if slot.blocked else messages
 
     def sent(self, slot: Slot, tick: int) -> None:
-        """Send the outputs that have readers."""
         if slot.every > 1:
             slot.due = next_run(tick, slot.every)
         if tick >= slot.sends:

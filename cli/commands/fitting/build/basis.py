@@ -27,7 +27,7 @@ def basis(
     as_json: Json = False,
 ) -> None:
     """Build and store the basis of a ReducedFE body."""
-    from palpate.cli.terminal.progress import Stages
+    from palpate.cli.terminal.progress import StageBars
     from palpate.engine.provenance import commit
     from palpate.launch.load.values.overrides import settings_of
     from palpate.models.build import basis as builder
@@ -43,7 +43,7 @@ def basis(
         return
     started = time.perf_counter()
     try:
-        with Stages(console(stderr=True), as_json) as stages:
+        with StageBars(console(stderr=True), as_json) as stages:
             errors = builder.make(node, path, stages, commit())
     except KeyboardInterrupt as error:
         again = "resumes after the touches already computed" if node.model == "sampled" else "starts again"

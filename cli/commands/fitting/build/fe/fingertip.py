@@ -78,11 +78,11 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
 
 
 def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
-    from palpate.cli.terminal.progress import Stages
+    from palpate.cli.terminal.progress import StageBars
     from palpate.models.fe.study.press_record import record
 
     done: Callable[..., None] | None = None
-    with Stages(console(stderr=True), quiet) as stages:
+    with StageBars(console(stderr=True), quiet) as stages:
 
         def tick(load: float) -> None:
             nonlocal done
