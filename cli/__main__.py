@@ -1,4 +1,4 @@
-"""The command `palpate`. Each verb imports what it needs when it runs, so that help and listings answer at once."""
+"""The command `palpate`. Each command imports its modules when it runs, so that help and listings start at once."""
 
 import signal
 import sys
@@ -6,7 +6,7 @@ import threading
 
 _here = threading.current_thread() is threading.main_thread()
 _before = signal.getsignal(signal.SIGINT)
-if _here:  # Ctrl-C while the modules below are read ends the program at once, without a traceback
+if _here:  # Ctrl-C during the imports below ends the program at once, without a traceback
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 from typing import Annotated  # noqa: E402
@@ -43,8 +43,8 @@ if _here:
 
 
 def main() -> None:
-    """Run the command line. Ctrl-C outside a verb ends it without a traceback."""
-    pin()  # before a verb imports numpy
+    """Run the command line. Ctrl-C outside a command exits without a traceback."""
+    pin()  # before a command imports numpy
     try:
         app(prog_name="palpate")
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""What drivers share whose device is behind one connection."""
+"""Base class of drivers with one connection."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -6,11 +6,11 @@ from typing import ClassVar, Generic, Protocol, TypeVar
 
 from palpate.drivers.errors import DeviceError
 
-LEAST = 3  # attempts, where the machine stands still for as long as they may take
+LEAST = 3  # lower bound of attempts, in case the machine stalls until the deadline
 
 
 def attempts(seconds: float) -> Iterator[int]:
-    """Number the attempts of so many seconds, at least `LEAST`, to hear of a device that is set up."""
+    """Number attempts to reach a device until a timeout [s], at least `LEAST`."""
     count, deadline = 0, time.monotonic() + seconds
     while count < LEAST or time.monotonic() < deadline:
         yield count
@@ -27,7 +27,7 @@ P = TypeVar("P", bound=_Port)
 class PortDriver(Generic[P]):
     """A driver that opens and closes its connection.
 
-    connect  opens it
+    connect  opens the connection
     """
 
     name: ClassVar[str]

@@ -1,5 +1,5 @@
-"""The USB devices that palpate drives and that are plugged in, as the kernel lists them: no library is needed, nothing
-is opened. And the rule that permits a user to open them."""
+"""Lists connected USB devices that palpate supports, from the kernel's files, without a library or opening them; and
+the udev rule that permits a user to open them."""
 
 import os
 from collections.abc import Iterator
@@ -20,10 +20,10 @@ RULE = "/etc/udev/rules.d/70-palpate.rules"
 class Known(NamedTuple):
     """A kind of device.
 
-    name, use        its maker's name, and the node that drives it
-    vendor, product  of USB, in hexadecimal of four digits; product "*": any
-    needs            the module that the driver imports
-    through          "usb" or "hidraw": which file of the system reaches it
+    name, use        the manufacturer's name, and the node that drives it
+    vendor, product  USB ids, four hexadecimal digits; product "*": any
+    needs            module that the driver imports
+    through          "usb" or "hidraw": kind of its device file
     """
 
     name: str
@@ -47,16 +47,16 @@ KNOWN = (
 
 
 @dataclass(frozen=True)
-class Found:
-    """One device.
+class ConnectedDevice:
+    """One connected device.
 
-    name, use   what it is, and the node that drives it
+    name, use   its kind, and the node that drives it
     ids         vendor:product
-    port        what to give a node as `port`
-    file        of the system by which it is reached; empty: the kernel has none for it
+    port        value of the node's setting `port`
+    file        device file; empty: the kernel has none
     permitted   whether this user may read and write that file
     missing     module that has to be installed first; empty: none
-    serial      its serial number
+    serial      serial number
     """
 
     name: str
@@ -70,7 +70,7 @@ class Found:
 
     @property
     def next_step(self) -> str:
-        """What stands in the way; empty: nothing."""
+        """What the user must do first; empty: nothing."""
         if self.missing:
             return install("devices")
         if not self.file:
@@ -78,19 +78,19 @@ class Found:
         return "" if self.permitted else "not permitted: palpate devices --install-udev"
 
 
-def devices() -> Iterator[Found]:
+def devices() -> Iterator[ConnectedDevice]:
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
         ids = _word(folder / "idVendor"), _word(folder / "idProduct")
         yield from (_found(k, folder) for k in KNOWN if k.vendor == ids[0] and k.product in (ids[1], "*"))
 
 
-def _found(kind: Known, folder: Path) -> Found:
+def _found(kind: Known, folder: Path) -> ConnectedDevice:
     bus, number = _word(folder / "busnum"), _word(folder / "devnum")
     if kind.through == "usb":
         file, port = str(DEV / "bus" / "usb" / bus.zfill(3) / number.zfill(3)), f"{bus}:{number}"
     else:  # of the first interface
         file = port = next((str(DEV / hidraw.name) for hidraw in sorted(folder.glob("*/*/hidraw/hidraw*"))), "")
-    return Found(
+    return ConnectedDevice(
         name=kind.name,
         use=kind.use,
         ids=f"{kind.vendor}:{_word(folder / 'idProduct')}",
@@ -110,7 +110,7 @@ def _word(file: Path) -> str:
 
 
 def udev_rules() -> str:
-    """The text of a rules file that permits the user at the machine, and the group plugdev, to use all of them."""
+    """The text of a rules file that permits the local user and the group plugdev to use all known devices."""
     lines = ["# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again."]
     for kind in KNOWN:
         lines.append(f"# {kind.name}: {kind.use}")

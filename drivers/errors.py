@@ -1,4 +1,4 @@
-"""What goes wrong with a device, reported in one line with the next step."""
+"""Errors of devices, reported in one line with the next step."""
 
 import importlib
 from typing import Any
@@ -8,9 +8,9 @@ from palpate.physics.extras import missing
 
 
 class DeviceError(PalpateError, RuntimeError):
-    """A device is not there, not permitted, not right, or gone. The text says what was found and what to do next.
+    """A device is missing, not permitted, unsuitable, or lost. The text says what was found and what to do next.
 
-    lost  whether the device was there and is gone: it may come back
+    lost  whether the device was connected before: it may come back
     """
 
     def __init__(self, text: str, *, lost: bool = False) -> None:
@@ -19,7 +19,7 @@ class DeviceError(PalpateError, RuntimeError):
 
 
 def package(module: str) -> Any:
-    """Import a module that an extra brings. DeviceError: it is not installed."""
+    """Import a module of an extra. DeviceError: it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

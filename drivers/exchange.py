@@ -1,7 +1,7 @@
 """The thread that communicates with a device: newest command out, newest sample in. The force loop never waits for it.
 
-It asks the guard before every command, keeps the device talking (some fall silent without traffic), looks for a device
-that is gone when asked to, and leaves no force behind when it stops.
+It passes every command through the guard, keeps up traffic (some devices need it), reconnects to a lost device if
+requested, and sends zero force when it stops.
 """
 
 import contextlib
@@ -14,40 +14,40 @@ from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample, Guard, ahead
 from palpate.drivers.limits import Limits
 
-RETRY = 0.5  # [s] between two looks for a device that is gone
+RETRY = 0.5  # [s] between two attempts to reconnect
 FAREWELL = 3  # [1] zero commands before the device is closed
-STOP, GLANCES = 2.0, 20  # [s] for the thread's end, in so many glances
-RATED = 1.0  # [s] over which the rate of answers is taken
-PAUSE = 0.1  # [s] a longer time without an answer is an outage, which says nothing of the rate
+STOP, CHECKS = 2.0, 20  # [s] timeout for the thread's end, and number of checks within it
+RATED = 1.0  # [s] averaging time of the rate of answers
+PAUSE = 0.1  # [s] a longer time without an answer is an outage and does not count for the rate
 
 
 class Driver(Protocol):
-    """One device, spoken to directly. All its methods are called from one thread at a time."""
+    """Direct access to one device. All methods are called from one thread at a time."""
 
     name: ClassVar[str]
     limits: Limits
     size: int
-    """Numbers of a command."""
+    """Number of values in a command."""
 
     def open(self) -> None:
-        """Find the device and make it ready. DeviceError: why not, and what to do."""
+        """Find and initialise the device. DeviceError: not possible; says what to do."""
 
     def cycle(self, command: tuple[float, ...]) -> DeviceSample | None:
-        """Send a command and take one answer; None when none came within a few periods.
+        """Send a command and return one answer; None if none arrived within a few periods.
 
-        DeviceError: the device is gone.
+        DeviceError: the device is lost.
         """
 
     def close(self) -> None:
-        """Give the device back. It may be gone already."""
+        """Release the device. It may be lost already."""
 
 
 class Exchange:
-    """A driver in a thread of its own.
+    """Runs a driver in a separate thread.
 
-    driver     the device; `open` is called by `start`, in the caller's thread
-    guard      what its commands are held to
-    reconnect  whether a device that is gone is waited for; otherwise `sample` raises what happened
+    driver     the device; `start` calls its `open` in the caller's thread
+    guard      limits its commands
+    reconnect  whether to wait for a lost device; otherwise `sample` raises the error
     """
 
     def __init__(self, driver: Driver, guard: Guard, *, reconnect: bool = False) -> None:
@@ -55,7 +55,7 @@ class Exchange:
         self._command: tuple[tuple[float, ...], int] = ((0.0,) * driver.size, 0)
         self._newest: tuple[DeviceSample | None, tuple[tuple[float, ...], tuple[float, ...]]] = None, ((), ())
         self._fault: DeviceError | None = None
-        self.lost: DeviceError | None = None  # what happened to a device that is waited for
+        self.lost: DeviceError | None = None  # the error, while waiting for a lost device
         self._notes: list[str] = []
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -63,33 +63,32 @@ class Exchange:
         self.rate = 0.0  # [Hz] of the device's answers over the last second in which it answered
 
     def start(self) -> None:
-        """Open the device and begin to talk. DeviceError: it cannot be opened."""
+        """Open the device and start the thread. DeviceError: it cannot be opened."""
         self.driver.open()
         self._thread = threading.Thread(target=self._run, name="palpate device", daemon=True)
         self._thread.start()
 
     def command(self, command: tuple[float, ...]) -> None:
-        """Set what the device is to do from now on. Returns at once."""
+        """Set the command to send from now on. Returns at once."""
         self._command = command, time.monotonic_ns()
 
     def sample(self) -> DeviceSample | None:
-        """The newest answer, extrapolated to now; None before the first. Returns at once. DeviceError: it is gone."""
+        """The newest answer, extrapolated to now; None before the first. Returns at once. DeviceError: device lost."""
         if self._fault is not None:
             raise self._fault
         sample, rates = self._newest
         return sample if sample is None or not sample.homed else ahead(sample, rates, time.monotonic_ns())
 
     def notes(self) -> list[str]:
-        """What the user should see; each line is given once."""
+        """New lines for the user; each is returned once."""
         notes, self._notes = self._notes, []
         return notes
 
     def stop(self) -> None:
-        """Command zero and close the device."""
         self._stop.set()
         if self._thread is not None:
-            for _ in range(GLANCES):  # a machine that stands still uses up one of them
-                self._thread.join(STOP / GLANCES)
+            for _ in range(CHECKS):  # a stall of the machine uses up one of them
+                self._thread.join(STOP / CHECKS)
             self._thread = None
 
     def _run(self) -> None:
@@ -101,7 +100,7 @@ class Exchange:
                     self._fault = error
                     break
                 self._wait_for_it(error)
-            except Exception as error:  # a thread that died silently would leave the last command standing
+            except Exception as error:  # if the thread died silently, the last command would stay active
                 self._fault = DeviceError(f"the driver failed: {type(error).__name__}: {error}")
                 break
         with contextlib.suppress(Exception):
@@ -119,7 +118,7 @@ class Exchange:
             self.guard.saw(sample)
             self.cycles += 1
             now = time.monotonic()
-            silent += min(now - then, limit / LEAST)  # a machine that stands still does not use up all of it
+            silent += min(now - then, limit / LEAST)  # a stall of the machine does not use up the limit
             then = now
             if sample is None:
                 if silent > limit:

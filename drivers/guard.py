@@ -1,9 +1,9 @@
-"""The last step before a command is sent: it is limited to what the device may do, whatever node asked for it.
+"""The last step before a command is sent: limits it to what is safe for the device, whichever node sent it.
 
-One gain between 0 and 1 multiplies the command. It rises to 1 within the ramp time while all is well, and falls to 0
-within FALL as soon as something is not: the device is not homed, answers are missing, the command is old, the dead-man
-button is not held, the grip is too fast or outside its box. Then the command is scaled, always as a whole so that its
-direction stays, to the largest command and the largest power.
+A gain between 0 and 1 multiplies the command. It ramps up to 1 within the ramp time, and down to 0 within FALL on any
+of these conditions: the device is not homed, answers are missing, the command is stale, the dead-man button is not
+held, the grip is too fast or outside its box. Then the command is limited to the largest command and the largest power
+by one factor, which keeps its direction.
 """
 
 import math
@@ -13,22 +13,22 @@ from typing import NamedTuple
 from palpate.drivers.limits import Limits
 
 FALL = 0.015  # [s] from full to zero
-MISSED = 3  # [1] answers in a row that may be missing
-SILENT = 0.020  # [s] for which the device may be without an answer, in however many cycles
-STALE = 0.010  # [s] a command older than this is no command
-HORIZON = 0.005  # [s] by which a sample is carried on at most
-HISTORY = 8  # [1] differences over which rates are taken
+MISSED = 3  # [1] missing answers in a row at which the gain falls
+SILENT = 0.020  # [s] longest time without an answer
+STALE = 0.010  # [s] longest age of a command
+HORIZON = 0.005  # [s] limit of extrapolation
+HISTORY = 8  # [1] differences over which rates are computed
 
 
 class DeviceSample(NamedTuple):
     """One answer of a device.
 
-    time      [ns]      of the machine's monotonic clock when it came
-    joints    [rad] (j) angles that conjugate torques; empty where the device takes forces
-    position  [m]   (3) of the grip in the device's frame; empty where it is not known
+    time      [ns]      arrival, on the machine's monotonic clock
+    joints    [rad] (j) angles conjugate to the torques; empty if commands are forces
+    position  [m]   (3) of the grip in the device's frame; empty if unknown
     buttons   [1]       bit mask
-    homed     [1]       whether joints and position can be trusted
-    wrench    [N], [N m] (6)  force and torque that a sensor feels; empty where there is none
+    homed     [1]       whether joints and position are valid
+    wrench    [N], [N m] (6)  measured force and torque; empty without a sensor
     """
 
     time: int
@@ -40,11 +40,11 @@ class DeviceSample(NamedTuple):
 
 
 class Guard:
-    """Holds the commands of one device to its limits.
+    """Limits the commands of one device.
 
-    limits   of the device
-    deadman  mask of buttons of which one has to be held for any command; 0: none
-    ramp     [s] in place of the device's own
+    limits   limits of the device
+    deadman  mask of buttons of which one must be held; 0: no dead-man button
+    ramp     [s] ramp time; None: that of the device
     """
 
     def __init__(self, limits: Limits, deadman: int = 0, ramp: float | None = None) -> None:
@@ -53,12 +53,11 @@ class Guard:
         self.reset()
 
     def reset(self) -> None:
-        """As after a start: no gain, no history."""
         self.gain, self.missed, self._then = 0.0, 0, 0
         self._samples: deque[DeviceSample] = deque(maxlen=HISTORY + 1)
 
     def saw(self, sample: DeviceSample | None) -> None:
-        """Take the answer to the last command; None: none came in time."""
+        """Note the answer to the last command; None: it is missing."""
         if sample is None:
             self.missed += 1
             return
@@ -69,7 +68,7 @@ class Guard:
             self._samples.append(sample)
 
     def why(self, now: int, given: int) -> str:
-        """Why a command of `given` [ns] may not be sent at `now` [ns]; empty where it may."""
+        """Why a command given at `given` [ns] must not be sent at `now` [ns]; empty if it may be sent."""
         if not self._samples:
             return "not homed"
         last = self._samples[-1]
@@ -88,7 +87,7 @@ class Guard:
         return ""
 
     def apply(self, command: tuple[float, ...], now: int, given: int) -> tuple[float, ...]:
-        """The command that may be sent at `now` [ns], of one that was given at `given` [ns]."""
+        """The limited command for `now` [ns]; `given` [ns]: when the command was given."""
         elapsed = (now - self._then) * 1e-9 if self._then else 0.0
         self._then = now
         if self.why(now, given):
@@ -102,14 +101,14 @@ class Guard:
         if largest == 0.0:
             return zero
         length = 1.0 if self.limits.each else math.hypot(*(c / largest for c in command))
-        scale = self.gain * min(1.0, self.limits.command / length / largest)  # their product may be beyond all numbers
+        scale = self.gain * min(1.0, self.limits.command / length / largest)  # this order avoids overflow
         power = scale * self._power(command)
         if power > self.limits.power:
             scale *= self.limits.power / power
         return tuple(scale * c for c in command)
 
     def rates(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Rates of joints [rad/s] and position [m/s] over the last samples; empty where there are none."""
+        """Rates of joints [rad/s] and position [m/s] over the last samples; empty if unknown."""
         return self._rate("joints"), self._rate("position")
 
     def _rate(self, name: str) -> tuple[float, ...]:
@@ -122,7 +121,7 @@ class Guard:
         return tuple((y - x) * 1e9 / (last.time - first.time) for x, y in zip(a, b, strict=True))
 
     def _power(self, command: tuple[float, ...]) -> float:
-        """[W] that the command gives to the hand at the present rate."""
+        """Power [W] that the command gives to the hand at the current rate."""
         if not self._samples:
             return 0.0
         rate = self._rate("joints" if self._samples[-1].joints else "position")
@@ -130,10 +129,10 @@ class Guard:
 
 
 def ahead(sample: DeviceSample, rates: tuple[tuple[float, ...], tuple[float, ...]], now: int) -> DeviceSample:
-    """A sample extrapolated with its rates to `now` [ns], by HORIZON at most.
+    """A sample extrapolated with its rates to `now` [ns], by at most HORIZON.
 
-    A graph that runs at another rate than its device gets samples of uneven age. Left as they are, they look like a
-    jerk within one tick, and a damped contact answers with a jerk of the force.
+    A graph with another rate than its device gets samples of uneven age. Without extrapolation they look like jumps of
+    the velocity, which damping would turn into force spikes.
     """
     left = min(max((now - sample.time) * 1e-9, 0.0), HORIZON)
     joints, position = (

@@ -1,10 +1,9 @@
-"""The safety limits of each device: the only place for these numbers. `guard.Guard` applies them to every command.
+"""The safety limits of each device, in one place. `guard.Guard` applies them to every command.
 
-A row limits the command in the device's own terms: forces [N], or torques [N m] of its arms. All numbers are this
-project's choice, so that what a user of the device does with care stays inside: no data sheet was checked for them. The
-Falcon's torque is that of a motor word of 4096, at 10 000 a N m: libnifalcon converts with that factor
-(FalconKinematicStamper::getForces) and has no limit there. At (0, 0, 0.11) m 0.4096 N m an arm give 7 to 17 N, which
-agrees with the 9 N that the device is said to have. `tests/drivers/test_limits.py` holds each to docs/devices.md.
+Commands are forces [N], or torques [N m] of the device's arms. All numbers are this project's choice for careful use;
+no data sheet was checked for them. The Falcon's torque is that of a motor word of 4096 at 10 000 per N m, the factor of
+libnifalcon (FalconKinematicStamper::getForces), which has no limit there. At (0, 0, 0.11) m, 0.4096 N m per arm give
+7 to 17 N, consistent with the specified 9 N. `tests/drivers/test_limits.py` compares each with docs/devices.md.
 """
 
 import math
@@ -22,10 +21,10 @@ class Limits:
     power    [W]           largest power given to the hand
     speed    [m/s]         faster than this, the command goes to zero
     box      [m]           (low, high) corners in the device's frame; outside, the command goes to zero
-    delay    [1]           samples at 1 kHz between a motion and the force that answers it: the controller's `delay`
-    ramp     [s]           in which the command comes in after start, homing, or a break
-    each     [1]           whether `command` holds for each number (torques), or for the vector's length (a force)
-    silence  [s]           without an answer for longer than this the device is lost: the run ends, or waits for it
+    delay    [1]           samples at 1 kHz between a motion and the resulting force: the controller's `delay`
+    ramp     [s]           ramp time of the command after start, homing, or an outage
+    each     [1]           whether `command` limits each number (torques), or the vector's length (a force)
+    silence  [s]           time without an answer after which the device is lost: the run ends, or waits for it
     """
 
     command: float

@@ -1,4 +1,4 @@
-"""A new node with its test, to begin from."""
+"""Templates of a new node and its test."""
 
 import keyword
 import re
@@ -10,7 +10,7 @@ from palpate.messages import Field, Load, Message, Surface, fields
 from palpate.messages.record import layout
 from palpate.registry import snake
 
-_NODE = '''"""{title}: says what it does here."""
+_NODE = '''"""{title}: say here what it computes."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from palpate.physics.kernel import kernel
 _STEP = '''
     def start(self) -> None:
         """Make the state here; `start` is also the reset."""
-        self.time = 0.0  # [s] time that has passed
+        self.time = 0.0  # [s] elapsed time
 
     def step(self, {port}: {takes}, *, dt: float) -> {sends}:
         """The first input drives; add others as arguments, `name: Type | None` where it may be absent."""
@@ -44,7 +44,7 @@ _STEP = '''
 '''
 
 _COMPUTE = '''
-    State = {{"time": ()}}  # [s] that has passed; (): a number, (3,): a vector
+    State = {{"time": ()}}  # [s] elapsed time; (): a number, (3,): a vector
 
     @kernel
     def compute(own, {port}: {takes}, out: Out[{sends}], dt):
@@ -83,7 +83,7 @@ def test_a_force_deforms_the_surface():
     assert list(surface.nodes) == [7] and np.allclose(surface.displacement, [[0.0, 0.0, -2e-3]])  # 1 N / (500 N/m)
 """
 
-_TEST = '''"""{title} on its own, without graph or network."""
+_TEST = '''"""Unit test of {title}, without graph or network."""
 {numpy}
 from palpate.launch.testing import FakeBus
 from palpate.messages import {messages}
@@ -101,7 +101,7 @@ def test_each_message_gets_an_answer():
 
 
 def class_name(name: str) -> str:
-    """The class's name for what the user typed, "my drag" or "my_drag" or "MyDrag". ValueError: no name."""
+    """The class name for "my drag", "my_drag" or "MyDrag". ValueError: no valid name."""
     words = [word for word in re.split(r"[^0-9A-Za-z]+", name) if word]
     title = "".join(word[0].upper() + word[1:] for word in words)
     if not title.isidentifier() or keyword.iskeyword(title):
@@ -110,13 +110,13 @@ def class_name(name: str) -> str:
 
 
 def module_name(title: str) -> str:
-    """The file's name for a class: MyDrag -> my_drag."""
+    """The module name of a class: MyDrag -> my_drag."""
     return f"{snake(title)}_node" if keyword.iskeyword(snake(title)) else snake(title)
 
 
 def node_files(name: str, takes: type[Message], sends: type[Message], compiled: bool = False) -> dict[str, str]:
-    """File names and texts of a new node and its test. ValueError: the name cannot be used, or a compiled node cannot
-    hold a message."""
+    """File names and texts of a new node and its test. ValueError: an invalid name, or a message that a compiled node
+    does not support."""
     title = class_name(name)
     module = module_name(title)
     answer, given = _example(sends, 8), _example(takes, 4)
@@ -136,7 +136,7 @@ def node_files(name: str, takes: type[Message], sends: type[Message], compiled: 
 
 
 def _example(kind: type[Message], indent: int) -> str:
-    """Python text of a message at rest, one field a line with its unit; fields with a default are left out."""
+    """Python text of a message at rest, one required field per line with its unit."""
     at_rest = kind.example(loaded=False)
     lines = [
         f"{' ' * (indent + 4)}{f.name}={_text(f, getattr(at_rest, f.name))},  # [{f.unit}]\n" for f in _required(kind)
@@ -145,7 +145,7 @@ def _example(kind: type[Message], indent: int) -> str:
 
 
 def _filled(takes: type[Message], sends: type[Message]) -> str:
-    """The same as lines of a kernel. ValueError: a message that a record cannot hold."""
+    """The same message as lines of a kernel. ValueError: a message that a record does not support."""
     try:
         layout(takes)
         layout(sends)

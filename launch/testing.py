@@ -1,11 +1,11 @@
-"""FakeBus: one node in a test, with no graph and no sockets.
+"""FakeBus: runs one node in a test, without graph and sockets.
 
     bus = FakeBus(Series(), body=Surface(...))
     first, second = bus.publish(Proximity(...), Proximity(...))
 
-The node is stepped as in a run, and messages pass through the real wire form both ways. The first input drives: each
-message of that type runs a step; messages of other types are held. An input that takes many takes a list of messages,
-or one for a list of one. `drop`, `late`, `twice`, `swap` and `kill` make bad days.
+The node is stepped as in a run, and messages are encoded and decoded both ways. The first input drives: each message of
+that type runs a step; messages of other types are held. A multiple input takes a list of messages, or one message.
+`drop`, `late`, `twice`, `swap` and `kill` simulate faults.
 """
 
 from collections.abc import Sequence
@@ -24,11 +24,11 @@ Given = Message | Sequence[Message | None] | None
 
 
 class FakeBus:
-    """Publishes messages to one node and returns its answers.
+    """Publishes messages to one node and returns its outputs.
 
     node  a node; it is started here
-    rate  [Hz] base rate: the k-th driving message gets tick k and time k/rate unless it brings its own
-    held  values of the held inputs by port name, to begin with
+    rate  [Hz] base rate: the k-th driving message gets tick k and time k/rate unless it has a tick and time
+    held  initial values of the held inputs, by port name
     """
 
     def __init__(self, node: Node, rate: float = 1000.0, **held: Given) -> None:
@@ -54,7 +54,6 @@ class FakeBus:
 
     @property
     def driver(self) -> str | None:
-        """Name of the driving port; None for a paced node."""
         return None if self.node.paced else next(iter(self.ports), None)
 
     def hold(self, name: str, message: Given) -> None:
@@ -68,7 +67,7 @@ class FakeBus:
         self._drop += count
 
     def late(self, delay: float) -> None:
-        """Stamp the next driving message `delay` seconds later, as if the sender had been held up."""
+        """Add `delay` seconds to the time of the next driving message."""
         self._delay = delay
 
     def twice(self) -> None:
@@ -80,13 +79,13 @@ class FakeBus:
         self._swap = True
 
     def kill(self, name: str) -> None:
-        """The sender of this input dies: the input is None from now on."""
+        """Simulate the death of this input's sender: the input stays None."""
         self.hold(name, None)
         self._dead.add(name)
 
     def publish(self, *messages: Message | list[Message]) -> list[Any]:
-        """Send messages, or lists of them to an input that takes many, in order; the answers of the steps that they
-        cause (a tuple where the node has several)."""
+        """Send messages, or lists of them to a multiple input, in order; returns the outputs of the steps that they
+        run (a tuple if the node has several outputs)."""
         answers: list[Any] = []
         for message in messages:
             port = self._port(message)
@@ -160,11 +159,11 @@ class FakeBus:
         return tuple(sent) if len(sent) != 1 else sent[0]
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None]:
-        """The inputs of a step, as `engine.tick` asks for them."""
+        """The inputs of a step, for `engine.tick`."""
         return self._inputs
 
     def sent(self, slot: Slot, tick: int) -> None:
-        """The answers stay in the node's outputs."""
+        """Nothing to send: the outputs are read from the slot."""
 
 
 def _arrived(given: Given, port: Port) -> Given:

@@ -1,4 +1,4 @@
-"""The plan of a replay: that of the recording, with other settings, or that of another graph."""
+"""The plan of a replay: the recorded one, with other settings, or that of another graph."""
 
 import copy
 from collections.abc import Collection, Mapping, Sequence
@@ -24,9 +24,9 @@ def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | No
     """The plan to replay.
 
     overrides  `tissue.use=deformation.Rigid`, `scene.tissue.friction=off`, ... as for `palpate run`
-    graph      another graph in place of the recorded one: its device is played from the recording
+    graph      another graph instead of the recorded one: its device is played from the recording
 
-    RecordingError, GraphError: what does not fit.
+    RecordingError, GraphError: the overrides or the graph do not fit the recording.
     """
     if graph is not None:
         loaded = find(graph).but(overrides=overrides).load()
@@ -36,12 +36,12 @@ def changed(recording: Recording, overrides: Sequence[str] = (), graph: str | No
     else:
         return plan_of(recording)
     _same_rate(recording, loaded)
-    set_recording(loaded, recording.path)  # every stream is heard, as in a recorded run
+    set_recording(loaded, recording.path)  # a logger reads every stream, as in a recorded run
     return _with_fields(plan(loaded), recording.about.get("plan", {}).get("wanted", {}))
 
 
 def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan:
-    """The plan with the fields that were recorded, but those of effects that are switched off now."""
+    """The plan with all recorded fields, except those of effects that are off now."""
     nodes = planned.graph.nodes
     kinds = planned.graph.streams
     wanted = {s: names | body(kinds[s]).intersection(recorded.get(s, ())) for s, names in planned.wanted.items()}
@@ -49,19 +49,19 @@ def _with_fields(planned: Plan, recorded: Mapping[str, Collection[str]]) -> Plan
 
 
 def no_idle(overrides: Sequence[str], plan: Plan, running: Collection[str]) -> None:
-    """RecordingError: an override of a node that does not run, whose messages are played as they were recorded."""
+    """RecordingError: an override of a node that does not run because its recorded messages are played."""
     for override in overrides:
         path = override.partition("=")[0]
         name = path.partition(".")[0]
         if name in plan.order and name not in running:
             raise RecordingError(
-                f"{path}: {name!r} is played as it was recorded, so this has no effect. A played node runs with "
+                f"{path}: {name!r} is played from the recording, so this has no effect. A played node runs with "
                 f"--only {name}; a source reacts to new forces only in a new run (palpate run)"
             )
 
 
 def _same_rate(recording: Recording, graph: Graph) -> None:
-    """RecordingError: the ticks of a recording come again as they were."""
+    """RecordingError: another rate than the recorded one; a replay keeps the recorded ticks."""
     rate = recording.about.get("plan", {}).get("rate", graph.rate)
     if graph.rate != rate:
         raise RecordingError(
@@ -73,7 +73,7 @@ def _same_rate(recording: Recording, graph: Graph) -> None:
 def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
     recorded = recording.about.get("plan", {})
     if not recorded.get("source"):
-        raise RecordingError(f"{recording.path}: it does not hold its graph; give one with --graph GRAPH")
+        raise RecordingError(f"{recording.path}: it does not contain its graph; give one with --graph GRAPH")
     name = f"the graph in {recording.path}"
     modules = [str(line.get("use")).rpartition(".")[0] for line in recorded["source"].get("nodes", {}).values()]
     try:
@@ -96,7 +96,7 @@ def _recorded_graph(recording: Recording, overrides: Sequence[str]) -> Graph:
 
 
 def _keep_settings(graph: Graph, defaults: Graph, recorded: Graph, overridden: Collection[str]) -> None:
-    """Settings that no override changes are as they were recorded, whatever their defaults are today."""
+    """Set settings without an override to their recorded values, since defaults may have changed."""
     for name, spec in graph.nodes.items():
         now, then = defaults.nodes.get(name), recorded.nodes.get(name)
         if now is None or then is None or not spec.cls is now.cls is then.cls:
@@ -107,7 +107,7 @@ def _keep_settings(graph: Graph, defaults: Graph, recorded: Graph, overridden: C
 
 
 def _match_devices(recording: Recording, graph: Graph) -> None:
-    """Play each source of the graph from the stream of its name, or else from the only stream of its type."""
+    """Play each source of the graph from the stream with its name, or from the only stream of its type."""
     for name, spec in graph.nodes.items():
         if not spec.cls.paced:
             continue
@@ -126,7 +126,7 @@ def _match_devices(recording: Recording, graph: Graph) -> None:
 
 
 def sources(recording: Recording, planned: Plan) -> list[str]:
-    """The paced nodes of a plan. RecordingError: their streams are not all in the recording."""
+    """The paced nodes of a plan. RecordingError: a stream of theirs is not in the recording."""
     paced = [name for name in planned.order if planned.graph.nodes[name].cls.paced]
     for name in paced:
         for stream in planned.graph.nodes[name].streams:

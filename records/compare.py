@@ -1,4 +1,4 @@
-"""One recorded touch, computed by several models: differences of force, indentation and shape, and step times."""
+"""Computes one recorded touch with several models: differences of force, indentation and shape, and step times."""
 
 import gc
 import math
@@ -24,7 +24,7 @@ POINTS = 4000  # of a curve in the picture
 
 
 class _Spread:
-    """RMS and peak of differences, and the peak of the reference, without keeping them."""
+    """Running RMS and peak of differences, and peak of the reference."""
 
     def __init__(self) -> None:
         self.count, self.squares, self.peak, self.scale = 0, 0.0, 0.0, 0.0
@@ -43,15 +43,15 @@ class _Spread:
 
 @dataclass
 class Variant:
-    """One way to compute the touch: its settings, its plan, and what came out.
+    """One variant of the touch: its settings, plan and results.
 
-    force        [N] of the controller, difference of the vectors
-    indentation  [m] of the tissue under the contact
-    shape        [m] displacement of the surface: RMS over vertices that move in one of both, per instant
-    step         [s] durations of a step of the nodes that differ from the recording; whole: of all nodes together;
-                 nodes: of each node
+    swapped      nodes that differ from the recording
+    force        [N] difference of the controller's force vectors
+    indentation  [m] difference of the tissue's indentation under the contact
+    shape        [m] difference of the surface displacement: RMS over vertices that move in either, per instant
+    step         [s] step times of the swapped nodes; whole: of all nodes together; nodes: of each node
     cpu          [s] processor time of this thread for a step of all nodes together; nodes_cpu: of each node
-    notes        lines of its nodes that the user should see
+    notes        lines of its nodes for the user
     curves       rows of time [s], force [N], indentation [m], for the picture
     """
 
@@ -71,7 +71,6 @@ class Variant:
     curves: list[tuple[float, float, float]] = field(default_factory=list)
 
     def report(self) -> dict[str, Any]:
-        """Plain data for programs, SI units."""
         return {
             "name": self.name,
             "set": list(self.overrides),
@@ -94,14 +93,16 @@ def compare(
     show: Callable[[int, int], None] = lambda tick, last: None,
     on_tick: Callable[[Sequence[Player]], None] = lambda players: None,
 ) -> list[Variant]:
-    """Compute the recorded touch once for each variant; the differences are against the first of those returned.
+    """Compute the recorded touch once for each variant; returns the reference first, and differences from it.
 
-    variants   overrides of each, as for `palpate run --set`; an empty one is the graph as it was recorded
-    reference  overrides of the one that the others are held against; None: the first of the variants
-    on_tick       told at each tick, with the nodes of all that are returned
+    variants   overrides of each, as for `palpate run --set`; an empty one is the recorded graph
+    reference  overrides of the reference; None: the first of the variants
+    show       called now and then with the tick and the last tick
+    on_tick    called at each tick with the players of the returned variants
 
-    RecordingError, GraphError: what does not fit. NodeError: a node raised.
+    RecordingError, GraphError: an override does not fit. NodeError: a node raised.
     """
+    # Plan the variants and make their players.
     wanted = [tuple(given) for given in ([reference] if reference is not None else []) + list(variants)]
     if not wanted or (reference is None and len(wanted) < 2):
         raise RecordingError("comparing takes two variants, such as --set tissue.use=A --set tissue.use=B")
@@ -113,6 +114,7 @@ def compare(
         running = [name for name in variant.plan.order if name not in drivers]
         no_idle(variant.overrides, variant.plan, running)
         players.append(Player(recording, variant.plan, running, live=True))
+    # Step all variants tick by tick and compare their messages with those of the first.
     present = recording.ticks()
     last = last_tick(present)
     outputs = [_outputs(player) for player in players]
@@ -121,7 +123,7 @@ def compare(
     try:
         for player in players:
             player.start()
-        gc.disable()  # collections would show as steps of milliseconds
+        gc.disable()  # collections would add milliseconds to a step
         for tick, payloads in instants(recording, present):
             for variant, player in zip(computed, players, strict=True):
                 wall, cpu = _totals(player)
@@ -129,9 +131,9 @@ def compare(
                     wall_after, cpu_after = _totals(player)
                     variant.whole.add(wall_after - wall)
                     variant.cpu.add(cpu_after - cpu)
-            sent = [[_sent(own, kind, tick) for kind in (Force, Contact, Surface)] for own in outputs]
-            for variant, own in zip(computed, sent, strict=True):
-                _hold_against(variant, own, sent[0], tick % every == 0)
+            sent = [[_sent(each, kind, tick) for kind in (Force, Contact, Surface)] for each in outputs]
+            for variant, messages in zip(computed, sent, strict=True):
+                _add_differences(variant, messages, sent[0], tick % every == 0)
             on_tick(players)
             if not tick % 256:
                 show(tick, last)
@@ -160,7 +162,7 @@ def _variant(recording: Recording, overrides: tuple[str, ...], original: Plan) -
 
 
 def _totals(player: Player) -> tuple[int, int]:
-    """[ns] Duration and processor time of all steps so far."""
+    """Duration and processor time of all steps so far [ns]."""
     return sum(part.health.step.total for part in player.parts), sum(part.cpu.total for part in player.parts)
 
 
@@ -175,9 +177,9 @@ def _sent(outputs: dict[type[Message], Output], kind: type[Message], tick: int) 
     return message if message is not None and message.tick == tick else None
 
 
-def _hold_against(variant: Variant, own: list[Any], other: list[Any], draw: bool) -> None:
-    """Compare what was sent at one tick: Force, Contact and Surface, each None where there was none."""
-    (force, contact, surface), (other_force, other_contact, other_surface) = own, other
+def _add_differences(variant: Variant, messages: list[Any], reference: list[Any], draw: bool) -> None:
+    """Compare the messages of one tick: Force, Contact and Surface, None if not sent."""
+    (force, contact, surface), (other_force, other_contact, other_surface) = messages, reference
     if force is not None and other_force is not None:
         variant.force.add(math.dist(force.force, other_force.force), math.hypot(*other_force.force))
     if contact is not None and other_contact is not None:
@@ -193,7 +195,7 @@ def _hold_against(variant: Variant, own: list[Any], other: list[Any], draw: bool
 
 
 def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
-    """RMS difference [m] over the vertices that move in one of both, and the largest displacement in `b` [m]."""
+    """RMS difference [m] over the vertices that move in either surface, and the largest displacement in `b` [m]."""
     peak = float(np.sqrt((b.displacement**2).sum(1).max())) if len(b.nodes) else 0.0
     if a is b:
         return 0.0, peak
@@ -201,9 +203,12 @@ def _shapes(a: Surface, b: Surface) -> tuple[float, float]:
 
 
 def apart(nodes: np.ndarray, rows: np.ndarray, other: np.ndarray, others: np.ndarray) -> float:
-    """RMS of the lengths of rows (k,c) of vertices `nodes` (k,) less `others` (m,c) of `other` (m,), over all vertices
-    of one of both; what is not there is zero. In the unit of the rows."""
-    if np.array_equal(nodes, other):  # as in most ticks
+    """RMS length of the differences of two sparse fields, over the union of their vertices; missing rows are zero.
+
+    nodes, rows    vertices (k,) and values (k,c) of one field
+    other, others  vertices (m,) and values (m,c) of the other, in the same unit
+    """
+    if np.array_equal(nodes, other):  # the usual case
         difference = rows - others
     else:
         every = np.union1d(nodes, other)
@@ -220,12 +225,12 @@ def _collect(variant: Variant, player: Player) -> None:
     variant.nodes = {part.name: part.health.step for part in player.parts}
     variant.nodes_cpu = {part.name: part.cpu for part in player.parts}
     chosen = [p for p in player.parts if p.name in variant.swapped]
-    # As recorded: the time of the body, so that the table has something to hold the others against.
+    # Without swapped nodes (as recorded), show the time of the body for comparison.
     chosen = chosen or [
         p for p in player.parts if any(k is Surface for k in variant.plan.graph.nodes[p.name].streams.values())
     ]
     for part in chosen:
-        own = part.health.step
-        variant.step.bins = [a + b for a, b in zip(variant.step.bins, own.bins, strict=True)]
-        variant.step.total += own.total
-        variant.step.longest = max(variant.step.longest, own.longest)
+        times = part.health.step
+        variant.step.bins = [a + b for a, b in zip(variant.step.bins, times.bins, strict=True)]
+        variant.step.total += times.total
+        variant.step.longest = max(variant.step.longest, times.longest)

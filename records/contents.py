@@ -1,4 +1,4 @@
-"""What a recording holds, as plain data."""
+"""The contents of a recording as plain data."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from palpate.records.stored import Stored
 
 
 def contents(recording: Stored) -> dict[str, Any]:
-    """Streams with counts, rates and losses, duration, origin, where it is cut off."""
+    """Streams with counts, rates and losses; duration, origin and truncation."""
     counts = dict.fromkeys(recording.streams, 0)
     sizes = dict.fromkeys(recording.streams, 0)
     first: dict[str, int] = {}

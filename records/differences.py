@@ -1,4 +1,4 @@
-"""What a check of a recording finds: computed messages beside the recorded ones."""
+"""Compares recomputed messages with recorded ones, and reports the differences."""
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
@@ -10,12 +10,12 @@ import numpy as np
 from palpate.messages import Message, MessageError, fields, pack, unpack
 from palpate.messages.base import HEADER
 
-ELSEWHERE = 1e-6  # relative tolerance for a recording that was computed with other versions or instructions
+ELSEWHERE = 1e-6  # relative tolerance for recordings that were computed with other versions or instructions
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Where a recomputed message is another one than the recorded: stream, tick, field with index, both values."""
+    """A difference of a recomputed message from the recorded one: stream, tick, field with index, both values."""
 
     stream: str
     tick: int
@@ -33,14 +33,14 @@ class Difference:
 
 @dataclass
 class NodeReport:
-    """What the check found for one node.
+    """Result of the check for one node.
 
-    checked    messages that were computed again
-    differing  of these, how many came out otherwise
+    checked    number of recomputed messages
+    differing  number of messages that differ
     first      the first difference
     largest    largest difference of a number, relative to the largest magnitude of its field so far
-    stopped    why, from some place on, the node could not be checked
-    gap        what the file lacks of the node's steps or inputs: what is computed after that may differ
+    stopped    why the node was not checked, or not to the end
+    gap        steps or inputs of the node that the file lacks: later messages may differ
     """
 
     checked: int = 0
@@ -53,14 +53,14 @@ class NodeReport:
 
 @dataclass
 class Report:
-    """What the check found, by node. `cut` is true for a file that was cut off: its last inputs may be missing."""
+    """Result of the check, by node. `cut`: the file is truncated, so that the last inputs may be missing."""
 
     nodes: dict[str, NodeReport] = field(default_factory=dict)
     cut: bool = False
 
     @property
     def first(self) -> Difference | None:
-        """The earliest difference; at one tick that of the node that stands first in the graph."""
+        """The earliest difference; at one tick that of the first node in the graph."""
         differences = [report.first for report in self.nodes.values() if report.first is not None]
         return min(differences, key=lambda difference: difference.tick, default=None)
 
@@ -75,14 +75,13 @@ class Report:
         return not any(report.stopped or report.gap for report in self.nodes.values())
 
     def to_spec(self) -> dict[str, Any]:
-        """Plain data for programs."""
         return {"ok": self.ok, "complete": self.complete, "cut_off": self.cut,
                 "first": asdict(self.first) if self.first else None,
                 "nodes": {name: asdict(report) for name, report in self.nodes.items()}}  # fmt: skip
 
 
 def compare_one(
-    own: NodeReport,
+    report: NodeReport,
     stream: str,
     payload: bytes,
     message: Message,
@@ -97,18 +96,18 @@ def compare_one(
     except MessageError as error:
         found = [Difference(stream, message.tick, "type", "1", str(error), type(message).__name__)]
     else:
-        found = list(_differences(own, stream, recorded, message, tolerance, scales))
+        found = list(_differences(report, stream, recorded, message, tolerance, scales))
         if not found and not tolerance:
             found = [_other_fields(stream, payload, message)]
     if found:
-        own.differing += 1
-        own.first = own.first or found[0]
+        report.differing += 1
+        report.first = report.first or found[0]
 
 
 def _differences(
-    own: NodeReport, stream: str, a: Message, b: Message, tolerance: float, scales: dict[tuple[str, str], float]
+    report: NodeReport, stream: str, a: Message, b: Message, tolerance: float, scales: dict[tuple[str, str], float]
 ) -> Iterator[Difference]:
-    """Where the fields differ beyond the tolerance, the recorded ones (a) and the computed ones (b)."""
+    """Differences beyond the tolerance between the recorded message (a) and the computed one (b)."""
     for name in HEADER:
         if getattr(a, name) != getattr(b, name):
             yield Difference(stream, b.tick, name, "1", repr(getattr(a, name)), repr(getattr(b, name)))
@@ -129,7 +128,7 @@ def _differences(
         scale = max(scales.get((stream, each.name), 0.0), float(np.abs(p).max()), float(np.abs(q).max()))
         scales[stream, each.name] = scale
         apart = np.abs(p - q) / scale if scale else np.zeros_like(p)
-        own.largest = max(own.largest, float(apart.max()))
+        report.largest = max(report.largest, float(apart.max()))
         wrong = np.argwhere((apart > tolerance) | ((p != q) | (np.signbit(p) != np.signbit(q))) & (tolerance == 0.0))
         if len(wrong):
             index = tuple(int(i) for i in wrong[0])
@@ -138,7 +137,8 @@ def _differences(
 
 
 def _other_fields(stream: str, payload: bytes, message: Message) -> Difference:
-    """Equal values in other bytes: the type has got or lost a field since, or its encoding has changed."""
+    """The difference of messages with equal values but different bytes: fields were added or removed, or the encoding
+    has changed."""
     before = list(msgspec.msgpack.decode(payload))
     now = list(msgspec.msgpack.decode(pack(message)))
     only = ([name for name in before if name not in now], [name for name in now if name not in before])

@@ -1,9 +1,8 @@
-"""Completes recordings that were cut off or damaged, and recordings of sources alone, whose other messages it computes
-and holds against their checks.
+"""Completes truncated or damaged recordings, and recordings of sources, whose other messages it recomputes and checks.
 
-A recording of sources has the messages of the sources, and of each other stream one every 0.2 s. On the simulated clock
-the rules of that clock say what each step used; of a run on the real clock the file holds the heads of all messages,
-which say it.
+A recording of sources has the messages of the sources, and of every other stream one message every 0.2 s as a check. On
+the simulated clock the inputs of each step follow from the rules of that clock; on the real clock the file contains the
+heads of all messages, which name them.
 """
 
 import json
@@ -23,7 +22,7 @@ from palpate.records.differences import ELSEWHERE, Difference, NodeReport, Repor
 from palpate.records.format.head import PROFILE, head_of, is_head
 from palpate.records.format.mcap_writer import McapWriter
 from palpate.records.instants import instants
-from palpate.records.player import Part, Player, plan_of
+from palpate.records.player import Player, ReplaySlot, plan_of
 from palpate.records.stored import RecordingError, Stored
 
 Row = tuple[str, int, int, bytes]
@@ -34,7 +33,7 @@ def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[R
 
     tolerance  as for `verify`; None: 0 for the arithmetic of the run, else `ELSEWHERE`
 
-    Returns how the checks came out, and the number of messages per stream. RecordingError: it cannot be computed.
+    Returns the result of the checks, and the number of messages per stream. RecordingError: it cannot be computed.
     """
     stored = Stored(path)
     filling = _Filling(stored, tolerance)
@@ -70,10 +69,10 @@ class _Filling:
             for stream, kind in self.plan.graph.streams.items()
             if stream in checked
         }
-        """Of each stream the fields that the run did not compute, as nobody read them then."""
+        """Fields of each stream that the run did not compute because no node read them."""
 
     def rows(self) -> Iterator[Row]:
-        """All messages, as far as they agree with the checks. RecordingError, also where a node raises."""
+        """All messages up to the last check that agrees. RecordingError: damaged, or a node raised."""
         pending: list[Row] = []
         self.player.start()
         try:
@@ -82,10 +81,10 @@ class _Filling:
                 sent = self.player.step(tick, payloads, now)
                 if self.player.missing is not None:
                     if self.stored.complete:
-                        node, stream, lost = self.player.missing  # what it used did not reach the logger
-                        told = Difference(stream, lost, "message", "1", f"used by {node!r}", "not in the file")
-                        self.report.nodes[node].first = told
-                    break  # else the file was cut off before all of this tick was in it
+                        node, stream, lost = self.player.missing  # an input of the step did not reach the logger
+                        difference = Difference(stream, lost, "message", "1", f"used by {node!r}", "not in the file")
+                        self.report.nodes[node].first = difference
+                    break  # otherwise the file is truncated within this tick
                 agreed = self._check(tick, payloads, sent)
                 if self.report.first is not None:
                     pending = []
@@ -96,13 +95,13 @@ class _Filling:
                     yield from pending
                     pending = []
         except NodeError as fault:
-            raise RecordingError(f"{self.stored.path}: computing it again failed: {fault}").failed() from fault
+            raise RecordingError(f"{self.stored.path}: recomputing it failed: {fault}").failed() from fault
         finally:
             self.player.stop()
         yield from pending
 
     def _ticks(self) -> Iterator[tuple[int, dict[str, bytes]]]:
-        """The ticks of the run, with what is stored of each."""
+        """The ticks of the run, with the stored messages of each."""
         present = self.stored.ticks()
         if not self._simulated:
             yield from instants(self.stored, present)
@@ -120,51 +119,51 @@ class _Filling:
             due = tick + 1
 
     def _last(self, name: str, row: np.ndarray) -> int:
-        """The last tick that a source's messages suffice for. RecordingError: some are missing."""
+        """The last tick that can be computed from a source's messages. RecordingError: some are missing."""
         every = self.stored.streams[name].every
         gaps = np.flatnonzero(row != np.arange(len(row)) * every)
         if len(gaps):
             raise RecordingError(f"{self.stored.path}: the source's stream {name!r} has no message of tick "
-                                 f"{gaps[0] * every}, so what follows cannot be computed")  # fmt: skip
+                                 f"{gaps[0] * every}, so later messages cannot be computed")  # fmt: skip
         return len(row) * every - 1
 
     def _check(self, tick: int, payloads: dict[str, bytes], sent: dict[str, bytes]) -> bool:
-        """Hold what was computed against what is stored of this tick; whether there was any, and all agreed."""
+        """Compare the computed messages of this tick with stored checks; whether there were any, and all agreed."""
         whole = {name: data for name, data in payloads.items() if name in self.player.computed and not is_head(data)}
         for part in self.player.parts:
             self._compare(part, tick, whole, sent)
         return bool(whole) and self.report.first is None
 
-    def _compare(self, part: Part, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
+    def _compare(self, part: ReplaySlot, tick: int, whole: dict[str, bytes], sent: dict[str, bytes]) -> None:
         for output in part.outputs:
             if output.stream not in whole:
                 continue
-            own = self.report.nodes[part.name]
-            own.checked += 1
+            report = self.report.nodes[part.name]
+            report.checked += 1
             message = output.last
             if output.stream not in sent or message is None:
-                own.differing += 1
-                own.first = own.first or Difference(output.stream, tick, "step", "1", "an answer", "none")
+                report.differing += 1
+                report.first = report.first or Difference(output.stream, tick, "step", "1", "an answer", "none")
                 continue
             skipped = self._uncomputed.get(output.stream)
             if skipped:
                 stored = self.stored.decoded(output.stream, tick, whole[output.stream], output.kind)
                 message = msgspec.structs.replace(message, **{name: getattr(stored, name) for name in skipped})
-            compare_one(own, output.stream, whole[output.stream], message, self.tolerance, self._scales)
+            compare_one(report, output.stream, whole[output.stream], message, self.tolerance, self._scales)
 
 
 def explained(path: Path, report: Report, about: dict[str, Any]) -> str:
-    """Why a recording of sources is not computed as it was: the first difference, and what computed it then and now."""
+    """Why a recording of sources is not reproduced: the first difference, and the versions then and now."""
     then, now = made_by(about), made_by(None)
     who = f"recorded with {then}, computed with {now}" if then != now else f"both with {now}"
     return "; ".join([
-        f"{path}: computed again, it is not what was recorded: {report.first}", who, *rounding(about),
-        f"what agrees before that: `palpate export {path} --to mcap --full`",
+        f"{path}: the recomputed messages differ from the recording: {report.first}", who, *rounding(about),
+        f"to write the messages before that: `palpate export {path} --to mcap --full`",
     ])  # fmt: skip
 
 
 def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tuple[McapWriter, dict[str, int]]:
-    """A writer for it, and the number of each stream's channel. `about` replaces the provenance."""
+    """A writer for a copy of a recording, and the channel number of each stream. `about` replaces the provenance."""
     writer = McapWriter(file, PROFILE)
     write_json(writer, "palpate.about", about)
     for node, ticks in recording.restarted.items():
@@ -184,16 +183,16 @@ def begin_copy(recording: Stored, file: IO[bytes], about: dict[str, Any]) -> tup
 
 
 def write_json(writer: McapWriter, name: str, data: dict[str, Any]) -> None:
-    """Metadata, each value of them as JSON."""
+    """Add metadata with JSON values."""
     writer.add_metadata(name, {key: json.dumps(value) for key, value in data.items()})
 
 
 def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
-    """Write what can be read of a recording to a complete file, with its index.
+    """Write the readable part of a recording to a complete file with an index.
 
-    out  None: beside the file, with `-recovered` in its name
+    out  None: next to the file, with `-recovered` in its name
 
-    Returns the new file and the number of messages per stream. RecordingError: there is nothing to recover.
+    Returns the new file and the number of messages per stream. RecordingError: nothing to recover.
     """
     recording = Stored(path)
     target = _target(path, out, "recovered")
@@ -203,22 +202,23 @@ def recover(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int]]:
         for name, tick, time, payload in recording.raw():
             writer.add_message(channels[name], tick, time, payload)
             counts[name] += 1
-        if recording.counts and recording.complete:  # what was lost on the way is only known for a whole run
+        if recording.counts and recording.complete:  # losses are known only for a complete file
             write_json(writer, "palpate.counts", recording.counts)
         writer.finish()
     return target, counts
 
 
 def recover_full(path: Path, out: Path | None = None) -> tuple[Path, dict[str, int], Report]:
-    """Write a recording of sources with all messages, as far as they agree with its checks; also how these came out.
+    """Write a recording of sources with all messages, up to the last check that agrees; returns file, number of
+    messages per stream, and the result of the checks.
 
-    out  None: beside the file, with `-full` in its name
+    out  None: next to the file, with `-full` in its name
 
-    RecordingError: it holds all messages, or cannot be computed.
+    RecordingError: the file contains all messages, or they cannot be computed.
     """
     if not Stored(path).as_whole():
-        cure = "`palpate export --to mcap` without --full repairs one that is cut off"
-        raise RecordingError(f"{path} holds all messages; {cure}")
+        cure = "`palpate export --to mcap` without --full repairs a truncated file"
+        raise RecordingError(f"{path} contains all messages; {cure}")
     target = _target(path, out, "full")
     with replacing(target) as part, open(part, "wb") as file:
         report, counts = fill(path, file)

@@ -1,4 +1,4 @@
-"""A recording tick by tick: what all streams say at one tick, although the file holds them as they came."""
+"""Reads a recording tick by tick, although the file has the messages in order of arrival."""
 
 from collections.abc import Iterator, Mapping
 
@@ -8,11 +8,11 @@ from palpate.records.stored import Stored
 
 
 def instants(recording: Stored, present: Mapping[str, np.ndarray]) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Each tick at which one of these streams has a message, in order, with the wire bytes by stream.
+    """Each tick at which one of these streams has a message, in order, with the encoded messages by stream.
 
-    present  of each stream the ticks at which it has a message, from `Stored.ticks`
+    present  ticks of the messages of each stream, from `Stored.ticks`
 
-    As it is known beforehand what belongs to a tick, no more is held than lies out of order in the file.
+    The number of messages per tick is known beforehand, so only messages out of order are buffered.
     """
     if not present:
         return
@@ -30,5 +30,5 @@ def instants(recording: Stored, present: Mapping[str, np.ndarray]) -> Iterator[t
 
 
 def last_tick(present: Mapping[str, np.ndarray]) -> int:
-    """The last tick of them all, 0 where there is none."""
+    """The last tick of all streams; 0 without messages."""
     return max((int(row[-1]) for row in present.values() if len(row)), default=0)

@@ -1,9 +1,8 @@
-"""Running the nodes of a plan again on what a recording holds.
+"""Runs nodes of a plan on the messages of a recording.
 
-A node that was recorded steps at the ticks of its own recorded messages, at their times, and takes of each input the
-message of the tick that their `used` names. So late, held, lost and absent messages of a live run come again
-exactly, whatever the placement was. A node that was not recorded, or that steps at other ticks than it did, follows the
-rules of simulated time.
+A recorded node steps at the ticks and times of its recorded messages, and gets as inputs the messages of the ticks in
+their `used`. So late, held, lost and absent messages of a live run are reproduced exactly, whatever the placement.
+A node that was not recorded, or has another divisor, follows the rules of simulated time.
 """
 
 import inspect
@@ -24,22 +23,22 @@ from palpate.nodes.base import Node, SettingError
 from palpate.records.format.head import Head, head_of
 from palpate.records.stored import RecordingError, Stored
 
-MOST = 65_536  # messages that wait at most for a node which takes none: far more than a logger can bring out of order
+MOST = 65_536  # limit of queued messages of an input: far more than a logger can write out of order
 
 
 class MissingInput(Exception):
-    """A node was computed from a message that the recording does not hold, which matters where every byte counts."""
+    """A node used a message that the recording does not contain, so an exact check is impossible."""
 
 
-class Part(Slot):
-    """One running node, and how its inputs are found."""
+class ReplaySlot(Slot):
+    """One running node, and the mapping of its inputs to the recorded ones."""
 
     def __init__(self, plan: Plan, name: str, path: set[str], recorded: Plan) -> None:
         job = node_job(plan, name, path)
         try:
             super().__init__(job, plan.make(name), ())
             self.wire({})
-            self.near = False  # one without inputs, too, steps when it was recorded
+            self.near = False  # also a node without inputs steps at its recorded ticks
         except (NodeError, SettingError, TypeError) as error:
             raise RecordingError(
                 f"node {name!r} ({job.cls}) no longer fits the recording: {error}. "
@@ -47,12 +46,12 @@ class Part(Slot):
             ) from None
         self.streams = job.streams
         self.as_recorded = _every(recorded, name) in (None, job.every)
-        """Whether it steps when it did; else, and where it was not recorded, when simulated time says."""
+        """Whether it steps at its recorded ticks; otherwise by the rules of simulated time."""
         self.places = self._places(recorded)
-        """Of each input the place of its tick in `used`; None where the recorded node read something else there."""
+        """Index of each input's tick in `used`; None if the recorded node read another stream there."""
         self.broken: str | None = None
         self.cpu = Histogram()
-        """Processor time of this thread in each of its steps: waiting while other programs run does not count."""
+        """Processor time of this thread in each step, so that other programs do not count."""
 
     def _places(self, recorded: Plan) -> list[int | None]:
         spec = recorded.graph.nodes.get(self.name)
@@ -65,8 +64,8 @@ class Part(Slot):
         return [place if kept else None for place, kept in zip(known, same, strict=True)]
 
     def forget_new_inputs(self, count: int) -> None:
-        """Leave out inputs beyond the first `count`, which the class has gained since the recording was made: nothing
-        is connected there, `step` has a default, and `used` had no place for them."""
+        """Remove inputs beyond the first `count` that were added to the class after the recording was made: nothing is
+        connected to them, and `step` has a default."""
         ports = self.inputs
         if len(ports) <= count:
             return
@@ -79,13 +78,13 @@ class Part(Slot):
 
 
 class Player:
-    """Nodes of a plan that run on a recording.
+    """Runs nodes of a plan on a recording.
 
-    plan     whose nodes run: the recorded one, the recorded one with other settings, or another one
-    running  names of those nodes; the streams of the others are played
-    live     whether a running node hears what the other running nodes compute now (True), or what was recorded (False)
+    plan     the recorded plan, the recorded plan with other settings, or another one
+    running  names of the nodes that run; the streams of the others are played
+    live     whether running nodes read the computed messages of one another (True) or the recorded ones (False)
 
-    RecordingError: a node that no longer fits, or that needs a stream which is neither played nor computed.
+    RecordingError: a node no longer fits the recording, or needs a stream that is neither played nor computed.
     """
 
     def __init__(self, recording: Stored, plan: Plan, running: Iterable[str], live: bool) -> None:
@@ -93,7 +92,7 @@ class Player:
         self.recorded = plan_of(recording)
         chosen = {name for name in running if not plan.graph.nodes[name].cls.hardware}  # a replay moves no device
         path = force_path(plan)
-        self.parts = [Part(plan, name, path, self.recorded) for name in plan.order if name in chosen]
+        self.parts = [ReplaySlot(plan, name, path, self.recorded) for name in plan.order if name in chosen]
         self.computed = {stream for part in self.parts for stream in part.streams} if live else set()
         self.played = {name: s.type for name, s in recording.streams.items() if name not in self.computed}
         self._readers: dict[str, list[Input]] = {}
@@ -104,13 +103,13 @@ class Player:
                     self._check_input(part, port)
         self.kinds = {s: kind for s, kind in self.played.items() if s in self._readers}
         self.substituted = 0
-        """Inputs for which the message before had to stand in, because the recording lost the step that sent them."""
+        """Number of lost inputs that were replaced by the previous message."""
         self.missing: tuple[str, str, int] | None = None
-        """Of the first of them the node, and stream and tick of the message."""
+        """Node, and stream and tick of the message, of the first of them."""
         self.restarts = {name: list(ticks) for name, ticks in recording.restarted.items()}
         self.rate, self.at = plan.graph.rate, 0
 
-    def _check_input(self, part: Part, port: Input) -> None:
+    def _check_input(self, part: ReplaySlot, port: Input) -> None:
         lack = self.recording.lack(port.stream)
         if port.stream in self.computed or not lack:
             return
@@ -128,20 +127,19 @@ class Player:
             part.start()
 
     def last(self, node: str) -> list[Message | None]:
-        """The newest message of each output of a node, None before its first; nothing of a node that does not run."""
+        """The newest message of each output of a node, None before its first; empty for a node that does not run."""
         return next(([output.last for output in part.outputs] for part in self.parts if part.name == node), [])
 
     def notes(self) -> list[str]:
-        """Lines of the nodes that the user should see, each given once."""
+        """Lines of the nodes for the user, without duplicates."""
         return list(dict.fromkeys(text for part in self.parts for text in part.node.notes()))
 
     def stop(self) -> None:
-        """Stop all nodes."""
         for part in self.parts:
             part.node.stop()
 
     def hear(self, tick: int, payloads: dict[str, bytes]) -> None:
-        """Take the recorded messages of one tick. RecordingError: bytes that do not fit their type."""
+        """Deliver the recorded messages of one tick. RecordingError: a message does not fit its type."""
         for stream, kind in self.kinds.items():
             payload = payloads.get(stream)
             if payload is not None:
@@ -154,9 +152,9 @@ class Player:
                 port.queue.popleft()
 
     def step(self, tick: int, payloads: dict[str, bytes], now: int | None = None) -> dict[str, bytes]:
-        """Run all nodes that step at this tick; what they send, in its wire form. NodeError: one raised.
+        """Run all nodes that step at this tick; returns their encoded messages. NodeError: one raised.
 
-        now  [ns] the tick's time, if the payloads do not say it
+        now  [ns] time of the tick; None: from the payloads
         """
         self.hear(tick, payloads)
         if now is None:
@@ -164,18 +162,18 @@ class Player:
         stepped = self.run(self.parts, tick, payloads, now)
         return {output.stream: pack(output.last) for part in stepped for output in part.outputs if output.last}
 
-    def run(self, parts: Iterable[Part], tick: int, payloads: dict[str, bytes], now: int = 0) -> list[Part]:
-        """Run those of these nodes that step at this tick, and return them. MissingInput, NodeError."""
-        self._payloads, self._now, self._stepped = payloads, now, list[Part]()
+    def run(self, parts: Iterable[ReplaySlot], tick: int, payloads: dict[str, bytes], now: int = 0) -> list[ReplaySlot]:
+        """Run the nodes that step at this tick, and return them. MissingInput, NodeError."""
+        self._payloads, self._now, self._stepped = payloads, now, list[ReplaySlot]()
         run_tick(parts, tick, self)
         return self._stepped
 
-    def gather(self, part: Part, tick: int) -> list[Message | None] | None:
-        """The inputs of a step, and its time; None where the node does not step. MissingInput."""
-        own = next((self._payloads[s] for s in part.streams if s in self._payloads), None) if part.as_recorded else None
+    def gather(self, part: ReplaySlot, tick: int) -> list[Message | None] | None:
+        """The inputs of a step; sets its time. None: the node does not step. MissingInput."""
+        recorded = [self._payloads[s] for s in part.streams if s in self._payloads] if part.as_recorded else []
         head = None
-        if own is not None:
-            head = head_of(own)
+        if recorded:
+            head = head_of(recorded[0])
             part.forget_new_inputs(len(head.used))
         elif self._was_recorded(part) or tick % part.every:
             return None
@@ -190,29 +188,29 @@ class Player:
         if head is None and messages and messages[0] is not None and messages[0].tick == tick:
             self.at = messages[0].time
         due = self.restarts.get(part.name)
-        if due and tick >= due[0]:  # where the node was started again in the run, with a new state, so it is here
+        if due and tick >= due[0]:  # the node was restarted here, with a new state
             due.pop(0)
             part.restart()
         self._wall, self._cpu = part.health.step.total, thread_time_ns()
         return messages
 
-    def sent(self, part: Part, tick: int) -> None:
-        """Give the answers to the nodes that run on them."""
-        if part.health.step.total > self._wall:  # it does not sleep
+    def sent(self, part: ReplaySlot, tick: int) -> None:
+        """Deliver the outputs to the running nodes, and record the processor time."""
+        if part.health.step.total > self._wall:  # the node is not asleep
             part.cpu.add(thread_time_ns() - self._cpu)
         self._stepped.append(part)
         for output in part.outputs:
             if self.live and output.last is not None:
                 self._deliver(output.stream, output.last)
 
-    def _was_recorded(self, part: Part) -> bool:
-        """Whether each of its steps can be seen in the file, and is to come again."""
+    def _was_recorded(self, part: ReplaySlot) -> bool:
+        """Whether the file shows all its steps, and it repeats them."""
         if not part.as_recorded:
             return False
         streams = [self.recording.streams.get(s) for s in part.streams]
         return any(stream is not None and (stream.thin == 1 or stream.kept == "heads") for stream in streams)
 
-    def _input(self, part: Part, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
+    def _input(self, part: ReplaySlot, index: int, port: Input, tick: int, head: Head | None) -> Message | None:
         if port.dead:
             return None
         place = part.places[index]
@@ -233,13 +231,13 @@ class Player:
 
 
 def _every(plan: Plan, node: str) -> int | None:
-    """At every how many ticks a node of a plan steps; None: it has no such node."""
+    """The divisor of a node of a plan; None: no such node."""
     spec = plan.graph.nodes.get(node)
     return None if spec is None else spec.every
 
 
 def plan_of(recording: Stored) -> Plan:
-    """The plan that a recording was made with. RecordingError: a class that is not there any more."""
+    """The plan of a recording. RecordingError: it cannot be read, or a class no longer exists."""
     try:
         spec = recording.about["plan"]
         check_trusted(*(str(node["class"]).rpartition(".")[0] for node in spec["nodes"]))

@@ -1,4 +1,4 @@
-"""Reading a recording: all messages of a run, stored or computed again."""
+"""Reads a recording: all messages of a run, stored or recomputed."""
 
 import tempfile
 from pathlib import Path
@@ -10,9 +10,9 @@ from palpate.records.stored import RecordingError, Stored
 
 
 class Recording(Stored):
-    """A recording on disk. One that holds its sources only computes the rest when it is first read.
+    """A recording on disk. The first read of a recording of sources recomputes the other messages.
 
-    computed  streams that the file holds only checks of
+    computed  streams that are recomputed; the file has only checks of them
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -21,19 +21,19 @@ class Recording(Stored):
         self.computed = self.as_whole()
 
     def compute(self, tolerance: float | None = None) -> Report:
-        """Compute what a recording of sources does not hold; how its checks came out. RecordingError: it cannot be."""
-        filled = tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".mcap")  # noqa: SIM115 - as long as this
+        """Compute the missing messages of a recording of sources; returns the result of the checks. RecordingError."""
+        filled = tempfile.NamedTemporaryFile(prefix="palpate-", suffix=".mcap")  # noqa: SIM115 - lives with this object
         try:
             report, _ = fill(self.path, filled, tolerance)
         except OSError as error:
-            raise RecordingError(f"{self.path}: computing its messages takes room in {tempfile.gettempdir()}: "
+            raise RecordingError(f"{self.path}: computing its messages needs space in {tempfile.gettempdir()}: "
                                  f"{error.strerror}; TMPDIR names another folder").failed() from None  # fmt: skip
-        self._filled = filled  # not before it is whole: whoever was interrupted begins again
+        self._filled = filled  # only when complete: an interrupted computation starts again
         return report
 
     def file(self) -> Path:
-        """The file with all messages: that on disk, or of a recording of sources one that is computed for the time
-        that this object lives. RecordingError: it does not come out as it was recorded."""
+        """The file with all messages: the recording, or for a recording of sources a temporary file that lives as long
+        as this object. RecordingError: the recomputed messages differ from the checks."""
         if not self.computed:
             return self.path
         if self._filled is None:

@@ -1,4 +1,4 @@
-"""Replaying a recording: some nodes run, the others are played, at the times of the recorded messages."""
+"""Replays a recording: some nodes run, the others are played, at the times of the recorded messages."""
 
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -22,19 +22,19 @@ from palpate.records.stored import RecordingError
 
 
 class Replay:
-    """A recording that is played again.
+    """The replay of a recording.
 
-    plan   the recorded one, a changed one, or another one (see `changed`)
-    only   nodes that run; None: all but the sources, whose recorded states drive the graph
-    speed  multiple of real time, None: as fast as the machine allows
-    begin, end  [s] of the recording to show. What comes before `begin` is computed, too, so that the nodes are in the
-           state that they had; it is neither paced nor shown
+    plan   the recorded, a changed or another plan (see `changed`)
+    only   nodes that run; None: all but the sources, whose recorded messages drive the graph
+    speed  multiple of real time; None: as fast as possible
+    begin, end  [s] part of the recording to show. Ticks before `begin` are computed for the state of the nodes, but
+           neither paced nor shown
     out    file for a recording of the replay
 
-    After `run`, `reports` holds of each running node how its messages compare with the recorded ones, and `notes` the
-    lines of the nodes that the user should see.
+    After `run`, `reports` has the comparison with the recorded messages for each running node, and `notes` the nodes'
+    lines for the user.
 
-    RecordingError: a stream that is needed is not there.
+    RecordingError: a required stream is missing.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Replay:
         self.seconds = self.wall = 0.0
 
     def run(self) -> None:
-        """Play once. NodeError: a node raised."""
+        """Replay once. NodeError: a node raised."""
         player = self.player = Player(self.recording, self.plan, self.running, live=True)
         reports = self.reports = {part.name: NodeReport() for part in player.parts}
         scales: dict[tuple[str, str], float] = {}
@@ -105,10 +105,10 @@ class Replay:
                     sleep_until(begun + round((time - first) / self.speed))
                 for name, ticks in begins.items():
                     while ticks and tick >= ticks[0]:
-                        self._tell(name, 0, since.setdefault(name, 0))
+                        self._send_health(name, 0, since.setdefault(name, 0))
                         since[name] = ticks.pop(0)
                         sent_by[name] = 0
-                        self._tell(name, 0, since[name])
+                        self._send_health(name, 0, since[name])
                 played = {s: payload for s, payload in payloads.items() if s not in player.computed}
                 self._show(tick, played | sent, sent_by)
         finally:
@@ -118,12 +118,12 @@ class Replay:
             self.notes = player.notes()
             for name, count in sent_by.items():
                 if count:
-                    self._tell(name, count, since.get(name, 0))
+                    self._send_health(name, count, since.get(name, 0))
             for observer in self.observers:
                 observer.node.stop()
 
     def _show(self, tick: int, messages: dict[str, bytes], sent_by: dict[str, int]) -> None:
-        """Give the messages of one tick to the observers, and count what each node has sent."""
+        """Pass the messages of one tick to the observers, and count the messages of each node."""
         for name in {self.producers[stream] for stream in messages if stream in self.producers}:
             sent_by[name] += 1
         for observer in self.observers:
@@ -131,8 +131,8 @@ class Replay:
                 if stream in observer.streams:
                     observer.observe(stream, tick, payload)
 
-    def _tell(self, node: str, steps: int, since: int) -> None:
-        """What a worker would tell the observers of a node: since which tick it runs and how much it has sent."""
+    def _send_health(self, node: str, steps: int, since: int) -> None:
+        """Send observers the health of a node, as a worker would: its first tick and its number of messages."""
         message = Health(
             source=node, since=since, steps=steps, state="replayed", late=0, lost=0, held=0, median=0.0, p99=0.0,
             longest=0.0, age=0.0,
@@ -148,11 +148,11 @@ class Replay:
                     yield Stream(stream, kind, name, graph.nodes[name].every)
 
     def _viewers(self) -> Iterator[ObserverSlot]:
-        """Observers of the graph other than loggers: what is felt again can be seen again."""
-        for name, heard in self.plan.observers.items():
+        """The observers of the graph except loggers."""
+        for name, observed in self.plan.observers.items():
             node = self.plan.make(name)
             if isinstance(node, Observer) and not isinstance(node, Mcap):
-                yield self._listening(name, node, [s for s in self._streams() if s.name in heard])
+                yield self._listening(name, node, [s for s in self._streams() if s.name in observed])
 
     def _listening(self, name: str, node: Observer, streams: list[Stream]) -> ObserverSlot:
         provenance = about(self.plan, clock="replay", replay_of=str(self.recording.path), running=self.running)

@@ -1,4 +1,4 @@
-"""Fields of a recorded stream as numpy arrays that know their unit and times."""
+"""Fields of a recorded stream as numpy arrays with unit and times."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from palpate.records.stored import RecordingError
 
 
 class Samples(np.ndarray):
-    """One field of a stream, one row a message: a numpy array that knows its name, unit and times.
+    """One field of a stream as a numpy array, one row per message, with name, unit and times.
 
     name  `stream.field`
-    unit  SI, as the message declares it
-    time  [s] (n)  on the graph's clock
+    unit  SI, as declared by the message
+    time  [s] (n) on the graph's clock
 
-    Slices and selections of rows keep them; what is computed from it is a plain array or number.
+    Slices and selections of rows keep them; results of computations are plain arrays or numbers.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Samples(np.ndarray):
 
     @property
     def label(self) -> str:
-        """Name and unit as they stand beside an axis."""
+        """Name and unit, for an axis."""
         return f"{self.name} [{self.unit}]"
 
     def __repr__(self) -> str:
@@ -79,9 +79,9 @@ class Samples(np.ndarray):
 class RecordedStream:
     """One stream of a recording; its fields are attributes.
 
-    name     of the stream
-    type     of its messages
-    columns  the declared fields by name
+    name     name of the stream
+    type     type of its messages
+    columns  declared fields by name
     """
 
     def __init__(self, recording: Recording, name: str) -> None:
@@ -92,24 +92,23 @@ class RecordedStream:
 
     @cached_property
     def messages(self) -> list[Message]:
-        """The messages as they were sent. RecordingError: bytes that do not fit their type."""
+        """The messages. RecordingError: one does not fit its type."""
         return list(self._recording.messages(self.name))
 
     @cached_property
     def time(self) -> np.ndarray:
-        """[s] (n) of the messages, on the graph's clock."""
+        """Times of the messages [s] (n), on the graph's clock."""
         return np.array([message.time for message in self.messages], dtype=float) / 1e9
 
     @cached_property
     def tick(self) -> np.ndarray:
-        """[1] (n) of the messages."""
         return np.array([message.tick for message in self.messages], dtype=np.int64)
 
     def __getitem__(self, name: str | int | slice) -> Any:
-        """A field by its name: Samples, or a list of arrays where their shape is not the same in all messages. A
-        message by its number, `[500]` or `[-1]`; several as a list, `[10:20]`.
+        """A field by name: Samples, or a list of arrays if their shape changes. A message by index, `[500]` or `[-1]`;
+        several as a list, `[10:20]`.
 
-        RecordingError: no such field; names the nearest. IndexError: so many messages there are not.
+        RecordingError: no such field; suggests names. IndexError: out of range.
         """
         if isinstance(name, slice):
             return self.messages[name]

@@ -1,5 +1,4 @@
-"""What stands in the file of a recording: its streams as typed messages or as columns of numbers, and what it knows of
-its run."""
+"""The file of a recording: its streams as typed messages or columns of numbers, and the metadata of its run."""
 
 import contextlib
 import json
@@ -19,10 +18,10 @@ from palpate.engine.imports import full_name, recorded_class
 from palpate.messages import Message, MessageError, fields, unpack
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION
-from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, Records, declared, messages, opened
+from palpate.records.format.mcap_file import MAGIC, MOST_HEAD, Broken, McapRecords, declared, messages, opened
 
 _MOST_TICKS = 1 << 31
-BLOCK = 10_000  # messages that are decoded at a time
+BLOCK = 10_000  # messages decoded at a time
 M = TypeVar("M", bound=Message)
 _BAD_DATA = (
     msgspec.MsgspecError, LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError,
@@ -30,16 +29,22 @@ _BAD_DATA = (
 
 
 class RecordingError(PalpateError, ValueError):
-    """A file that cannot be read as a recording, or not for this purpose; says what can still be done."""
+    """A file that is not a usable recording, or not for this purpose; says what would work."""
 
     exit_code = MISUSE
 
 
 @dataclass(frozen=True)
-class Channelled:
-    """One stream of a recording: name, message type, sending node, divisor of the base rate, and `thin`: of how many
-    messages one was kept; `schema` is the JSON schema as it stands in the file. `kept` is "checks" for a stream that is
-    to be computed, "heads" where the heads of its other messages are there too, else ""."""
+class StoredStream:
+    """One stream of a recording.
+
+    schema    JSON schema of its messages, from the file
+    producer  node that sent it
+    every     divisor of the base rate
+    thin      one of `thin` messages was recorded
+    kept      "checks": a stream to be recomputed, with some messages as checks; "heads": also with the heads of the
+              other messages; else ""
+    """
 
     name: str
     schema: dict[str, Any]
@@ -56,14 +61,14 @@ class Channelled:
             return recorded_class(self.schema["class"], Message)
         except (ImportError, AttributeError) as error:
             raise RecordingError(
-                f"{self.path}: stream {self.name!r} holds {self.schema['class']}: {error}. The other streams can be "
+                f"{self.path}: stream {self.name!r} contains {self.schema['class']}: {error}. The other streams can be "
                 "read."
             ) from None
 
 
 @contextlib.contextmanager
 def damaged(path: Path, what: str = "") -> Iterator[None]:
-    """RecordingError for whatever unexpected data of this file, or of this part of it, raise: it may say anything."""
+    """Turn exceptions about unexpected data of this file, or of this part of it, into RecordingError."""
     try:
         yield
     except PalpateError:
@@ -74,23 +79,23 @@ def damaged(path: Path, what: str = "") -> Iterator[None]:
 
 
 class Stored:
-    """What a file of a recording holds; of one of sources only these, and checks (`Recording` computes the rest).
+    """The contents of a recording's file; for a recording of sources without the messages that `Recording` recomputes.
 
-    path       of the file
-    streams    what it holds, by name
+    path       the file
+    streams    streams by name
     about      provenance of the run
-    counts     per stream, how many messages were written and how many the logger did not get; empty after a crash
-    times      per node, its steps and their duration [s] (median, p99) on the machine of the run; empty after a crash
-    restarted  nodes that were started again during the run, and the tick from which they began anew
-    complete   false where the file was cut off or is damaged: it is read up to there
-    damage     where that is, and what was found; None where there is none
+    counts     numbers of written and lost messages per stream; empty after a crash
+    times      number and duration [s] (median, p99) of the steps per node; empty after a crash
+    restarted  nodes that were restarted during the run, and their ticks
+    complete   False if the file is truncated or damaged: it is read up to there
+    damage     position and kind of the damage; None: no damage
 
-    RecordingError: missing, not MCAP, not palpate's, or of a newer version.
+    RecordingError: missing, not MCAP, not a recording of palpate, or of a newer version.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self.streams: dict[str, Channelled] = {}
+        self.streams: dict[str, StoredStream] = {}
         self.about: dict[str, Any] = {}
         self.counts: dict[str, dict[str, int]] = {}
         self.times: dict[str, dict[str, float]] = {}
@@ -108,7 +113,7 @@ class Stored:
         self._read_head()
 
     def as_whole(self) -> set[str]:
-        """Take the streams for those of a file that holds all messages; returns those of which it holds checks only."""
+        """Treat the streams as those of a file with all messages; returns those of which the file has only checks."""
         checked = {name for name, stream in self.streams.items() if stream.kept}
         for name in checked:
             self.streams[name] = replace(self.streams[name], thin=1, kept="")
@@ -116,7 +121,6 @@ class Stored:
         return checked
 
     def file(self) -> Path:
-        """The file that the messages are read from."""
         return self.path
 
     @property
@@ -125,11 +129,11 @@ class Stored:
 
     @property
     def ending(self) -> str:
-        """Where the file is cut off or damaged, and what helps, in one line; empty for a complete one."""
+        """Position of a truncation or damage, and the remedy, in one line; empty for a complete file."""
         if self.damage is None:
             return ""
         return (
-            f"{self.path} is {self.damage} (of {self.path.stat().st_size}); what is before that is read. "
+            f"{self.path} is {self.damage} (of {self.path.stat().st_size}); the part before is read. "
             f"`palpate export {self.path} --to mcap` makes a complete file of it."
         )
 
@@ -142,7 +146,7 @@ class Stored:
             elif isinstance(record, Channel):
                 self._channel(record, schemas)
             else:
-                self._told(record)
+                self._add_metadata(record)
         if not self.about:
             cut = f"{self.damage}, before its first message" if self.damage else f"no {PROFILE}.about in it"
             raise RecordingError(
@@ -151,9 +155,9 @@ class Stored:
         self._check_names()
 
     def _head(self) -> list[Any]:
-        """Schemas, channels and metadata, from the index of a complete file, else up to where it is damaged."""
+        """Schemas, channels and metadata, from the index of a complete file, else up to the damage."""
         with open(self.path, "rb") as file:
-            records = Records(file)
+            records = McapRecords(file)
             try:
                 return records.indexed()
             except Broken as damage:
@@ -175,8 +179,7 @@ class Stored:
                 self.damage = damage
             return list(entries.values())
 
-    def _told(self, metadata: Metadata) -> None:
-        """Take what the file says beside its messages."""
+    def _add_metadata(self, metadata: Metadata) -> None:
         entries = metadata.metadata
         with damaged(self.path, f"its metadata {metadata.name!r}"):
             match metadata.name:
@@ -186,9 +189,9 @@ class Stored:
                     self.restarted.setdefault(entries["node"], []).append(int(entries["tick"]))
 
     def _check_names(self) -> None:
-        """RecordingError: a stream that is none of the recorded graph's."""
+        """RecordingError: a stream that does not belong to the recorded graph."""
         plan = self.about.get("plan")
-        with damaged(self.path, "what it says of its nodes"):
+        with damaged(self.path, "its list of nodes"):
             nodes = {item["name"] for item in plan.get("nodes", ())} if isinstance(plan, dict) else set()
         for name, stream in self.streams.items():
             if nodes and (stream.producer not in nodes or name.partition(".")[0] != stream.producer):
@@ -199,9 +202,9 @@ class Stored:
 
     def _channel(self, channel: Channel, schemas: dict[int, Any]) -> None:
         about = channel.metadata
-        with damaged(self.path, f"what it says of stream {channel.topic!r}"):
+        with damaged(self.path, f"the metadata of stream {channel.topic!r}"):
             schema = schemas[channel.schema_id]
-            stream = Channelled(
+            stream = StoredStream(
                 channel.topic, schema, about["producer"], int(about["every"]), int(about.get("thin", "1")), self.path,
                 about.get("kept", ""),
             )  # fmt: skip
@@ -215,8 +218,8 @@ class Stored:
         self.channels[channel.id] = channel.topic
 
     def raw(self) -> Iterator[tuple[str, int, int, bytes]]:
-        """Stream, tick, time [ns] and wire bytes of each message, in the order in which they were recorded, up to
-        where the file is cut off or damaged."""
+        """Stream, tick, time [ns] and encoded bytes of each message, in recorded order, up to a truncation or
+        damage."""
         channels = self.channels
         try:
             for chunk in opened(self.file()):
@@ -230,17 +233,16 @@ class Stored:
             self.damage = damage
 
     def payloads(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
-        """Stream, time [ns] and wire bytes of each message of these streams (of all, if none is named), in the
-        order in which they were recorded."""
+        """Stream, time [ns] and encoded bytes of each message of these streams (default: all), in recorded order."""
         wanted = {self.known(name).name for name in names} or set(self.streams)
         for name, _, time, payload in self.raw():
             if name in wanted:
                 yield name, time, payload
 
     def ticks(self) -> dict[str, np.ndarray]:
-        """Of each stream the ticks at which it has a message, in order.
+        """The sorted ticks of the messages of each stream.
 
-        RecordingError: a stream with one tick twice, as no run writes it.
+        RecordingError: a duplicate tick.
         """
         rows = {name: array("I") for name in self.streams}
         for name, tick, _, _ in self.raw():
@@ -256,27 +258,27 @@ class Stored:
         return ticks
 
     def messages(self, name: str, within: tuple[float, float] | None = None) -> Iterator[Message]:
-        """The messages of one stream, or those at these times [s]. RecordingError: no such stream, or bytes that do not
-        fit its type."""
+        """The messages of one stream, or those within these times [s]. RecordingError: no such stream, or a message
+        does not fit its type."""
         kind = self.known(name).type
         begin, end = (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
         for stream, tick, time, payload in self.raw():
             if stream != name or time < begin:
                 continue
-            if time > end:  # a stream's messages are in the order of their times
+            if time > end:  # the messages of a stream are sorted by time
                 return
             yield self.decoded(name, tick, payload, kind)
 
     def columns(self, name: str, within: tuple[float, float] | None = None) -> dict[str, np.ndarray]:
-        """Time [s], tick and all numbers and vectors of one stream, one row a message; fields with arrays of
-        changing length are left out.
+        """Time [s], tick and all numbers and vectors of one stream, one row per message, without arrays of variable
+        length.
 
-        within  [s] times of the first and the last message that are wanted: the others are not decoded
+        within  [s] times of the first and last message to decode; None: all
         """
         stream_messages = self.messages(name, within)
         plain = [field.name for field in fields(self.known(name).type) if field.dtype is None and field.type is not str]
         blocks: dict[str, list[np.ndarray]] = {name: [] for name in ("tick", "time", *plain)}
-        while block := list(islice(stream_messages, BLOCK)):  # a million messages at once would take a gigabyte
+        while block := list(islice(stream_messages, BLOCK)):  # a million decoded messages would need 1 GB
             for name in list(blocks):
                 values = [getattr(m, name) for m in block]
                 if len({len(v) if isinstance(v, tuple) else -1 for v in values}) == 1:
@@ -288,37 +290,37 @@ class Stored:
         return columns | {"tick": columns["tick"].astype(np.int64), "time": columns["time"] / 1e9}
 
     def decoded(self, name: str, tick: int, payload: bytes, kind: type[M]) -> M:
-        """A message of a stream. RecordingError: bytes that do not fit its type."""
+        """Decode a message of a stream. RecordingError: it does not fit its type."""
         try:
             return unpack(payload, kind)
         except MessageError as error:
             raise RecordingError(f"{self.path}: stream {name!r}, tick {tick}: {error}") from None
 
     def stream_of(self, kind: type[Message]) -> str | None:
-        """The first stream of this message type, in the order of the graph; None where there is none."""
+        """The first stream of this message type, in the order of the graph; None if there is none."""
         wanted = full_name(kind)
         return next((name for name, stream in self.streams.items() if stream.schema["class"] == wanted), None)
 
     def lack(self, name: str) -> str:
-        """Why not every message of a stream is there; empty where it is."""
+        """Why a stream is incomplete; empty if it is complete."""
         if name not in self.streams:
             return "was left out of the recording"
         return "was thinned out" if self.streams[name].thin > 1 else ""
 
     def rename(self, old: str, new: str, producer: str) -> None:
-        """Call a stream otherwise, as if this node had sent it."""
+        """Rename a stream, as if this node had sent it."""
         self.streams[new] = replace(self.streams.pop(old), name=new, producer=producer)
         self.channels = {key: new if name == old else name for key, name in self.channels.items()}
 
-    def known(self, name: str) -> Channelled:
-        """The stream of this name. RecordingError: there is none; names the nearest."""
+    def known(self, name: str) -> StoredStream:
+        """The stream of this name. RecordingError: no such stream; suggests names."""
         if name not in self.streams:
             raise RecordingError(f"{self.path}: no stream {name!r}. {choices('Streams', name, self.streams)}")
         return self.streams[name]
 
 
 def _size(record: Schema | Channel | Metadata) -> int:
-    """[bytes] What a record holds, about."""
+    """Approximate size of a record [bytes]."""
     if isinstance(record, Schema):
         return 64 + len(record.data)
     return 64 + sum(map(len, (*record.metadata, *record.metadata.values())))

@@ -1,4 +1,4 @@
-"""Whether a recording can be computed again: each message of each node from exactly the messages that it used."""
+"""Checks a recording: recomputes each message of each node from exactly the messages that it used."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -21,27 +21,28 @@ def verify(
     tolerance: float = 0.0,
     show: Callable[[int, int], None] = lambda tick, last: None,
 ) -> Report:
-    """Compute every message of every node again from the recorded messages that it names, and compare.
+    """Recompute every message of every node from the recorded messages in its `used`, and compare.
 
-    tolerance  0: the bytes must be equal. Else numbers may differ by this, relative to the largest magnitude that their
-               field has had in the stream so far: for another platform, whose mathematics rounds otherwise
+    tolerance  0: the bytes must be equal. Otherwise numbers may differ by this fraction of the largest magnitude of
+               their field so far, for platforms that round differently
     show       called now and then with the tick and the last tick
 
-    Where the file lacks messages, a node is checked up to there, and on as long as it agrees: after a step that is not
-    known, another state is no difference.
+    If the file lacks messages, a node is checked up to there, and further as long as it agrees: after an unknown step
+    its state may differ.
 
-    RecordingError: the recording does not fit. A node that raises counts as a difference of its own.
+    RecordingError: the recording does not fit the plan. A node that raises counts as a difference.
     """
     if recording.computed:
         return recording.compute(tolerance)
+    # Make the nodes, and find those that cannot be checked, and gaps in the recording.
     player = Player(recording, plan, plan.order, live=False)
     report = Report({part.name: NodeReport(stopped=part.broken or "") for part in player.parts if part.streams})
     present = recording.ticks()
     for part in player.parts:
         if not part.as_recorded:
             raise RecordingError(
-                f"{recording.path}: a check steps every node when it was recorded, so {part.name}.every cannot be "
-                "another one. Replay without --check, or leave it out."
+                f"{recording.path}: a check steps every node at its recorded ticks, so {part.name}.every cannot "
+                "change. Replay without --check, or leave it out."
             )
     report.cut = not recording.complete or "recovered_from" in recording.about
     for part in player.parts:
@@ -51,40 +52,40 @@ def verify(
     scales: dict[tuple[str, str], float] = {}
     last = last_tick(present)
     gaps = {part.name: found for part in parts if (found := _gap(recording, part.streams, present)) is not None}
-    lossy = any(own.get("lost", 0) for own in recording.counts.values())
+    lossy = any(counts.get("lost", 0) for counts in recording.counts.values())
+    # Step each node from its recorded inputs and compare its outputs.
     player.start()
     try:
         for tick, payloads in instants(recording, present):
             player.hear(tick, payloads)
             for part in parts:
-                own = report.nodes[part.name]
-                if own.stopped or part.streams[0] not in payloads:
+                node = report.nodes[part.name]
+                if node.stopped or part.streams[0] not in payloads:
                     continue
                 since, what = gaps.get(part.name, (tick, ""))
-                own.gap = own.gap or (what if tick >= since else "")
+                node.gap = node.gap or (what if tick >= since else "")
                 try:
                     if not player.run([part], tick, payloads):
-                        own.stopped = f"from tick {tick} on: it was recorded without an input that it cannot do without"
+                        node.stopped = f"from tick {tick} on: it was recorded without a required input"
                         continue
                 except MissingInput as missing:
-                    told = f"from tick {tick} on: {missing} is not in the file"
-                    own.gap, own.stopped = own.gap or told, "" if lossy else told
+                    text = f"from tick {tick} on: {missing} is not in the file"
+                    node.gap, node.stopped = node.gap or text, "" if lossy else text
                     continue
                 except NodeError as fault:
-                    own.differing += 1
-                    own.first = own.first or Difference(
-                        part.streams[0], tick, "step", "1", "an answer", str(fault.cause)
-                    )
-                    own.stopped = f"from tick {tick} on: the step failed"
+                    node.differing += 1
+                    failure = Difference(part.streams[0], tick, "step", "1", "an answer", str(fault.cause))
+                    node.first = node.first or failure
+                    node.stopped = f"from tick {tick} on: the step failed"
                     continue
-                before = replace(own)
+                before = replace(node)
                 for output in part.outputs:
                     payload = payloads.get(output.stream)
                     if payload is not None and output.last is not None:
-                        own.checked += 1
-                        compare_one(own, output.stream, payload, output.last, tolerance, scales)
-                if own.gap and own.differing > before.differing:
-                    report.nodes[part.name] = replace(before, stopped=own.gap)
+                        node.checked += 1
+                        compare_one(node, output.stream, payload, output.last, tolerance, scales)
+                if node.gap and node.differing > before.differing:
+                    report.nodes[part.name] = replace(before, stopped=node.gap)
             if not tick % 512:
                 show(tick, last)
     finally:
@@ -93,7 +94,7 @@ def verify(
 
 
 def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
-    """Why not all steps of a node can be seen in the file; empty where they can."""
+    """Why the file does not show all steps of a node; empty if it does."""
     for stream in streams:
         if lack := recording.lack(stream):
             return f"stream {stream!r} {lack}"
@@ -101,8 +102,8 @@ def _cannot(recording: Recording, streams: tuple[str, ...], name: str) -> str:
 
 
 def _gap(recording: Recording, streams: tuple[str, ...], present: dict[str, np.ndarray]) -> tuple[int, str] | None:
-    """The first tick at which a node may have made a step that the file does not have, and what it lacks; None where it
-    lacks nothing. Ticks that the clock left out look the same."""
+    """The first tick at which a step of a node may be missing in the file, and a text; None if none is missing. Ticks
+    that the clock left out look the same."""
     found = []
     for stream in streams:
         if lost := recording.counts.get(stream, {}).get("lost", 0):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from palpate.launch.load.bill import EffectCost
+from palpate.launch.load.effect_costs import EffectCost
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
 from palpate.studies.search import Show, compared, off_by

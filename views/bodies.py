@@ -1,4 +1,4 @@
-"""The bodies that are touched, as one surface: that of all of them together."""
+"""Joins the surfaces of all touched bodies into one."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from palpate.physics.geometry.mesh import Mesh
 class Bodies:
     """Bodies with a mesh, in the order of the graph.
 
-    streams  of the surface of each
-    meshes   of each, undeformed
-    loads    streams of loads, and the place of the body that each presses
+    streams  stream of each body's surface
+    meshes   undeformed mesh of each body
+    loads    streams of loads, with the index of the body that each presses
     others   streams of bodies without a mesh
     """
 
@@ -31,19 +31,18 @@ class Bodies:
 
     @classmethod
     def of(cls, meshes: Mapping[str, Mesh], streams: Sequence[str], loads: Mapping[str, str]) -> Bodies:
-        """Those of all these streams that have a mesh; `loads`: of each, the stream of the body that it presses."""
+        """The bodies of these streams that have a mesh; `loads`: the body's stream for each stream of loads."""
         shown = list(meshes)
         pressed = {load: shown.index(body) for load, body in loads.items() if body in meshes}
         return cls(shown, list(meshes.values()), pressed, [stream for stream in streams if stream not in meshes])
 
     @property
     def left_out(self) -> str:
-        """What no picture shows, a line for people; "" where all is shown."""
+        """A line on bodies that are not shown; "" if all are."""
         return f"not shown: {', '.join(map(repr, self.others))}, without a mesh" if self.others else ""
 
     @cached_property
     def mesh(self) -> Mesh:
-        """All meshes as one."""
         if len(self.meshes) == 1:
             return self.meshes[0]
         triangles = [m.triangles + first for m, first in zip(self.meshes, self._first, strict=True)]
@@ -51,12 +50,12 @@ class Bodies:
 
     @cached_property
     def _first(self) -> list[int]:
-        """Place of the first vertex of each in the mesh of all."""
+        """Index of each body's first vertex in the joint mesh."""
         return [0, *np.cumsum([len(m.vertices) for m in self.meshes])[:-1].tolist()]
 
     def surface(self, newest: Mapping[str, Surface]) -> Surface | None:
-        """The surfaces of these streams as one on the mesh of all, with pressure and slip where all bodies send them;
-        a body that has sent none is at rest. None where none has. What is not of the shape is that of the first."""
+        """The surfaces of these streams as one Surface on the joint mesh, with pressure and slip if all bodies send
+        them. Bodies without a message are at rest; None if no body has one. Other fields are those of the first."""
         shapes = [
             (first, complete(newest[stream], mesh.vertices))
             for stream, mesh, first in zip(self.streams, self.meshes, self._first, strict=True)
@@ -65,8 +64,8 @@ class Bodies:
         if len(shapes) < 2:
             return next((msgspec.structs.replace(s, nodes=s.nodes + first) for first, s in shapes), None)
         every = [surface for _, surface in shapes]
-        told = [name for name in ("pressure", "slipped") if all(len(getattr(s, name)) == len(s.nodes) for s in every)]
-        more = {name: np.concatenate([getattr(s, name) for s in every]) for name in told}
+        sent = [name for name in ("pressure", "slipped") if all(len(getattr(s, name)) == len(s.nodes) for s in every)]
+        more = {name: np.concatenate([getattr(s, name) for s in every]) for name in sent}
         more |= {name: getattr(every[0], name)[:0] for name in ("pressure", "slipped") if name not in more}
         return msgspec.structs.replace(
             every[0], nodes=np.concatenate([s.nodes + first for first, s in shapes]),
@@ -74,7 +73,7 @@ class Bodies:
         )  # fmt: skip
 
     def pressed(self, newest: Mapping[str, Load]) -> dict[str, list]:
-        """Vertices of the mesh of all that these loads press, `patch`, and the size of each force [N], `loads`."""
+        """Vertices of the joint mesh that these loads press, `patch`, and the size of each force [N], `loads`."""
         patch: list[int] = []
         sizes: list[float] = []
         for stream, load in newest.items():

@@ -1,15 +1,15 @@
-"""What cannot be drawn or shown."""
+"""Errors of pictures and pages."""
 
 from palpate.physics.errors import MISUSE, PalpateError
 
 
 class PictureError(PalpateError, ValueError):
-    """What cannot be drawn of a recording, or on this machine, and what can or what to install."""
+    """A picture cannot be drawn; says what can, or what to install."""
 
     exit_code = MISUSE
 
 
 class PageError(PalpateError, RuntimeError):
-    """What cannot be shown in a browser, or touched from there, and what would work."""
+    """A graph cannot be shown or steered in a browser; says what would work."""
 
     exit_code = MISUSE

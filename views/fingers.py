@@ -1,4 +1,4 @@
-"""Which streams belong to which finger, and which bodies they touch."""
+"""Assigns streams to fingers, and loads to bodies."""
 
 from collections.abc import Iterable, Mapping
 
@@ -8,13 +8,13 @@ from palpate.engine.plan import Plan
 from palpate.messages import Contact, Friction, Load, Proximity, Surface
 from palpate.records.stored import Stored
 
-Streams = Mapping[str, tuple[str, str]]  # Sender and message type of each stream, the type by its full name
+Streams = Mapping[str, tuple[str, str]]  # sender and full type name of each stream
 
 
 class Finger(dict[str, str]):
-    """The stream of each message type, by the type's full name.
+    """A finger's stream of each message type, by the type's full name.
 
-    near  its streams of Proximity: one for each organ that it may touch
+    near  its streams of Proximity, one for each organ
     """
 
     def __init__(self) -> None:
@@ -24,21 +24,22 @@ class Finger(dict[str, str]):
 def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
     """The streams of each finger, in the order of the graph.
 
-    links    between the nodes
+    links  links between the nodes
 
-    What is not of one finger alone (`engine.parts`) is the same for all. What adds up the contacts of one finger, or
-    its frictions, stands for these. Where one finger touches, and where nothing is known of the links, it has the first
-    stream of each type.
+    Streams that do not belong to one finger (`engine.parts`) are shared by all. The sum of the contacts or frictions of
+    one finger replaces them. A single finger, or one with unknown links, gets the first stream of each type.
     """
+    # Assign each node to a finger; a node that only reads one finger belongs to it.
     links = list(links)
     part = parts(links)
     heard: dict[str, set[str]] = {}
     for hears, _, sends in links:
         heard.setdefault(hears, set()).add(sends)
     for node in heard:
-        own = {part.get(sends) for sends in heard[node]}
-        if node not in part and len(own) == 1 and None not in own:  # it adds up what is of one finger
-            part[node] = own.pop() or 0
+        numbers = {part.get(sends) for sends in heard[node]}
+        if node not in part and len(numbers) == 1 and None not in numbers:
+            part[node] = numbers.pop() or 0
+    # Collect the streams of each finger that touches.
     contact, near = full_name(Contact), full_name(Proximity)
     found = dict.fromkeys(part.get(p) for p, kind in streams.values() if kind == contact)
     several = len(found) > 1 and None not in found
@@ -62,7 +63,7 @@ _ADDED = {full_name(Contact), full_name(Friction)}
 
 
 def bodies(links: Iterable[Link], streams: Streams) -> tuple[list[str], dict[str, str]]:
-    """The streams of all surfaces, and of each stream of loads the one of the body that it presses."""
+    """The streams of all surfaces, and for each stream of loads the surface that it presses."""
     surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
     pressed = {sends: surfaces[hears] for hears, _, sends in links if hears in surfaces}
     loads = {s: pressed[p] for s, (p, kind) in streams.items() if kind == full_name(Load) and p in pressed}
@@ -70,14 +71,12 @@ def bodies(links: Iterable[Link], streams: Streams) -> tuple[list[str], dict[str
 
 
 def links_of_plan(planned: Plan) -> tuple[list[Link], Streams]:
-    """Links and streams of a graph that runs."""
     links = [(name, edge.port, edge.producer) for name in planned.order for edge in planned.edges[name]]
     nodes = planned.graph.nodes
     return links, {s: (n, full_name(kind)) for n in planned.order for s, kind in nodes[n].streams.items()}
 
 
 def links_of(recording: Stored) -> tuple[list[Link], Streams]:
-    """Links and streams of a recording."""
     edges = recording.about.get("plan", {}).get("edges", {})
-    links = [(name, edge["port"], edge["producer"]) for name, own in edges.items() for edge in own]
+    links = [(name, edge["port"], edge["producer"]) for name, incoming in edges.items() for edge in incoming]
     return links, {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()}

@@ -1,8 +1,8 @@
-"""A recording for people who compute with it: fields as numpy arrays with unit and times, tables, comparisons, plots.
+"""A recording in Python: fields as numpy arrays with unit and times, tables, comparisons, plots.
 
 run = Run("kidney.mcap")
 run.contact.force            # Samples [N] (n); .time [s], .unit
-run["tissue"].displacement   # list of arrays where the length changes from message to message
+run["tissue"].displacement   # list of arrays, if the length varies
 run.frame("contact")         # pandas
 run.plot("contact.force")    # matplotlib
 """
@@ -30,16 +30,15 @@ if TYPE_CHECKING:
 
 
 class Comparison:
-    """One touch, computed by several variants; the differences are against the first.
+    """One touch computed with several variants; differences are from the first.
 
-    variants  what was computed, in order: each has its name, differences and step times
+    variants  the variants with name, differences and step times
     """
 
     def __init__(self, variants: Sequence[Variant]) -> None:
         self.variants = list(variants)
 
     def report(self) -> list[dict[str, Any]]:
-        """Plain data, SI units, one entry a variant."""
         return [variant.report() for variant in self.variants]
 
     def __repr__(self) -> str:
@@ -62,13 +61,13 @@ class Comparison:
 
 
 class Run:
-    """A run as its recording holds it; its streams are attributes, or items where a name is no word of Python.
+    """A recorded run; its streams are attributes, or items if their name is not a Python identifier.
 
-    path     of the file
-    streams  names of what was recorded
-    about    provenance: graph as resolved, versions, machine
+    path     the file
+    streams  names of the recorded streams
+    about    provenance: resolved graph, versions, machine
 
-    RecordingError: the file is missing or no recording.
+    RecordingError: the file is missing or not a recording.
     """
 
     def __init__(self, file: str | Path) -> None:
@@ -91,7 +90,7 @@ class Run:
         return name in self._recording.streams
 
     def __getitem__(self, name: str) -> Any:
-        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: there is none."""
+        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: no such stream or field."""
         if not isinstance(name, str):
             raise RecordingError(
                 f"{self.path}: found [{name!r}], expected the name of a stream: {', '.join(self.streams)}; "
@@ -103,7 +102,7 @@ class Run:
         return self._streams[stream] if field is None else self._streams[stream][field]
 
     def _split(self, name: str) -> tuple[str, str | None]:
-        """Streams may have a dot in their name, `pad.Slip`: the longest name that fits is the stream."""
+        """Split into stream and field. Stream names may contain a dot, `pad.Slip`: the longest match is the stream."""
         if name in self._recording.streams:
             return name, None
         stream, dot, field = name.rpartition(".")
@@ -121,11 +120,11 @@ class Run:
         return sorted({*super().__dir__(), *(name for name in self.streams if name.isidentifier())})
 
     def frame(self, streams: str | Sequence[str]) -> Any:
-        """A stream as a pandas DataFrame over time [s]: a column for each number, `force[0] [N]`, as in exported
-        tables; arrays of changing length are left out. Several streams stand side by side at equal ticks, each below
-        its name, `table["contact"]["force [N]"]`; where one has no message its numbers are NaN.
+        """A stream as a pandas DataFrame over time [s]: one column per number, `force[0] [N]`, as in exported tables,
+        without arrays of variable length. Several streams are joined by tick, each with its name as upper column level,
+        `table["contact"]["force [N]"]`; missing messages are NaN.
 
-        RecordingError: pandas is missing, or there is no such stream.
+        RecordingError: pandas is missing, or no such stream.
         """
         try:
             import pandas
@@ -158,13 +157,13 @@ class Run:
         return pandas.DataFrame(columns)
 
     def compare(self, *variants: Any, reference: Any = None) -> Comparison:
-        """The recorded touch computed again with other models or settings, as `palpate compare` does: forces, depths
-        and shapes against the first of them, or against `reference`; a single variant against the recording.
+        """Recompute the touch with other models or settings, as `palpate compare` does. Forces, indentations and shapes
+        are compared with the first variant or `reference`; a single variant with the recording.
 
-        variants, reference  each "tissue.use=deformation.Rigid", several such texts in a list, or as keywords of
-                             `palpate.run` in a dict: {"tissue": "deformation.Rigid"}; [] is the graph as recorded
+        variants, reference  each "tissue.use=deformation.Rigid", a list of such texts, or a dict like the keywords of
+                             `palpate.run`: {"tissue": "deformation.Rigid"}; []: the recorded graph
 
-        PalpateError: what does not fit, or which node failed.
+        PalpateError: an override does not fit, or a node failed.
         """
         from palpate.launch.load.values.overrides import overrides
         from palpate.records.compare import compare
@@ -174,17 +173,17 @@ class Run:
         return Comparison(compare(self._recording, given, reference=base))
 
     def plot(self, *names: str, over: str | None = None) -> Figure:
-        """Fields over time, or over another field: `plot("contact.force", over="contact.indentation")`. One axis each,
-        in the look of all pictures. PictureError: what cannot be drawn, and why."""
+        """Plot fields over time, or over another field: `plot("contact.force", over="contact.indentation")`, one axis
+        each. PictureError: a field cannot be drawn."""
         from palpate.views.pictures.plot import plot
 
         return plot(self, names, over)
 
     def view(self, *others: str | Path, port: int = 0, show: bool = True) -> PageServer:
-        """Show the recording in the browser, next to a second one if named, as `palpate view` does.
-        The page is served until it is closed or the program ends.
+        """Show the recording in the browser, next to a second one if given, as `palpate view` does. The page is served
+        until it is closed or the program ends.
 
-        RecordingError: nothing to show in it. PalpateError: the page's package is missing, or its port taken.
+        RecordingError: nothing to show. PalpateError: the page's package is missing, or the port is in use.
         """
         from palpate.views.page import serve
         from palpate.views.page.reel import Reels

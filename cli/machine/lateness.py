@@ -1,4 +1,4 @@
-"""How late this machine wakes a process that asked for a moment: what decides whether it can hold 1 kHz."""
+"""Wake-up latency of this machine, which decides whether it can run at 1 kHz."""
 
 import ctypes
 import os
@@ -14,7 +14,7 @@ TIMERSLACK = 29
 
 @dataclass(frozen=True)
 class Lateness:
-    """Lateness of the wake-ups [s]: median, 99 %, 99.9 %, the worst; and the share that missed a whole period."""
+    """Wake-up latency [s]: median, 99 %, 99.9 %, maximum; and the fraction later than a whole period."""
 
     p50: float
     p99: float
@@ -24,9 +24,9 @@ class Lateness:
 
 
 def measure(seconds: float, priority: int | None, period: float = PERIOD) -> Lateness | None:
-    """Sleep to the end of each period [s] for a while. None: the priority is not permitted.
+    """Measure the latency of wake-ups at the end of each period [s]. None: the priority is not permitted.
 
-    priority  of SCHED_RR, None: as any process. It is given back at the end.
+    priority  of SCHED_RR; None: normal scheduling. The previous policy is restored.
     """
     policy, given = os.sched_getscheduler(0), os.sched_getparam(0)
     libc = ctypes.CDLL(None)
@@ -53,7 +53,6 @@ def measure(seconds: float, priority: int | None, period: float = PERIOD) -> Lat
 
 
 def words(lateness: Lateness) -> str:
-    """One line for people."""
     parts = [f"{name} {1e3 * value:.3f}" for name, value in (
         ("p50", lateness.p50), ("p99", lateness.p99), ("p99.9", lateness.p999), ("max", lateness.worst))]  # fmt: skip
     return f"{', '.join(parts)} ms late; {100 * lateness.missed:.2f} % miss their millisecond"

@@ -44,10 +44,10 @@ def show(
 
 
 class RunPage:
-    """The page that shows a run. BadParameter, PalpateError: nothing can be opened.
+    """The page that shows a run. BadParameter, PalpateError: the page cannot be served.
 
-    launch, graph  the run, changed so that there is something to see, and its graph
-    live           what the launcher updates, and that the run is over is told to
+    launch, graph  the run, changed so that its surface can be shown, and its graph
+    live           the view that the launcher updates
     silent         do not print the address
     """
 
@@ -71,12 +71,11 @@ class RunPage:
         webbrowser.open(self._server.address)
 
     def stay(self) -> None:
-        """Until nobody looks at it any more, or Ctrl-C."""
+        """Serve the page until its last viewer leaves, or Ctrl-C."""
         with contextlib.suppress(KeyboardInterrupt):
-            typer.echo("the view stays until it is closed, or Ctrl-C", err=True)
+            typer.echo("the view stays open until you close it or press Ctrl-C", err=True)
             while not self._server.deserted:
                 time.sleep(0.2)
 
     def close(self) -> None:
-        """Take the page away."""
         self._server.close()

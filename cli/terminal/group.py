@@ -1,4 +1,4 @@
-"""From folders of commands to the command line, and how their errors are told: in red, without traceback."""
+"""Builds the command line from folders of commands, and prints their errors in red, without traceback."""
 
 import contextlib
 import os
@@ -12,19 +12,19 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-from palpate.cli.terminal.output import say, tell
+from palpate.cli.terminal.output import print_json, say
 from palpate.launch.run.interrupts import interrupts
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.registry import modules
 
-AGAIN = 0.1  # [s] after which a dropped interrupt comes again
+RETRY = 0.1  # [s] after which a dropped interrupt is sent again
 
 
 class Verbs(TyperGroup):
     """The command group: errors are printed in red on standard error, without traceback unless `--debug` is given.
 
-    SIGTERM and a closed terminal end a command as Ctrl-C does: by KeyboardInterrupt, so that nothing stays behind. One
-    line says so, with the notes that the command has added; the exit code is 128 plus the signal's number.
+    SIGTERM and a closed terminal end a command as Ctrl-C does: by KeyboardInterrupt, so that the command cleans up. It
+    prints one line with the notes that the command has added; the exit code is 128 plus the signal's number.
     """
 
     def get_params(self, ctx: Any) -> list[Any]:
@@ -45,14 +45,14 @@ class Verbs(TyperGroup):
             say("; ".join(["stopped", *getattr(error, "__notes__", ())]), "red", err=True)
             raise typer.Exit(128 + numbers[-1]) from None
         except Exception as error:
-            # A palpate error says what a user needs; click's own errors, and an end that was asked for, go on.
+            # Print palpate's errors here; leave errors and exits of click to click.
             known = isinstance(error, PalpateError)
-            own = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
-            if ctx.params.get("debug") or (own and not known):
+            of_click = hasattr(error, "exit_code") or isinstance(error, typer.Abort | BrokenPipeError | EOFError)
+            if ctx.params.get("debug") or (of_click and not known):
                 raise
             reported = error if isinstance(error, PalpateError) else _of_extra(error) or _Foreign(error)
             if ctx.find_root().meta.get("palpate.json"):
-                tell({"ok": False, **reported.to_spec()})
+                print_json({"ok": False, **reported.to_spec()})
             else:
                 say(reported, "red", err=True)
                 if reported.hint:
@@ -61,13 +61,15 @@ class Verbs(TyperGroup):
 
 
 class StoppedError(KeyboardInterrupt):
-    """SIGTERM or a closed terminal, also where Ctrl-C is ignored, as in the background of a script."""
+    """SIGTERM or a closed terminal. Raised even where Ctrl-C is ignored, as in the background of a script."""
 
 
 @contextlib.contextmanager
 def _interruptible(numbers: list[int]) -> Iterator[None]:
-    """Raise KeyboardInterrupt for these signals, too, whose numbers are added to the list; and once more where it came
-    into a callback, in which Python drops it."""
+    """Raise KeyboardInterrupt for SIGTERM and SIGHUP as well, and append their numbers to the list.
+
+    Python drops exceptions in some callbacks: an interrupt that is lost there is sent again.
+    """
     before = sys.unraisablehook
 
     def end(number: int) -> None:
@@ -76,8 +78,8 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
     def dropped(error: Any) -> None:
         if issubclass(error.exc_type, KeyboardInterrupt):
-            again = threading.Timer(AGAIN, os.kill, (os.getpid(), signal.SIGINT))
-            again.daemon = True  # a program that has ended meanwhile does not wait for it
+            again = threading.Timer(RETRY, os.kill, (os.getpid(), signal.SIGINT))
+            again.daemon = True  # do not delay the end of the program
             again.start()
         else:
             before(error)
@@ -91,7 +93,7 @@ def _interruptible(numbers: list[int]) -> Iterator[None]:
 
 
 def _of_extra(error: Exception) -> PalpateError | None:
-    """What to say where an optional package is missing and nothing closer to it has said so."""
+    """The error to print if an optional package is missing."""
     from palpate.physics.extras import extra_of, missing
 
     extra = extra_of(error.name or "") if isinstance(error, ModuleNotFoundError) else None
@@ -99,7 +101,7 @@ def _of_extra(error: Exception) -> PalpateError | None:
 
 
 class _Foreign(PalpateError):
-    """An error that palpate has not raised itself. A file that cannot be used is misuse, and needs no traceback."""
+    """An exception of another library. An unusable file counts as misuse and needs no traceback."""
 
     def __init__(self, error: Exception) -> None:
         self.name = type(error).__name__
@@ -121,9 +123,9 @@ class _Foreign(PalpateError):
 
 
 def group(package: ModuleType, **options: object) -> typer.Typer:
-    """The commands of a folder that has a `HELP`, see `palpate.cli.commands`; `options` go to typer."""
+    """The command group of a folder that has a `HELP`, see `palpate.cli.commands`; `options` go to typer."""
     found = list(_commands(package, None))
-    names = [name for _, name, _ in found]  # typer's order is all commands, then all groups
+    names = [name for _, name, _ in found]  # typer would list all commands, then all groups
     ordered = type("Ordered", (options.pop("cls", TyperGroup),), {"list_commands": lambda self, context: names})  # type: ignore[arg-type]
     app = typer.Typer(no_args_is_help=True, help=package.HELP, cls=ordered, **options)  # type: ignore[arg-type]
     app.callback(help=package.HELP)(lambda: None)  # a group of one command stays a group

@@ -1,4 +1,4 @@
-"""Options that several commands have, and the run that they describe."""
+"""Options shared by several commands, and the run that they describe."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Sets = Annotated[
     list[str] | None,
     typer.Option("--set", help="Set one value: tissue.stiffness=2e3, scene.finger.thickness='3 mm', rate=500."),
 ]
-SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene to use instead of the graph's own.")]
+SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene to use instead of the graph's.")]
 PlaceOption = Annotated[
     str | None,
     typer.Option(
@@ -43,7 +43,7 @@ PlaceOption = Annotated[
     ),
 ]
 OrganOption = Annotated[
-    Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) in place of the scene's organ.")
+    Path | None, typer.Option("--organ", help="Mesh file (.stl, .ply, .obj) of an organ, instead of the scene's.")
 ]
 UnitOption = Annotated[
     str | None, typer.Option("--unit", help="Unit of the mesh file: m, cm or mm; required if several are plausible.")
@@ -74,7 +74,7 @@ Trust = Annotated[
     list[str] | None,
     typer.Option(
         "--trust",
-        help="Import this package where the recording names it; else only palpate's own code runs. May be repeated.",
+        help="Import this package if the recording names it; by default only code of palpate runs. May be repeated.",
         metavar="PACKAGE",
         callback=_trust,
     ),
@@ -88,7 +88,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", c
 
 
 def instant(text: str) -> float:
-    """[s] of a time as in launch files: 2, '1200 ms', 0. BadParameter: it is none."""
+    """A time as in launch files, in s: 2, '1200 ms', 0. BadParameter: not a time."""
     from palpate.launch.load.values.units import UnitError, convert
 
     try:
@@ -98,7 +98,7 @@ def instant(text: str) -> float:
 
 
 def seconds(text: str) -> float:
-    """[s] of a duration. BadParameter: it is none."""
+    """A duration in s. BadParameter: not a duration, or out of range."""
     duration = instant(text)
     if not 1e-9 <= duration <= 1e9:
         raise typer.BadParameter(f"found {text!r}; expected a time from 1e-9 to 1e9 s")
@@ -108,7 +108,7 @@ def seconds(text: str) -> float:
 def chosen(
     graph: str, sets: list[str] | None = None, scene: str | None = None, place: str | None = None, fused: bool = False
 ) -> LaunchFile:
-    """The run that the options describe. GraphError: what is wrong with them."""
+    """The run that the options describe. GraphError: an option is invalid."""
     from palpate.launch.load.launchfile import find
     from palpate.launch.load.placement import FUSED, find_place
 
@@ -121,10 +121,10 @@ def chosen(
     )
 
 
-def with_own_organ(
+def with_organ_file(
     launch: LaunchFile, file: Path | None, unit: str | None, repair: bool, silent: bool = False
 ) -> tuple[LaunchFile, list[str]]:
-    """The run with the organ of a mesh file, and what was done to it. MeshError, SettingError: it cannot be used."""
+    """The run with the organ of a mesh file, and the changes made to it. MeshError, SettingError: unusable organ."""
     if file is None:
         if unit is not None or repair:
             raise typer.BadParameter(f"{'--repair' if repair else '--unit'} needs --organ FILE")
@@ -149,7 +149,7 @@ def with_own_organ(
 def recorded_to(
     launch: LaunchFile, name: str, record: Path | None, out: Path | None, no_record: bool, only: str | None
 ) -> tuple[LaunchFile, Path]:
-    """The run with the file of its recording (None: it has none), and the folder of its pictures. BadParameter."""
+    """The run with the file of its recording (None: not recorded), and the folder of its pictures."""
     from palpate.launch.load.launchfile import RECORDED
 
     one_of("--record-only", only, *RECORDED)
@@ -160,7 +160,7 @@ def recorded_to(
 
 
 def reconnecting(launch: LaunchFile) -> LaunchFile:
-    """The run in which all nodes with a device wait for it. BadParameter: there are none."""
+    """The run in which all device nodes reconnect. BadParameter: the graph has none."""
     from palpate.nodes.base import settings
 
     devices = [name for name, spec in launch.load().nodes.items() if "reconnect" in settings(spec.cls)]
@@ -170,7 +170,7 @@ def reconnecting(launch: LaunchFile) -> LaunchFile:
 
 
 def thin_factors(given: list[str]) -> dict[str, int]:
-    """Of texts STREAM=N. BadParameter: another text."""
+    """Parse texts STREAM=N. BadParameter: another text."""
     factors = {}
     for text in given:
         stream, _, number = text.partition("=")

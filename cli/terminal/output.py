@@ -21,19 +21,18 @@ P = ParamSpec("P")
 
 
 def console(**options: Any) -> Console:
-    """A rich console on standard output, made when it is needed. Brackets are no markup: paths and hints have some."""
+    """A rich console on standard output, without markup, since paths and hints contain brackets."""
     from rich.console import Console
 
     return Console(**{"highlight": False, "markup": False, **options})
 
 
-def tell(data: Any) -> None:
-    """Print JSON."""
+def print_json(data: Any) -> None:
     typer.echo(json.dumps(data, indent=2, ensure_ascii=False, default=str))
 
 
 def say(text: object, style: str = "", *, err: bool = False, wrap: bool = False) -> None:
-    """Print text as it is, no markup; `wrap`: break lines between words where the terminal ends."""
+    """Print text without markup; `wrap`: break lines between words at the width of the terminal."""
     from rich.text import Text
 
     console(stderr=err, soft_wrap=not wrap).print(Text(str(text), style=style))
@@ -48,11 +47,11 @@ def table(
     fixed: Container[str] = (),
     bold: Container[int] = (),
 ) -> Table:
-    """A table without lines; texts are no markup.
+    """A table without lines and markup.
 
-    heads  of the columns, ">" before those that are flush right; all empty: no line of heads
-    fixed  heads of the columns that are never broken over lines
-    bold   numbers of the rows that stand out
+    heads  of the columns, with ">" in front if right-aligned; all empty: no header
+    fixed  heads of the columns that are never wrapped
+    bold   numbers of the rows in bold
     """
     from rich.table import Table
     from rich.text import Text
@@ -63,7 +62,7 @@ def table(
     )  # fmt: skip
     for head in heads:
         side = "right" if head.startswith(">") else "left"
-        widest = max(map(len, head.lstrip(">").split()), default=0)  # a head breaks between words alone
+        widest = max(map(len, head.lstrip(">").split()), default=0)  # a head wraps only between words
         shown.add_column(Text(head.lstrip(">")), justify=side, overflow="fold", no_wrap=head in fixed, min_width=widest)  # type: ignore[arg-type]
     for number, row in enumerate(rows):
         cells = (Text(cell) if isinstance(cell, str) else cell for cell in row)
@@ -97,7 +96,7 @@ def line(message: Message) -> Text:
 
 
 def drawn(draw: Callable[P, list[Path]], *args: P.args, **options: P.kwargs) -> list[Path]:
-    """The pictures that a function draws; none where a package is missing, which is said on standard error."""
+    """The pictures that a function draws. If a package is missing: none, and a hint on standard error."""
     from palpate.physics.extras import missing
 
     try:

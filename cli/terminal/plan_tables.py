@@ -7,12 +7,12 @@ from rich.text import Text
 
 from palpate.cli.terminal.output import table
 from palpate.engine.plan import Plan
-from palpate.launch.load.bill import EffectCost
+from palpate.launch.load.effect_costs import EffectCost
 from palpate.launch.load.placement import Placement
 
 PROVED = (
-    "; in blue: the whole tick, computed again on this machine with and without the effect; it includes the time that "
-    "other nodes spend on it"
+    "; in blue: the whole tick, recomputed on this machine with and without the effect; it includes the time that "
+    "other nodes spend on the effect"
 )
 
 
@@ -40,13 +40,12 @@ def processes(placement: Placement) -> str:
 
 
 def skipped(planned: Plan) -> Table:
-    """Those that do not, and why."""
     word = Text("skip", style="yellow")
     return table(("", "", ""), ((word, name, reason) for name, reason in planned.skipped.items()))
 
 
-def bill(items: list[EffectCost], source: Path | None) -> Table:
-    """What each effect costs; source: the recording that the times are from."""
+def costs(items: list[EffectCost], source: Path | None) -> Table:
+    """The cost of each effect; source: the recording that the times are from."""
     timed = f"times of {source}" if source else "no times yet: run the graph first"
     proved = PROVED if any(item.proof for item in items) else ""
     return table(

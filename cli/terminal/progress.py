@@ -1,5 +1,4 @@
-"""Commands that take minutes: what they do and how long it takes, on a terminal or in a log; on a busy machine, that
-their times are too long."""
+"""Progress of commands that take minutes, on a terminal or in a log."""
 
 from __future__ import annotations
 
@@ -13,12 +12,12 @@ from palpate.cli.terminal.output import console
 if TYPE_CHECKING:
     from rich.console import Console
 
-OFTEN = 10.0  # [s] between lines in a log
-STEP = 0.1  # [1] share of a stage for which a line is written where there is no terminal
+INTERVAL = 10.0  # [s] between lines in a log
+STEP = 0.1  # [1] fraction of a stage between lines in a log
 
 
 class Done(Protocol):
-    """One step is done; `weight` is its share of the work, 1 for each where they take as long."""
+    """Report that a step is done; `weight` is its share of the work."""
 
     def __call__(self, what: str, weight: float = 1.0) -> None: ...
 
@@ -27,12 +26,12 @@ class Done(Protocol):
 def steps(
     title: str, total: float, *, silent: bool = False, seconds: float | None = None, timed: bool = True
 ) -> Iterator[Done]:
-    """Tell on standard error what goes on: a bar on a terminal, else a line every `OFTEN` seconds.
+    """Report progress on standard error: a bar on a terminal, otherwise a line every `INTERVAL` seconds.
 
     title    what is computed, and how much of it
     total    sum of the weights of all steps
-    seconds  it will take, where that is known beforehand
-    timed    whether it measures times, which a busy machine makes too long
+    seconds  expected duration, if known
+    timed    whether the command measures times: then print a warning on a busy machine
     """
     if silent:
         yield lambda what, weight=1.0: None
@@ -57,7 +56,7 @@ def steps(
 
 @contextmanager
 def ticks(title: str, *, silent: bool = False) -> Iterator[Callable[[int, int], None]]:
-    """A bar on standard error for what tells its tick and the last one."""
+    """A progress bar on standard error; takes the tick and the last tick."""
     from rich.progress import Progress
 
     with Progress(console=console(stderr=True), transient=True, disable=silent) as progress:
@@ -66,31 +65,31 @@ def ticks(title: str, *, silent: bool = False) -> Iterator[Callable[[int, int], 
 
 
 def _lines(print_: Callable[..., object], total: float) -> Done:
-    told = time.monotonic()
+    printed = time.monotonic()
     reached = first = begun = 0.0
 
     def done(what: str, weight: float = 1.0) -> None:
-        nonlocal told, reached, first, begun
+        nonlocal printed, reached, first, begun
         moment, reached = time.monotonic(), reached + weight
         left = ""
-        if not first:  # compiling is part of the first step: it does not say how long the others take
+        if not first:  # the first step includes compilation, so the estimate of the time left excludes it
             first, begun = weight, moment
         else:
             left = f", about {duration((moment - begun) * (total - reached) / (reached - first))} left"
-        if reached < total and moment - told >= OFTEN:
-            told = moment
+        if reached < total and moment - printed >= INTERVAL:
+            printed = moment
             print_(f"{100 * reached / total:3.0f} %{left}: {what}")
 
     return done
 
 
 def duration(seconds: float) -> str:
-    """A length of time in words: 40 s, 6 min."""
+    """A duration as text: 40 s, 6 min."""
     return f"{seconds:.0f} s" if seconds < 100.0 else f"{seconds / 60.0:.0f} min"
 
 
-class Stages:
-    """Used as a context: `begin` a stage, report the share of it that is done by the function that this returns."""
+class StageBars:
+    """Progress bars of stages, as a context. `begin` returns the function that reports the fraction done."""
 
     def __init__(self, out: Console, quiet: bool = False) -> None:
         from rich.progress import Progress, TextColumn, TimeRemainingColumn
@@ -100,7 +99,7 @@ class Stages:
         columns = (*Progress.get_default_columns()[:3], TextColumn("{task.fields[note]}"), TimeRemainingColumn())
         self.bars = Progress(*columns, console=out, disable=quiet or self.lines)
 
-    def __enter__(self) -> Stages:
+    def __enter__(self) -> StageBars:
         self.bars.start()
         return self
 
@@ -108,7 +107,7 @@ class Stages:
         self.bars.stop()
 
     def begin(self, name: str, note: str, total: float | None = 1.0) -> Callable[..., None]:
-        """A stage; `total` None where it cannot say how far it is. What it returns takes the share, and a new note."""
+        """Begin a stage; `total` None: duration unknown. The function returned takes the fraction done and a note."""
         task = self.bars.add_task(name, total=total, note=note)
         begun, reported = time.monotonic(), 0.0
         if self.lines:

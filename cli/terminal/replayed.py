@@ -1,4 +1,4 @@
-"""What is said of a replay, or of the check of a recording."""
+"""Output of a replay and of the check of a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def checked(recording: Recording, report: Report, tolerance: float, elsewhere: list[str]) -> None:
-    """Print the result of a check; elsewhere: in what this machine computes otherwise than that of the recording."""
+    """Print the result of a check; elsewhere: differences in arithmetic from the machine that made the recording."""
     count = sum(node.checked for node in report.nodes.values())
     if report.first is not None:
         say(f"first difference: {report.first}", "red")
@@ -39,7 +39,6 @@ def checked(recording: Recording, report: Report, tolerance: float, elsewhere: l
 
 
 def as_data(player: Replay) -> dict[str, Any]:
-    """A replay for programs."""
     return {
         "ok": True,
         "complete": player.recording.complete,
@@ -56,7 +55,6 @@ def as_data(player: Replay) -> dict[str, Any]:
 
 
 def summary(player: Replay) -> None:
-    """A replay for people."""
     times = f", {player.seconds / player.wall:.2f} x real time" if player.wall > 0 else ""
     say(f"{player.seconds:.3f} s replayed in {player.wall:.2f} s{times}", wrap=True)
     rows = (

@@ -1,4 +1,4 @@
-"""What is said of a run when it has ended."""
+"""Summary of a finished run."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.cli.terminal.output import console, say, tell
+from palpate.cli.terminal.output import console, print_json, say
 
 if TYPE_CHECKING:
     from palpate.launch.run.execute import RunOutcome
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 def ended(
     outcome: RunOutcome, name: str, folder: Path | None, organ_notes: list[str], as_json: bool, quiet: bool
 ) -> None:
-    """Say it, and draw the pictures into a folder, unless it is None. organ_notes: what was done to the organ."""
-    from palpate.launch.run.screen import tell as fault
+    """Print the summary and draw the pictures into a folder, unless it is None. organ_notes: changes to the organ."""
+    from palpate.launch.run.screen import print_death
 
     result = outcome.result
     if as_json:
         result.notes[:0] = organ_notes
-        tell(_data(outcome, _pictures(outcome, folder, silent=True)))
+        print_json(_data(outcome, _pictures(outcome, folder, silent=True)))
         return
     if result.ticks or result.ok:
         _summary(outcome, name, quiet)
@@ -35,7 +35,7 @@ def ended(
     for note in result.notes[before:]:
         say(note, "yellow", wrap=True)
     for death in result.deaths:
-        fault(death, console(stderr=True, soft_wrap=True))
+        print_death(death, console(stderr=True, soft_wrap=True))
 
 
 def _summary(outcome: RunOutcome, name: str, quiet: bool) -> None:
@@ -60,7 +60,7 @@ def _summary(outcome: RunOutcome, name: str, quiet: bool) -> None:
 
 
 def _judge(outcome: RunOutcome) -> None:
-    """Whether the run kept its rate, what its counters mean, and what would help."""
+    """Print whether the run kept its rate, what its counters mean, and what would help."""
     from palpate.launch.load.placement import AUTO
     from palpate.launch.run.result import TROUBLES
 
@@ -96,7 +96,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
 
 
 def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Path]:
-    """Draw the pictures of a run that was not interrupted; why there are none becomes a note of it."""
+    """Draw the pictures of a run that was not interrupted. If there are none, add the reason to the run's notes."""
     from palpate.records.stored import RecordingError
     from palpate.views.pictures import draw
 
@@ -107,7 +107,7 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
         return []
     try:
         if not silent and not console().is_terminal:
-            say("drawing the pictures; this takes some seconds")
+            say("drawing the pictures; this takes seconds")
         return draw(outcome.recording, folder, console=None if silent else console())
     except (RecordingError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")

@@ -1,4 +1,1 @@
-"""What the emulators of devices share.
-
-They speak the bytes of the real devices, and ship: a graph runs on them without hardware.
-"""
+"""Shared by the emulators, which implement the protocols of the devices so that a graph runs without hardware."""

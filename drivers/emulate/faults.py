@@ -1,4 +1,4 @@
-"""Bad days of an emulated device."""
+"""Faults of an emulated device."""
 
 import random
 from dataclasses import dataclass
@@ -13,17 +13,17 @@ When = Annotated[float, "s"]
 
 
 class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What goes wrong with an emulated device; the same seed gives the same faults.
+    """Faults of an emulated device; the same seed gives the same faults. Times count from its first answer in the run.
 
-    latency   [s]  by which every answer comes later
-    dropouts  [1]  chance that an answer is lost
-    garbled   [1]  chance that a byte of an answer is wrong
-    glitches  [1]  chance that an encoder is far off for one answer
-    noise     [1]  chance that an encoder is one count off
-    unplug    [s]  after its first answer in the run, when it is pulled out; negative: never
-    silent    [s]  after its first answer in the run, when it stops to answer; negative: never
-    back      [s]  after its first answer in the run, when it is plugged in again, or answers again; negative: never
-    flaky     [1]  attempts to load it, or greetings, that fail before one succeeds
+    latency   [s]  delay of every answer
+    dropouts  [1]  probability that an answer is lost
+    garbled   [1]  probability that a byte of an answer is wrong
+    glitches  [1]  probability of a large error of an encoder in one answer
+    noise     [1]  probability of an error of one count
+    unplug    [s]  time when it is unplugged; negative: never
+    silent    [s]  time when it stops answering; negative: never
+    back      [s]  time when it is plugged in or answers again; negative: never
+    flaky     [1]  number of failed attempts to load or greet it before one succeeds
     """
 
     latency: Annotated[float, "s", msgspec.Meta(ge=0)] = 0.0
@@ -39,8 +39,8 @@ class EmulatedFaults(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass
-class Days:
-    """The faults of one device over time. `begun` [ns]: when it first answered; nothing happens before."""
+class FaultSchedule:
+    """The faults of one device over time. `begun` [ns]: time of its first answer; there are no faults before."""
 
     faults: EmulatedFaults
     begun: int | None = None
@@ -49,7 +49,7 @@ class Days:
         self.random = random.Random(self.faults.seed)
 
     def begin(self, now: int) -> None:
-        """It answers at `now` [ns]; only the first time counts."""
+        """Note an answer at `now` [ns]; only the first one counts."""
         if self.begun is None:
             self.begun = now
 
@@ -57,35 +57,35 @@ class Days:
         return -1.0 if self.begun is None else (now - self.begun) * 1e-9
 
     def unplugged(self, now: int) -> bool:
-        """Whether the plug is out at `now` [ns]."""
+        """Whether the device is unplugged at `now` [ns]."""
         return self._within(self.faults.unplug, now)
 
     def _within(self, begin: float, now: int) -> bool:
-        """Whether `now` [ns] lies between `begin` [s] and the time when it is back."""
+        """Whether `now` [ns] is between `begin` [s] and the time when it is back."""
         since, back = self._since(now), self.faults.back
         return 0.0 <= begin <= since and not 0.0 <= back <= since
 
     def lost(self, opened: int, now: int) -> bool:
-        """Whether the plug was out since `opened` [ns]: what was opened before stays gone when the device is back."""
+        """Whether the device was unplugged since `opened` [ns]: a connection does not survive this."""
         given, then = self.faults, self._since(opened)
         return self.unplugged(now) or (0.0 <= given.unplug <= self._since(now) and then < given.back)
 
     def check(self, name: str, opened: int, now: int) -> None:
-        """DeviceError: the plug was out at some time from `opened` to `now` [ns]."""
+        """DeviceError: the device was unplugged between `opened` and `now` [ns]."""
         if self.lost(opened, now):
             raise DeviceError(f"the {name} is gone. Plug it in again.", lost=True)
 
     def silent(self, now: int) -> bool:
-        """Whether it has stopped to answer."""
+        """Whether it has stopped answering."""
         return self._within(self.faults.silent, now)
 
     def chance(self, name: str) -> bool:
-        """Whether a fault of this name strikes now."""
+        """Draw whether a fault of this name occurs now."""
         odds = getattr(self.faults, name)
         return odds > 0.0 and self.random.random() < odds
 
     def spoil(self, data: bytes) -> bytes:
-        """An answer as it arrives: lost, with a wrong byte, or as it was."""
+        """An answer after transmission: lost, with a wrong byte, or unchanged."""
         if self.chance("dropouts"):
             return b""
         if data and self.chance("garbled"):

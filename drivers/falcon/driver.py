@@ -1,4 +1,4 @@
-"""A Falcon: firmware, homing, and then one frame out for each frame in."""
+"""Driver of the Falcon: firmware, homing, then one frame out for each frame in."""
 
 import math
 import time
@@ -16,11 +16,11 @@ from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
 
 PATIENCE = 0.004  # [s] for an answer
 PROBES = 20  # frames sent to see whether firmware runs
-JERK = 12  # [counts] by which an arm may miss the way that it was on, for each ms since: 0.4 mm at the grip
-UNEVEN = 1.0  # [ms] by which the time between two samples may be wrong
-LARGEST = 120  # [counts] about 4 mm: more is believed at once from no reading
-BELIEVED = 4  # samples in a row that agree are no glitch
-AGREE = 60  # [counts] between two of them: 2 m/s at 1 kHz
+JERK = 12  # [counts] largest deviation from the extrapolated angle per ms: 0.4 mm at the grip
+UNEVEN = 1.0  # [ms] error of the time between two samples
+LARGEST = 120  # [counts] limit of an accepted deviation: about 4 mm
+BELIEVED = 4  # consistent samples in a row that are accepted despite a jump
+AGREE = 60  # [counts] largest difference of two consistent samples: 2 m/s at 1 kHz
 
 Counts = tuple[int, int, int]
 
@@ -29,7 +29,7 @@ class FalconDriver(PortDriver[Ftdi]):
     """The device behind an FTDI chip.
 
     connect   opens the chip
-    firmware  [bytes] image to load when none runs; None: the user has given none
+    image     returns the firmware to load if none runs; None: not given
     clock     [ns]
     """
 
@@ -52,7 +52,7 @@ class FalconDriver(PortDriver[Ftdi]):
     def open(self) -> None:
         self.geometry = FALCON.geometry
         self.place = HOME
-        # Compiled before the first answer waits for it.
+        # Compile now, so that no answer is delayed.
         forward_kernel(self.geometry, FALCON.zero, FALCON.zero, FALCON.zero, *HOME)
         self.last: Counts | None = None
         self.last_at, self.rate = 0, (0.0, 0.0, 0.0)
@@ -84,7 +84,7 @@ class FalconDriver(PortDriver[Ftdi]):
         return False
 
     def _frame(self) -> bytes | None:
-        """The newest complete frame that arrives within the patience."""
+        """The newest complete frame; None after `PATIENCE`."""
         deadline = self.clock() + round(PATIENCE * 1e9)
         while (left := deadline - self.clock()) > 0:
             batch = self.reader.feed(payload(self.port.read(left * 1e-9)))
@@ -102,7 +102,7 @@ class FalconDriver(PortDriver[Ftdi]):
         if not all(reading.homed):
             self.state, self.last = frames.HOMING | frames.RED, None
             return DeviceSample(now, buttons=reading.buttons, homed=False)
-        self.state = frames.HOMING | frames.GREEN  # the homing bit stays on: the firmware wants it so
+        self.state = frames.HOMING | frames.GREEN  # the firmware requires that the homing bit stays on
         counts = self._believed(reading.counts, now)
         if counts is None:
             return DeviceSample(now, buttons=reading.buttons, homed=False)
@@ -113,10 +113,10 @@ class FalconDriver(PortDriver[Ftdi]):
         return DeviceSample(now, (a, b, c), self.place, reading.buttons)
 
     def _believed(self, counts: Counts, now: int) -> Counts | None:
-        """The counts, or the last ones where these are implausible, unless several in a row agree with one another.
+        """Outlier rejection: the counts, or the last valid ones if these are implausible. `BELIEVED` consistent samples
+        in a row are accepted; None before the first of them.
 
-        None before the first several. The frames have no check sum, so a wrong nibble looks like a jump of 16 counts
-        or more from the way that the arm was on.
+        The frames have no checksum: a wrong nibble is a jump of at least 16 counts from the extrapolated angle.
         """
         if self.last is not None:
             elapsed = (now - self.last_at) * 1e-6
@@ -132,7 +132,7 @@ class FalconDriver(PortDriver[Ftdi]):
             self.doubted = []
         self.doubted.append(counts)
         if len(self.doubted) >= BELIEVED:
-            a, b, c = (median_low(column) for column in zip(*self.doubted, strict=True))  # one of them may be wrong
+            a, b, c = (median_low(column) for column in zip(*self.doubted, strict=True))  # robust against an outlier
             self.last, self.last_at, self.rate, self.doubted = (a, b, c), now, (0.0, 0.0, 0.0), []
         return self.last
 

@@ -1,7 +1,7 @@
-"""A Falcon without a Falcon: FTDI chip, boot loader, firmware, arms and the hand that holds it, byte for byte.
+"""Emulator of the Falcon: FTDI chip, boot loader, firmware, arms and the hand that holds it, byte for byte.
 
-The chip sends a packet with two modem bytes when 62 bytes have come from the line or its latency timer has run out,
-empty ones too. Every byte takes its ten bits' time at the baud rate that is set.
+The chip sends a packet with two modem bytes, possibly empty, when 62 bytes have arrived from the line or its latency
+timer has expired. Every byte takes ten bit times at the current baud rate.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.faults import EmulatedFaults, FaultSchedule
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.falcon import NAME, firmware, frames
@@ -24,25 +24,26 @@ from palpate.physics.device.falcon_statics import force_kernel
 MODEM_BYTES = b"\x01\x60"
 CLOCK = 3.0e6  # [Hz] of the chip's baud generator
 OFFSET = (137, -411, 262)  # [counts] of the encoders before homing
-IMAGE = random.Random(48).randbytes(9973)  # stands for a firmware: only an emulator takes it
+IMAGE = random.Random(48).randbytes(9973)  # placeholder firmware, accepted only by the emulator
 
 
 def baud(divisor: int) -> float:
-    """[1/s] of a divisor word: 14 bits whole, two bits of eighths (0, 1/2, 1/4, 1/8)."""
+    """Baud rate [1/s] of a divisor word: 14 integer bits, two bits for the fraction (0, 1/2, 1/4, 1/8)."""
     whole, part = divisor & 0x3FFF, (0.0, 0.5, 0.25, 0.125)[divisor >> 14 & 3]
     return CLOCK / (whole + part)
 
 
 class EmulatedFalcon:
-    """The device itself. It keeps its firmware, its homing and its hand while the plug is in and out.
+    """The device. It keeps its firmware, homing and hand when it is unplugged.
 
-    script  of the hand
-    faults  bad days
-    image   the firmware that it takes; any other is loaded, too, and does not run
-    loaded  whether it has its firmware already
-    homing  [s] in homing mode until the hand has moved it past its marks
-    waits   whether the hand goes its way when `hand.go` says so; otherwise as soon as the device is homed
-    now     clock [ns]; sleep: wait [s]
+    script  path of the hand
+    faults  its faults
+    image   the firmware that it runs; any other can be loaded, but does not run
+    loaded  whether its firmware is already loaded
+    homing  [s] duration of homing
+    waits   whether the hand starts with `hand.go`; otherwise when the device is homed
+    now     clock [ns]
+    sleep   waits [s]
     """
 
     def __init__(
@@ -58,27 +59,27 @@ class EmulatedFalcon:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self.hand = EmulatedOperator(script or Script(), waits)
-        self.days = Days(faults or EmulatedFaults())
+        self.days = FaultSchedule(faults or EmulatedFaults())
         self.image, self.homing = image, homing
         self.now, self.sleep = now, sleep
         self.running = loaded
         self.homed_at: int | None = None
         self.torques = (0.0, 0.0, 0.0)
         self.seen: deque[tuple[int, tuple[int, int, int]]] = deque(maxlen=4096)
-        """Motor words that have come, with the time [ns] of each: the last 4096."""
+        """The last 4096 motor words received, with their times [ns]."""
         self.lights = 0
         self.geometry = FALCON.geometry
         self.attempts = 0
         self._force(self.hand.position)
 
     def connect(self) -> EmulatedChip:
-        """Open the chip, as a driver does. DeviceError: it is unplugged."""
+        """Open the chip. DeviceError: the device is unplugged."""
         if self.days.unplugged(self.now()):
             raise DeviceError(f"no {NAME} on USB: the emulated one is unplugged")
         return EmulatedChip(self)
 
     def answer(self, frame: bytes) -> bytes:
-        """One frame to the running firmware, and its answer."""
+        """The answer of the running firmware to a frame."""
         now = self.now()
         if not self.hand.waits:
             self.days.begin(now)
@@ -120,8 +121,8 @@ class EmulatedChip:
         self.dtr = False
         self.loading: bytearray | None = None
         self.heard = b""
-        self.line: deque[tuple[int, int]] = deque()  # (when it has come [ns], byte)
-        self.free = 0  # [ns] when the line back is free again
+        self.line: deque[tuple[int, int]] = deque()  # (time of arrival [ns], byte)
+        self.free = 0  # [ns] when the line to the host is free again
         self.timer = self.opened
 
     def control(self, request: int, value: int) -> None:
@@ -151,7 +152,7 @@ class EmulatedChip:
             self.heard = (self.heard + data)[-3:]
             if self.heard == firmware.HELLO:
                 self.heard = b""
-                self._say(b"\x00" * (device.attempts % 2) + firmware.READY, taken)
+                self._send(b"\x00" * (device.attempts % 2) + firmware.READY, taken)
         elif self.divisor == firmware.LOADING:
             self._load(data, taken)
         elif self.divisor == firmware.RUNNING and device.running:
@@ -159,22 +160,22 @@ class EmulatedChip:
             while len(self.heard) >= frames.LENGTH:
                 frame, self.heard = self.heard[: frames.LENGTH], self.heard[frames.LENGTH :]
                 if frame[:1] == b"<" and frame[-1:] == b">":
-                    self._say(device.answer(frame), taken + round(device.days.faults.latency * 1e9))
+                    self._send(device.answer(frame), taken + round(device.days.faults.latency * 1e9))
 
     def _load(self, data: bytes, taken: int) -> None:
         if self.loading is None:
             if data == firmware.LETTER:
                 self.loading = bytearray()
                 self.device.attempts += 1
-                self._say(data, taken)
+                self._send(data, taken)
             return
         fails = self.device.attempts <= self.device.days.faults.flaky
         if fails and len(self.loading) >= 1000:
             data = bytes((data[0] ^ 0xFF,)) + data[1:]
         self.loading += data
-        self._say(data, taken)
+        self._send(data, taken)
 
-    def _say(self, data: bytes, after: int) -> None:
+    def _send(self, data: bytes, after: int) -> None:
         step = round(10.0 / baud(self.divisor) * 1e9)
         at = max(self.device.now() + after, self.free)
         for byte in data:

@@ -1,7 +1,7 @@
-"""Loading a Falcon: it loses its firmware when switched off, and is loaded again over the same line.
+"""Loads the firmware of a Falcon, which loses it when switched off.
 
-The image is the user's own: it came with the maker's driver, and lies in the open driver's source tree as
-`firmware/nvent_firmware.bin`. None is part of palpate. The load is known to fail now and then; it is tried again.
+The user provides the image: it came with the manufacturer's driver, and is in the open driver's source tree as
+`firmware/nvent_firmware.bin`. palpate does not contain it. Loading fails occasionally and is retried.
 """
 
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from palpate.drivers.transport.ftdi import Ftdi, payload
 SLOW, LOADING, RUNNING = 0x4138, 0x15, 0x2  # baud divisors: 9600, 142 857 and 1.5 M
 HELLO, READY = b"\x0a\x43\x0d", b"\x0a\x44\x2c\x0d"
 LETTER = b"\x41"
-BLOCK = 62  # [bytes] echoed before the next one goes out: a packet without its modem bytes
+BLOCK = 62  # [bytes] sent between two echoes: a packet without its modem bytes
 HELLOS = 100
 ATTEMPTS = 10
 REPLY = 0.5  # [s]
@@ -25,7 +25,7 @@ class RefusedError(Exception):
 
 
 def image(path: str) -> bytes:
-    """The firmware in a file. DeviceError: there is none."""
+    """The firmware in a file. DeviceError: missing or empty file."""
     try:
         data = Path(path).expanduser().read_bytes()
     except OSError as error:
@@ -38,22 +38,21 @@ def image(path: str) -> bytes:
 
 
 def run_mode(chip: Ftdi) -> None:
-    """The line as a running firmware wants it."""
+    """Set the line up for a running firmware."""
     chip.control(ftdi.LATENCY, 1)
     chip.control(ftdi.BAUD, RUNNING)
     purge(chip)
 
 
 def purge(chip: Ftdi) -> None:
-    """Throw away what waits either way."""
     chip.control(ftdi.RESET, ftdi.PURGE_RX)
     chip.control(ftdi.RESET, ftdi.PURGE_TX)
 
 
 def load(chip: Ftdi, data: bytes, now: Callable[[], int]) -> int:
-    """Load an image; returns how many attempts it took. `now`: a clock [ns].
+    """Load an image; returns the number of attempts. `now`: a clock [ns].
 
-    DeviceError: it failed every time.
+    DeviceError: all attempts failed.
     """
     text = ""
     for attempt in range(1, ATTEMPTS + 1):
@@ -107,7 +106,7 @@ def _send(chip: Ftdi, data: bytes, now: Callable[[], int]) -> None:
 
 
 def _take(chip: Ftdi, count: int, patience: float, now: Callable[[], int], until: bytes = b"") -> bytes:
-    """Up to `count` bytes of the line, or what has come when the patience [s] is over or the end is seen."""
+    """Read `count` bytes, or fewer if the timeout [s] expires or the bytes end with `until`."""
     answer, deadline = b"", now() + round(patience * 1e9)
     while len(answer) < count and now() < deadline and not (until and answer.endswith(until)):
         answer += payload(chip.read((deadline - now()) * 1e-9))

@@ -15,7 +15,7 @@ HOMING, GREEN, BLUE, RED = 0x1, 0x2, 0x4, 0x8  # bits of the host's state byte
 
 
 class FalconReport(NamedTuple):
-    """What the device says.
+    """A report of the device.
 
     counts   [1] (3)  encoders
     buttons  [1]      1 plus, 2 forward, 4 centre, 8 minus
@@ -28,12 +28,10 @@ class FalconReport(NamedTuple):
 
 
 def words(values: tuple[int, int, int]) -> bytes:
-    """The 12 bytes of three int16."""
     return bytes(BASE + (value >> shift & 0xF) for value in values for shift in (0, 4, 8, 12))
 
 
 def numbers(data: bytes) -> tuple[int, int, int]:
-    """Three int16 of 12 bytes."""
     integers = []
     for i in (0, 4, 8):
         raw = sum((data[i + k] - BASE & 0xF) << 4 * k for k in range(4))
@@ -47,20 +45,18 @@ def command(motors: tuple[int, int, int], state: int = 0) -> bytes:
 
 
 def report(counts: tuple[int, int, int], buttons: int, homed: tuple[bool, bool, bool]) -> bytes:
-    """A frame from the device."""
     state = buttons | sum(0x10 << i for i in range(3) if homed[i])
     return b"<" + words(counts) + bytes((BASE + state, BASE)) + b">"
 
 
 def read(frame: bytes) -> FalconReport:
-    """What a whole frame from the device says."""
     state = frame[13] - BASE
     homed = bool(state & 0x10), bool(state & 0x20), bool(state & 0x40)
     return FalconReport(numbers(frame[1:13]), state & 0xF, homed)
 
 
 def motors(torques: tuple[float, ...]) -> tuple[int, int, int]:
-    """Motor words of three torques [N m]. Beyond the largest word all three are scaled: no component is clipped."""
+    """Motor words of three torques [N m]. If one exceeds the largest word, all three are scaled by the same factor."""
     raw = [WORD_PER_TORQUE * t for t in torques]
     scale = min(1.0, LARGEST / max(max(map(abs, raw)), 1.0))
     a, b, c = (round(scale * r) for r in raw)
@@ -74,9 +70,9 @@ def torques(values: tuple[int, int, int]) -> tuple[float, float, float]:
 
 
 class FalconFrameReader:
-    """Finds the frames of a Falcon in the bytes that come off the line; after a wrong one it goes on at the next head.
+    """Finds the frames of a Falcon in a stream of bytes; resynchronises after an invalid one.
 
-    wrong  [1]  bytes that belonged to no frame
+    wrong  [1]  number of bytes outside of frames
     """
 
     def __init__(self) -> None:
@@ -87,7 +83,7 @@ class FalconFrameReader:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Take bytes; the frames among all that came."""
+        """Add bytes; returns the complete frames."""
         rest, frames = self._rest + data, []
         while (start := rest.find(b"<")) >= 0:
             self.wrong += start
@@ -108,6 +104,6 @@ class FalconFrameReader:
 
 
 def _whole(frame: bytes) -> bool:
-    """Whether bytes that begin as a frame are one."""
+    """Whether bytes that begin like a frame are valid."""
     words, state = frame[1:13], frame[13]
     return frame[15:] == b">" and all(BASE <= b <= BASE + 0xF for b in words) and BASE <= state <= BASE + 0x7F

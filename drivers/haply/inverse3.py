@@ -1,8 +1,8 @@
-"""Haply's Inverse3 through the maker's local service (Inverse Service 3), JSON over ws://localhost:10001.
+"""Haply's Inverse3 through the manufacturer's local service (Inverse Service 3), JSON over ws://localhost:10001.
 
 The service sends the state of all its devices, `inverse3[].device_id` and `.state.cursor_position`; a handle is in
-`wireless_verse_grip[]`. A force goes out as `inverse3[].commands.set_cursor_force.values`; the next state comes only
-after a command, one of zero included. Metres and newtons.
+`wireless_verse_grip[]`. A force is sent as `inverse3[].commands.set_cursor_force.values`; the service sends the next
+state only after a command, which may be zero. Units: m, N.
 """
 
 import json
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from typing import Any
 
 from palpate.drivers.connected import PortDriver, attempts
-from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.faults import EmulatedFaults, FaultSchedule
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError, package
 from palpate.drivers.guard import DeviceSample
@@ -24,7 +24,7 @@ from palpate.drivers.transport.websocket import WebSocket
 NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
 PATIENCE = 0.005  # [s] for a state
-CALM = 10  # [1] cycles that read all that had come, after a flood: until then a state may be old, and is no answer
+CALM = 10  # [1] cycles without backlog after which a state counts as current
 GRIPS = ("wireless_verse_grip", "verse_grip")
 
 
@@ -36,7 +36,7 @@ def command(device: str, force: tuple[float, ...]) -> str:
 
 
 def state(text: str) -> dict[str, Any]:
-    """A message of the service; an empty mapping where it is none."""
+    """A message of the service; empty if it is invalid."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
@@ -51,7 +51,7 @@ def entries(message: dict[str, Any], kind: str) -> list[Any]:
 
 
 def position(device: dict[str, Any]) -> tuple[float, float, float] | None:
-    """The cursor's position [m] of a device's entry; None where it has none."""
+    """The cursor position [m] of a device's entry; None if missing."""
     try:
         given = device["state"]["cursor_position"]
         coordinates = float(given["x"]), float(given["y"]), float(given["z"])
@@ -64,18 +64,18 @@ def buttons(message: dict[str, Any]) -> int:
     """The mask of the first handle's buttons, in the order of their names."""
     for kind in GRIPS:
         for grip in entries(message, kind):
-            own = grip.get("state") if isinstance(grip, dict) else None
-            pressed = own.get("buttons") if isinstance(own, dict) else None
+            state_ = grip.get("state") if isinstance(grip, dict) else None
+            pressed = state_.get("buttons") if isinstance(state_, dict) else None
             if isinstance(pressed, dict):
                 return sum(1 << i for i, name in enumerate(sorted(pressed)) if pressed[name] is True)
     return 0
 
 
-class Inverse3(PortDriver[WebSocket]):
+class Inverse3Driver(PortDriver[WebSocket]):
     """A device of the service.
 
     connect  opens the connection
-    device   its id; empty where the service has only one
+    device   its id; empty: the only one
     """
 
     name = NAME
@@ -100,7 +100,7 @@ class Inverse3(PortDriver[WebSocket]):
         if self.device and self.device not in known:
             raise DeviceError(f"the {NAME} knows no Inverse3 {self.device!r}. It knows: {', '.join(known)}.")
         if len(known) > 1 and not self.device:
-            raise DeviceError(f"the {NAME} knows {len(known)} of them. Say which with `device_id`: {', '.join(known)}.")
+            raise DeviceError(f"the {NAME} knows {len(known)} of them. Set `device_id` to one of: {', '.join(known)}.")
         self.chosen = self.device or known[0]
 
     def cycle(self, command_: tuple[float, ...]) -> DeviceSample | None:
@@ -119,13 +119,13 @@ class Inverse3(PortDriver[WebSocket]):
 
 
 class EmulatedService:
-    """The service itself on a port of this machine, with a device that a hand holds. `address`: where it listens."""
+    """Emulator of the service on a port of this machine, with a device that a hand holds. `address`: its URL."""
 
     def __init__(
         self, script: Script | None = None, faults: EmulatedFaults | None = None, *, ids: tuple[str, ...] = ("04EF",),
         waits: bool = False,
     ) -> None:  # fmt: skip
-        self.hand, self.days = EmulatedOperator(script or Script(), waits), Days(faults or EmulatedFaults())
+        self.hand, self.days = EmulatedOperator(script or Script(), waits), FaultSchedule(faults or EmulatedFaults())
         self.ids = ids
         self.force = (0.0, 0.0, 0.0)
         self.errors = package("websockets.exceptions")
@@ -162,9 +162,9 @@ class EmulatedService:
                     continue
                 if self.days.faults.latency > 0.0:
                     time.sleep(self.days.faults.latency)
-                said = self.days.spoil(self._state(now, first=False).encode())
-                if said:
-                    link.send(said.decode(errors="replace"))
+                answer = self.days.spoil(self._state(now, first=False).encode())
+                if answer:
+                    link.send(answer.decode(errors="replace"))
         except (self.errors.ConnectionClosed, KeyError, TypeError):
             return
 

@@ -1,4 +1,4 @@
-"""HID devices at hidapi's seam: a raw-HID device with a hand that holds it, and a SpaceMouse that is moved."""
+"""Emulators behind hidapi's interface: a raw-HID device with a hand that holds it, and a moving SpaceMouse."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import time
 from collections import deque
 from typing import ClassVar, Self
 
-from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.faults import EmulatedFaults, FaultSchedule
 from palpate.drivers.emulate.hand import EmulatedOperator, Script
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.hid import raw, spacemouse
@@ -18,12 +18,12 @@ UNIT = 1e-3  # [N]
 
 
 class _EmulatedHid:
-    """The plug of an emulated device: opened, pulled out and plugged in again."""
+    """The connection of an emulated device: opened, unplugged and plugged in again."""
 
     name: ClassVar[str]
 
     def __init__(self, faults: EmulatedFaults | None) -> None:
-        self.days = Days(faults or EmulatedFaults())
+        self.days = FaultSchedule(faults or EmulatedFaults())
         self.opened = time.monotonic_ns()
 
     def connect(self) -> Self:
@@ -51,7 +51,7 @@ class EmulatedRawHid(_EmulatedHid):
         super().__init__(faults)
         self.hand = EmulatedOperator(script or Script(), waits)
         self.answers: deque[tuple[int, bytes]] = deque()
-        """(when it arrives [ns], report)."""
+        """(time of arrival [ns], report)."""
         self.force = (0.0, 0.0, 0.0)
         self.until = 0  # [ns] when the watchdog switches the motors off
         self.sequence = 0
@@ -96,7 +96,7 @@ class EmulatedRawHid(_EmulatedHid):
 
 
 class EmulatedSpaceMouse(_EmulatedHid):
-    """A mouse that a hand presses down and lets up again: `transport.hid.HidPort`."""
+    """A mouse that a hand presses down periodically: `transport.hid.HidPort`."""
 
     name = spacemouse.NAME
     PERIOD = 0.008  # [s] of its reports
@@ -120,4 +120,4 @@ class EmulatedSpaceMouse(_EmulatedHid):
         return self.days.spoil(b"\x01" + struct.pack("<6h", 0, 0, down, 0, 0, 0))[:size]
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """No-op."""

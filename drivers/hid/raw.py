@@ -1,4 +1,4 @@
-"""The open raw-HID protocol for haptic devices that people build, specified in docs/raw_hid.md.
+"""The open raw-HID protocol for self-built haptic devices, specified in docs/raw_hid.md.
 
 Reports of 64 bytes each way, without a report number, little-endian, CRC-16/X-25 of bytes 0 to 61 in the last two.
 """
@@ -31,7 +31,7 @@ _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # the bit
 
 
 class RawCommand(NamedTuple):
-    """What the host sends: sequence number, flags, watchdog [ms], values (6) in the device's units."""
+    """A message of the host: sequence number, flags, watchdog [ms], values (6) in the device's units."""
 
     sequence: int
     flags: int
@@ -40,7 +40,8 @@ class RawCommand(NamedTuple):
 
 
 class RawState(NamedTuple):
-    """What the device sends: its number, that of the last command, flags, axes, time [us], counts (6), buttons."""
+    """A message of the device: its sequence number, that of the last command, flags, axes, time [us], counts (6),
+    buttons."""
 
     sequence: int
     heard: int
@@ -52,7 +53,7 @@ class RawState(NamedTuple):
 
 
 class Info(NamedTuple):
-    """What the device is: flags, axes, [m] or [rad] of a count (6), [N] or [N m] of a unit (6)."""
+    """Properties of the device: flags, axes, [m] or [rad] per count (6), [N] or [N m] per unit (6)."""
 
     flags: int
     axes: int
@@ -81,7 +82,7 @@ def pack(message: RawCommand | RawState | Info) -> bytes:
 
 
 def unpack(report: bytes) -> RawCommand | RawState | Info | None:
-    """The message in a report; None if it is none, or damaged."""
+    """The message in a report; None if it is invalid."""
     if len(report) != LENGTH or report[0] != MAGIC or crc16_x25(report[:-2]) != int.from_bytes(report[-2:], "little"):
         return None
     if report[1] == COMMAND:

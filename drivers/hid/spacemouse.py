@@ -1,4 +1,4 @@
-"""3Dconnexion's mice: six axes, no force.
+"""3Dconnexion's SpaceMouse: six axes, no force.
 
 Report 1 holds x y z as int16, low byte first, about -350 to 350; report 2 the rotations. Later models send all six in
 report 1. Report 3 holds the buttons. In the graph's frame x points right, y away, z up, as in the open reader
@@ -16,7 +16,7 @@ from palpate.drivers.transport.burst import burst
 from palpate.drivers.transport.hid import HidPort
 
 NAME = "SpaceMouse"
-PATIENCE = 0.02  # [s] for a report; it sends none while nobody touches it
+PATIENCE = 0.02  # [s] for a report; an untouched mouse sends none
 FULL = 350.0
 SIGNS = (1.0, -1.0, -1.0, -1.0, -1.0, 1.0)
 VENDOR, OLD_VENDOR = 0x256F, 0x046D
@@ -31,7 +31,7 @@ def fits(entry: dict[str, Any]) -> bool:
     return entry["vendor_id"] == OLD_VENDOR and entry["product_id"] in OLD
 
 
-class SpaceMouse(PortDriver[HidPort]):
+class SpaceMouseDriver(PortDriver[HidPort]):
     """The mouse. `position` of its samples: deflection [1] (3), about -1 to 1; `joints`: rotation [1] (3), likewise."""
 
     name = NAME

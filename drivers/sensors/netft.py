@@ -1,8 +1,7 @@
 """ATI's Net F/T: force and torque over UDP, by its Raw Data Transfer.
 
-A request is `>HHI`: 0x1234, the command, how many samples (0: without end). A sample is `>III6i`: its number, the
-sensor's number, status, and six counts. Counts per newton and newton metre, and the units, stand in its own
-/netftapi2.xml.
+A request is `>HHI`: 0x1234, the command, number of samples (0: unlimited). A sample is `>III6i`: its number, the
+sensor's number, status, and six counts. Counts per unit of force and torque, and the units, are in its /netftapi2.xml.
 """
 
 import contextlib
@@ -18,7 +17,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from palpate.drivers.connected import PortDriver
-from palpate.drivers.emulate.faults import Days, EmulatedFaults
+from palpate.drivers.emulate.faults import EmulatedFaults, FaultSchedule
 from palpate.drivers.errors import DeviceError
 from palpate.drivers.guard import DeviceSample
 from palpate.drivers.limits import Limits
@@ -30,7 +29,7 @@ PORT = 49152
 REQUEST, SAMPLE = struct.Struct(">HHI"), struct.Struct(">III6i")
 MAGIC, STOP, STREAM = 0x1234, 0, 2
 PATIENCE = 0.05  # [s] for a sample
-RENEW = 1.0  # [s] of silence after which the stream is asked for again
+RENEW = 1.0  # [s] of silence after which the stream is requested again
 FORCES = {"N": 1.0, "kN": 1e3, "lbf": 4.4482216152605, "klbf": 4448.2216152605, "kgf": 9.80665, "gf": 9.80665e-3}
 TORQUES = {
     "Nm": 1.0, "N-m": 1.0, "Nmm": 1e-3, "N-mm": 1e-3, "kNm": 1e3, "kN-m": 1e3, "lbf-in": 0.1129848290276167,
@@ -39,17 +38,17 @@ TORQUES = {
 
 
 class Scale(NamedTuple):
-    """Newtons [N] and newton metres [N m] of one count."""
+    """Force [N] and torque [N m] per count."""
 
     force: float
     torque: float
 
 
-LEAST, MOST = 1e-9, 1e12  # [1] counts per unit beyond which no sensor is: real ones have 1e3 to 1e9
+LEAST, MOST = 1e-9, 1e12  # [1] plausible counts per unit; real sensors have 1e3 to 1e9
 
 
 def scale(text: bytes) -> Scale:
-    """The scale that a sensor's own page tells. DeviceError: it does not."""
+    """The scale from a sensor's web page. DeviceError: it has none."""
     try:
         page = {element.tag: (element.text or "").strip() for element in xml.fromstring(text).iter()}
         force, torque = float(page["cfgcpf"]), float(page["cfgcpt"])
@@ -66,11 +65,12 @@ def scale(text: bytes) -> Scale:
     return Scale(FORCES[units[0]] / force, TORQUES[units[1]] / torque)
 
 
-class NetFT(PortDriver[Udp]):
+class NetFTDriver(PortDriver[Udp]):
     """The sensor at an address.
 
-    host   of the sensor
-    rdt    its UDP port; web: its HTTP port
+    host  address of the sensor
+    rdt   UDP port
+    web   HTTP port
     """
 
     name = NAME
@@ -80,7 +80,7 @@ class NetFT(PortDriver[Udp]):
     def __init__(self, host: str, rdt: int = PORT, web: int = 80) -> None:
         super().__init__(lambda: Udp(host, rdt, NAME))
         self.host, self.web = host, web
-        self.lost = 0  # [1] samples whose number was left out
+        self.lost = 0  # [1] samples missing in the sequence
 
     def open(self) -> None:
         if not self.host:
@@ -98,7 +98,7 @@ class NetFT(PortDriver[Udp]):
             reason = getattr(error, "reason", error)
             raise DeviceError(
                 f"no {NAME} at {self.host}: {reason}. Ping it; as delivered it is 192.168.1.1, and this machine needs"
-                " an address beside it."
+                " an address in the same network."
             ) from None
 
     def _ask(self, command: int) -> None:
@@ -128,10 +128,10 @@ class NetFT(PortDriver[Udp]):
 
 
 class EmulatedNetFT:
-    """The sensor itself on this machine: its UDP port and its page, each on a port of its own.
+    """Emulator of the sensor on this machine: its UDP port and its web page.
 
-    wrench  what acts on it at a time [ns]: three forces [N], three torques [N m]
-    rate    [Hz] of its samples
+    wrench  returns the load at a time [ns]: three forces [N], three torques [N m]
+    rate    [Hz] sample rate
     """
 
     COUNTS = 1_000_000
@@ -139,7 +139,7 @@ class EmulatedNetFT:
     def __init__(
         self, wrench: Callable[[int], tuple[float, ...]], faults: EmulatedFaults | None = None, rate: float = 1000.0
     ):
-        self.wrench, self.rate, self.days = wrench, rate, Days(faults or EmulatedFaults())
+        self.wrench, self.rate, self.days = wrench, rate, FaultSchedule(faults or EmulatedFaults())
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.page = http.server.ThreadingHTTPServer(("127.0.0.1", 0), self._handler())
@@ -148,8 +148,8 @@ class EmulatedNetFT:
         for target in (self._run, self.page.serve_forever):
             threading.Thread(target=target, name="emulated Net F/T", daemon=True).start()
 
-    def driver(self) -> NetFT:
-        return NetFT("127.0.0.1", self.rdt, self.web)
+    def driver(self) -> NetFTDriver:
+        return NetFTDriver("127.0.0.1", self.rdt, self.web)
 
     def _handler(self) -> type[http.server.BaseHTTPRequestHandler]:
         text = (

@@ -1,4 +1,4 @@
-"""Reading what has come from a device: the newest counts, and a flood does not hold up the next command."""
+"""Reads the backlog of a device, limited so that a flood of messages does not delay the next command."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -9,8 +9,8 @@ T = TypeVar("T", bytes, str)
 
 
 def burst(read: Callable[[float], T], timeout: float) -> list[T]:
-    """The messages that have come, the first one within `timeout` [s], and MOST of them at most: then there may be
-    more, and the last of these may be old."""
+    """The waiting messages; waits up to `timeout` [s] for the first. With MOST messages there may be more, so that the
+    last one may not be the newest."""
     taken: list[T] = []
     while len(taken) < MOST and (message := read(0.0 if taken else timeout)):
         taken.append(message)

@@ -1,7 +1,7 @@
-"""An FTDI serial chip, spoken to over USB directly: control requests, bulk out, bulk in with two modem bytes a packet.
+"""Direct USB access to an FTDI serial chip: control requests, bulk out, bulk in with two modem bytes per packet.
 
-Requests and values as in FTDI's own and the open drivers (libftdi, Linux' ftdi_sio). The kernel's serial driver is set
-aside: a Falcon wants baud divisors that a serial line has no name for.
+Requests and values as in the drivers of FTDI, libftdi and Linux (ftdi_sio). The kernel's serial driver is detached,
+since it cannot set the baud divisors of a Falcon.
 """
 
 import errno
@@ -22,35 +22,35 @@ BITS_8N1 = 8  # value of DATA
 
 
 class Ftdi(Protocol):
-    """What a driver needs of the chip."""
+    """Interface of the chip."""
 
     def control(self, request: int, value: int) -> None:
-        """One vendor request. DeviceError: the device is gone."""
+        """Send a vendor request. DeviceError: the device is lost."""
 
     def write(self, data: bytes) -> None:
-        """Send bytes down the line. DeviceError: the device is gone."""
+        """Send bytes to the line. DeviceError: the device is lost."""
 
     def read(self, timeout: float) -> bytes:
-        """One transfer as it comes off the bus, modem bytes included; empty when none came within `timeout` [s].
+        """One transfer, modem bytes included; empty if none arrives within `timeout` [s].
 
-        DeviceError: the device is gone.
+        DeviceError: the device is lost.
         """
 
     def close(self) -> None:
-        """Give the chip back."""
+        """Release the chip."""
 
 
 def payload(transfer: bytes) -> bytes:
-    """The bytes of the line in a transfer: each packet of 64 begins with two modem bytes."""
+    """The bytes of the line in a transfer, without the two modem bytes at the begin of each packet of 64."""
     return b"".join(transfer[i + 2 : i + PACKET] for i in range(0, len(transfer), PACKET))
 
 
 class UsbFtdi:
     """A chip on this machine's USB, by pyusb.
 
-    vendor, product  its numbers
+    vendor, product  USB ids
     name             of the device, for errors
-    port             "" where there is only one, or its serial number, or bus:address as `palpate devices` shows it
+    port             serial number, or bus:address as in `palpate devices`; "": the only device
     backend          of pyusb; None: libusb
     """
 
@@ -63,8 +63,8 @@ class UsbFtdi:
             if self.device.is_kernel_driver_active(0):
                 self.device.detach_kernel_driver(0)
         except (NotImplementedError, self.usb.USBError):
-            pass  # the claim below says what is wrong
-        with self._told():
+            pass  # the claim below reports the error
+        with self._usb_errors():
             self.util.claim_interface(self.device, 0)
 
     def _choose(self, vendor: int, product: int, port: str, backend: Any) -> Any:
@@ -98,8 +98,8 @@ class UsbFtdi:
             return None  # not permitted, or it has none
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
-        """What USB refuses is a DeviceError that says what to do."""
+    def _usb_errors(self) -> Iterator[None]:
+        """Turn USB errors into DeviceError with the next step."""
         try:
             yield
         except self.usb.USBError as error:
@@ -113,15 +113,15 @@ class UsbFtdi:
             raise DeviceError(f"the {self.name} is gone ({error}). Plug it in again.", lost=True) from None
 
     def control(self, request: int, value: int) -> None:
-        with self._told():
+        with self._usb_errors():
             self.device.ctrl_transfer(0x40, request, value, 0, None, TIMEOUT)
 
     def write(self, data: bytes) -> None:
-        with self._told():
+        with self._usb_errors():
             self.device.write(OUT, data, TIMEOUT)
 
     def read(self, timeout: float) -> bytes:
-        with self._told(), suppress(self.usb.USBTimeoutError):
+        with self._usb_errors(), suppress(self.usb.USBTimeoutError):
             return bytes(self.device.read(IN, PACKET, max(1, round(timeout * 1e3))))
         return b""
 

@@ -9,19 +9,19 @@ from palpate.drivers.errors import DeviceError, package
 
 
 class HidPort(Protocol):
-    """What a driver needs of a HID device."""
+    """Interface of a HID device."""
 
     def write(self, report: bytes) -> None:
-        """Send a report without a number. DeviceError: the device is gone."""
+        """Send a report without a number. DeviceError: the device is lost."""
 
     def read(self, size: int, timeout: float) -> bytes:
-        """One report, with its number first if it has one; empty when none came within `timeout` [s].
+        """One report, beginning with its number if it has one; empty if none arrives within `timeout` [s].
 
-        DeviceError: the device is gone.
+        DeviceError: the device is lost.
         """
 
     def close(self) -> None:
-        """Give the device back."""
+        """Release the device."""
 
 
 def hidapi() -> Any:
@@ -38,7 +38,7 @@ class UsbHid:
 
     fits  whether an entry of hidapi's list (a dict with vendor_id, product_id, usage_page, usage ...) is of this kind
     name  of the kind, for errors
-    port  "" if there is only one; else its path (/dev/hidraw3) or serial number
+    port  path (/dev/hidraw3) or serial number; "": the only device
     """
 
     def __init__(self, fits: Callable[[dict[str, Any]], bool], name: str, port: str = "") -> None:

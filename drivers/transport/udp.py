@@ -1,4 +1,4 @@
-"""Datagrams to one peer."""
+"""UDP to one peer."""
 
 import socket
 
@@ -6,9 +6,9 @@ from palpate.drivers.errors import DeviceError
 
 
 class Udp:
-    """A socket that talks to one host and hears only that one.
+    """A socket connected to one host.
 
-    DeviceError: there is no such host.
+    DeviceError: no such host.
     """
 
     def __init__(self, host: str, port: int, name: str) -> None:
@@ -21,15 +21,15 @@ class Udp:
             raise DeviceError(f"the {name} at {host!r}: {error.strerror or error}. Is the address right?") from None
 
     def write(self, data: bytes) -> None:
-        """Send one datagram. DeviceError: nobody takes it."""
+        """Send one datagram. DeviceError: refused."""
         try:
             self.socket.send(data)
         except OSError as error:
             raise self._gone(error) from None
 
     def read(self, timeout: float) -> bytes:
-        """One datagram; empty when none came within `timeout` [s]. DeviceError: nobody is there."""
-        self.socket.settimeout(max(timeout, 0.0))  # 0: what is there; any other waits a millisecond at least
+        """One datagram; empty if none arrives within `timeout` [s]. DeviceError: refused."""
+        self.socket.settimeout(max(timeout, 0.0))  # 0: do not wait; other timeouts are at least 1 ms
         try:
             return self.socket.recv(2048)
         except (TimeoutError, BlockingIOError):
@@ -39,7 +39,7 @@ class Udp:
 
     def _gone(self, error: OSError) -> DeviceError:
         return DeviceError(
-            f"the {self.name} at {self.host} is gone: {error.strerror or error}. Look at its power and cable.",
+            f"the {self.name} at {self.host} is gone: {error.strerror or error}. Check its power and cable.",
             lost=True,
         )
 

@@ -24,14 +24,14 @@ class WebSocket:
         return DeviceError(f"the {self.name} at {self.address} is gone. Start it again.", lost=True)
 
     def write(self, text: str) -> None:
-        """Send a message. DeviceError: the other end is gone."""
+        """Send a message. DeviceError: the connection is lost."""
         try:
             self.link.send(text)
         except (self.errors.ConnectionClosed, OSError):
             raise self._gone() from None
 
     def read(self, timeout: float) -> str:
-        """One message; empty when none came within `timeout` [s]. DeviceError: the other end is gone."""
+        """One message; empty if none arrives within `timeout` [s]. DeviceError: the connection is lost."""
         try:
             message = self.link.recv(timeout=timeout)
         except TimeoutError:

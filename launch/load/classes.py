@@ -1,4 +1,4 @@
-"""Node classes by the name in `use:`, and the catalogue of those that ship or that other distributions register."""
+"""Node classes by their name in `use:`, and the catalogue of shipped and registered classes."""
 
 import importlib
 import importlib.util
@@ -26,7 +26,7 @@ SHIPPED = palpate.nodes.__name__
 
 
 class ClassError(PalpateError, ValueError):
-    """A `use:` that leads to no usable node class; `cure` says what would work."""
+    """A `use:` without a usable node class; `cure` says what would work."""
 
     exit_code = MISUSE
 
@@ -44,11 +44,11 @@ class Entry:
 
 
 def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
-    """The node class that `use:` names: `contact.Series` of palpate's own, or a full dotted name.
+    """The node class that `use:` names: a shipped one such as `contact.Series`, or a full dotted name.
 
-    sends  message types that the graph wants of it: named classes that fit come first in the cure
+    sends  message types that the graph expects from it: the error lists classes that send them
 
-    ClassError: no such module or class, not a node, a package is missing, or the class is not well formed.
+    ClassError: no such module or class, not a node, a package is missing, or the class is malformed.
     """
     module_name, _, name = use.rpartition(".")
     if not module_name or not all(part.isidentifier() for part in use.split(".")):
@@ -71,19 +71,19 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
 
 
 def is_shipped(module: str) -> bool:
-    """Whether a module that `use:` names is one of palpate's own: these come first."""
+    """Whether palpate ships a module that `use:` names. Shipped modules take precedence."""
     return importlib.util.find_spec(f"{SHIPPED}.{module.partition('.')[0]}") is not None
 
 
 def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
-    own = is_shipped(name)
-    here = os.getcwd() if own else search_here()
-    full = f"{SHIPPED}.{name}" if own else name
+    shipped = is_shipped(name)
+    here = os.getcwd() if shipped else search_here()
+    full = f"{SHIPPED}.{name}" if shipped else name
     try:
         return importlib.import_module(full)
     except ModuleNotFoundError as error:
         if error.name is not None and (full == error.name or full.startswith(error.name + ".")):
-            entries, missed = catalogue()  # a module that misses a package has classes, too
+            entries, missed = catalogue()  # includes modules that cannot be imported without an extra
             modules = sorted({entry.use.rpartition(".")[0] for entry in entries} | set(missed))
             known = choices("Modules of palpate", name.partition(".")[0], modules)
             cure = f"{known} Looked in {here} and the Python path, too."
@@ -107,7 +107,7 @@ def _missing(use: str, error: ImportError) -> ClassError:
 
 
 def _check(use: str, cls: type[Node]) -> None:
-    """Read ports and settings once, so that a class that is not well formed is told by name."""
+    """Read ports and settings once. ClassError: the class is malformed."""
     try:
         settings(cls)
         if issubclass(cls, Observer):
@@ -130,7 +130,7 @@ def _check(use: str, cls: type[Node]) -> None:
 
 
 def _works(cls: type[Node]) -> bool:
-    """Whether a class says what a step does; a base class may leave that to others."""
+    """Whether a class defines its step; abstract base classes do not."""
     return callable(getattr(cls, "compute" if issubclass(cls, CompiledNode) else "step", None))
 
 
@@ -140,7 +140,7 @@ def body(kind: type[Message]) -> frozenset[str]:
 
 
 def classes(module: ModuleType) -> list[type[Node]]:
-    """The node classes that a module offers, sorted by name, base classes of palpate left out."""
+    """The node classes of a module, sorted by name, without palpate's base classes."""
     node_classes = []
     for name in sorted(set(dir(module))):
         member = getattr(module, name, None)
@@ -153,14 +153,14 @@ def classes(module: ModuleType) -> list[type[Node]]:
 
 
 def shipped_modules() -> list[str]:
-    """Names of palpate's node modules as they stand in `use:`, without importing them."""
+    """Names of palpate's node modules as written in `use:`, without importing them."""
     return [name for file in files(palpate.nodes) if (name := file.rpartition(".")[2]) != "base"]
 
 
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[tuple[Entry, ...], dict[str, str]]:
-    """All node classes that ship, and those of the modules that other distributions register as entry points of the
-    group `palpate.nodes`, sorted by name; and the modules that cannot be imported with the reason."""
+    """Shipped node classes and those of entry points in the group `palpate.nodes`, sorted by name; and the modules
+    that cannot be imported, with the reason."""
     uses: dict[type[Node], str] = {}
     others, missing = registered("palpate.nodes")
     for name in shipped_modules():
@@ -189,16 +189,16 @@ def senders(kind: type[Message]) -> list[str]:
 
 
 def takers(kind: type[Message], cls: type[Node]) -> list[str]:
-    """Names of the shipped classes with an input that takes several messages of a type: those that send what a class
-    sends, which they could replace, or else all."""
+    """Names of the shipped classes with an input that takes several messages of a type: those with the same outputs as
+    a class, or all if there are none."""
     found = {e.use: e.cls for e in catalogue()[0] if not issubclass(e.cls, Observer)}
     ports = {use: inputs(cls) for use, cls in found.items()}
-    several = [use for use, own in ports.items() if any(p.many and p.type is kind for p in own)]
+    several = [use for use, its_ports in ports.items() if any(p.many and p.type is kind for p in its_ports)]
     return [use for use in several if outputs(found[use]) == outputs(cls)] or several
 
 
 def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
-    """The shipped classes that send the wanted types; the most alike where nothing is wanted."""
+    """Suggestions: the shipped classes that send the wanted types; without wanted types, those with similar names."""
     kinds = list(sends)
     if not kinds:
         close = nearest(use, [e.use for e in catalogue()[0]])
@@ -241,7 +241,7 @@ def _type(hint: Any) -> str:
 def _limits(hint: Any) -> str:
     """The bounds of a setting, "> 0, <= 1"."""
     signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<=", "min_length": "length >=", "max_length": "length <="}
-    said = [
+    limits = [
         (sign, getattr(meta, key, None)) for meta in getattr(hint, "__metadata__", ()) for key, sign in signs.items()
     ]
-    return ", ".join(f"{sign} {limit}" for sign, limit in said if limit is not None)
+    return ", ".join(f"{sign} {limit}" for sign, limit in limits if limit is not None)

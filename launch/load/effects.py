@@ -1,8 +1,7 @@
-"""Effects by name, as graphs, scenes and `--set effects.NAME=off` say: `effects: {friction: off, pressure: on}`.
+"""Effects that graphs, scenes and `--set effects.NAME=off` switch: `effects: {friction: off, pressure: on}`.
 
-On: it is computed though nobody reads it. Off: its nodes do not run, its fields stay empty, its settings are without
-it.
-What is not said follows from `when:` and from what is read.
+On: the effect is computed even if no node reads it. Off: its nodes do not run, its fields stay empty, and its settings
+get their value without the effect. By default, `when:` and the inputs of other nodes decide.
 """
 
 from collections.abc import Iterable
@@ -19,7 +18,7 @@ KEY = "effects"
 
 
 def known() -> dict[str, list[tuple[str, Effect]]]:
-    """Each effect that a shipped class can compute: the class's name in `use:` and how it does."""
+    """Each effect that a shipped class can compute: the class's name in `use:` and the kind of effect."""
     table: dict[str, list[tuple[str, Effect]]] = {}
     for entry in catalogue()[0]:
         for effect in effects(entry.cls):
@@ -28,7 +27,7 @@ def known() -> dict[str, list[tuple[str, Effect]]]:
 
 
 def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, EffectChoice]:
-    """What is said of effects; the scene goes before the graph."""
+    """The effects that are switched explicitly; the scene takes precedence over the graph."""
     said: dict[str, EffectChoice] = {}
     for source in (graph, scene):
         given = source.data.get(KEY)
@@ -45,8 +44,8 @@ def chosen(graph: YamlSource, scene: YamlSource, faults: Faults) -> dict[str, Ef
 
 
 def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Faults) -> None:
-    """Switch nodes and settings as was said. An effect that no node can compute, or that none can leave out, is a fault
-    with the classes that can; a class that names none of its parts is taken to fill all fields of its messages."""
+    """Switch nodes and settings. A fault for each effect that no node can compute or leave out, with the classes that
+    can. A class without declared parts is assumed to fill all fields of its messages."""
     for name, choice in said.items():
         parts = [(spec, effect) for spec in nodes.values() for effect in effects(spec.cls) if effect.name == name]
         if not parts:
@@ -62,14 +61,14 @@ def apply(said: dict[str, EffectChoice], nodes: dict[str, NodeSpec], faults: Fau
             elif effect.how == "setting" and not choice.on:
                 mark = switch(spec.cls, effect)
                 spec.settings[effect.setting] = mark.without(spec.settings[effect.setting])
-        held = [switch(spec.cls, e).has(spec.settings[e.setting]) for spec, e in parts if e.how == "setting"]
-        if choice.on and len(held) == len(parts) and not any(held):
+        active = [switch(spec.cls, e).has(spec.settings[e.setting]) for spec, e in parts if e.how == "setting"]
+        if choice.on and len(active) == len(parts) and not any(active):
             at = ", ".join(f"{spec.name}.{effect.setting}" for spec, effect in parts)
-            faults.add(f"effects: {name} is on, but {at} is at the value without it", "Give it another.", choice.place)
+            faults.add(f"effects: {name} is on, but {at} is at the value without it", "Change its value.", choice.place)
 
 
 def _filled(name: str, nodes: dict[str, NodeSpec]) -> bool:
-    """Whether a node that names no parts sends a message with the fields that show an effect."""
+    """Whether a node without declared parts sends a message with the fields that show an effect."""
     shown = {field for _, effect in known()[name] for field in effect.fields}
     plain = [spec for spec in nodes.values() if all(effect.how != "part" for effect in effects(spec.cls))]
     return any(not shown.isdisjoint(kind.__struct_fields__) for spec in plain for kind in spec.streams.values())
@@ -92,8 +91,8 @@ def _unknown(name: str, choice: EffectChoice, faults: Faults) -> None:
 def trimmed(
     wanted: dict[str, frozenset[str]], said: dict[str, EffectChoice], specs: Iterable[NodeSpec]
 ) -> dict[str, frozenset[str]]:
-    """Fields that are wanted of each stream, by name: with those of the effects that are on, without those of the
-    effects that are off and those that need them."""
+    """Wanted fields of each stream: adds those of effects that are on; removes those of effects that are off and those
+    that depend on them."""
     fields = dict(wanted)
     for spec in specs:
         for effect in effects(spec.cls):
@@ -107,7 +106,7 @@ def trimmed(
 
 
 def state(cls: type[Node], settings: dict[str, Any], effect: Effect, fields: frozenset[str]) -> bool:
-    """Whether a running node computes an effect, with these settings and fields that somebody reads."""
+    """Whether a running node computes an effect, given its settings and the fields that are read."""
     if effect.how == "part":
         return not fields.isdisjoint(effect.fields)
     return effect.how == "node" or switch(cls, effect).has(settings[effect.setting])

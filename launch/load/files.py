@@ -17,17 +17,18 @@ GRAPHS = Path(next(iter(palpate.graphs.__path__))).resolve()
 SCENES = GRAPHS / "scenes"
 PLACES = GRAPHS / "place"
 TOP = ("rate", "wanted")
-"""What is set from outside and has no path."""
+"""Values without a path that can be overridden."""
 
 
 def find_file(
     name: str, folder: Path, beside: Path | None = None, place: Location = NOWHERE, what: str = "file",
     words: Sequence[str] = (),
 ) -> Path:  # fmt: skip
-    """The file that a name means: a path, from `beside` or else the working directory; or one that ships in `folder`.
-    `words` would do in its place.
+    """The file with this name: a path, relative to `beside` or the working directory, or a shipped file of `folder`.
 
-    GraphError: there is none; names those that ship.
+    words  other valid values, for the error
+
+    GraphError: no such file; lists the shipped ones.
     """
     given = Path(os.path.expanduser(name))
     tried = [(beside or Path.cwd()) / given, folder / given, folder / f"{name}.yaml"]
@@ -40,7 +41,7 @@ def find_file(
 
 
 def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:
-    """A file that overrides the one that it `extends:`, and so on.
+    """A file merged over the one that it `extends:`, recursively.
 
     GraphError: a file is missing or not YAML, not a mapping, or extends itself.
     """
@@ -63,8 +64,8 @@ def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> Ya
 
 
 def _join(base: YamlSource, top: YamlSource) -> YamlSource:
-    """A scene written in the graph overrides the scene file of the graph that it extends; a node that names another
-    class and its inputs has these inputs alone."""
+    """Merge `top` over `base`. A scene written in `top` overrides the scene file of `base`; a node with a new class
+    and new inputs drops its old inputs."""
     if isinstance(base.data.get("scene"), str) and isinstance(top.data.get("scene"), dict):
         base.put(("scene",), _named_scene(base))
     for name, line in _mapping(top.sub("nodes")).items():
@@ -80,13 +81,13 @@ def _join(base: YamlSource, top: YamlSource) -> YamlSource:
 
 
 def _named_scene(graph: YamlSource) -> YamlSource:
-    """The scene whose file a graph names, seen from the file that names it."""
+    """The scene whose file a graph names, relative to the file that names it."""
     place = graph.place("scene")
     return read_extended(find_file(graph.data["scene"], SCENES, Path(place.file).parent, place, "scene"), SCENES)
 
 
 def _put_class(source: YamlSource, name: str, place: Location) -> None:
-    """The line of a node gets another class at this place: what the class does not have is told there."""
+    """Mark that a node gets another class at this place, for errors about settings that the new class lacks."""
     for keys, old in source.places.items():
         if keys[:2] == ("nodes", name) and len(keys) > 2:
             source.places[keys] = replace(place, before=str(old))
@@ -97,9 +98,9 @@ def _mapping(source: YamlSource) -> dict[str, Any]:
 
 
 def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, faults: Faults) -> YamlSource:
-    """The scene of a graph: `scene` if given, else what the graph names, else an empty one.
+    """The scene of a graph: `scene` if given, else the graph's scene, else an empty one.
 
-    Where it cannot be read, the rest is checked with the shipped scene whose name is the nearest. GraphError: none is.
+    If it cannot be read, the rest is checked with the shipped scene with the most similar name. GraphError: none is.
     """
     named = graph.data.get("scene")
     try:

@@ -1,6 +1,6 @@
-"""Loading a graph: everything is read, resolved and checked here, before anything starts.
+"""Loads a graph: reads, resolves and checks everything before anything starts.
 
-`load` gives a `Graph` whose nodes have their classes, settings and edges, or raises GraphError with all faults.
+`load` returns a `Graph` whose nodes have their classes, settings and edges, or raises GraphError with all faults.
 """
 
 import re
@@ -14,13 +14,13 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
+from palpate.launch.load.contact_paths import ContactPaths, check_divisors
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
 from palpate.launch.load.files import GRAPHS, Override, apply, find_file, read_extended, read_scene
 from palpate.launch.load.network import unknown_delays
 from palpate.launch.load.plan import missing_senders
-from palpate.launch.load.pressing import Pressing, check_divisors
 from palpate.launch.load.scene import Scene, condition
 from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
@@ -31,12 +31,12 @@ from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
 
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
-EMULATOR = "emulator"  # the `port` of a device that is none
-MOST = 1_000_000  # ticks of one step of a node
+EMULATOR = "emulator"  # the `port` of an emulated device
+MOST = 1_000_000  # largest divisor `every`
 
 
-class _File(msgspec.Struct, kw_only=True):
-    """What a graph's file says; what is of any type is checked where it is read."""
+class _GraphFile(msgspec.Struct, kw_only=True):
+    """The contents of a graph file. Fields of type Any are checked where they are used."""
 
     scene: Any = None
     rate: Annotated[float, quantity("Hz", 1e-3, 1e6)] = 1000.0
@@ -47,8 +47,8 @@ class _File(msgspec.Struct, kw_only=True):
     run: Any = None
 
 
-class _Line(msgspec.Struct, rename={"inputs": "in", "offered": "with"}):
-    """What the line of a node says beside the settings of its class."""
+class _NodeLine(msgspec.Struct, rename={"inputs": "in", "offered": "with"}):
+    """The keys of a node's line that are not settings of its class."""
 
     use: Annotated[str, msgspec.Meta(description="module.Class such as contact.Series")]
     inputs: Any = None
@@ -60,17 +60,17 @@ class _Line(msgspec.Struct, rename={"inputs": "in", "offered": "with"}):
     restart: Annotated[bool | None, msgspec.Meta(description="true or false")] = None
 
 
-LINE = tuple(field.encode_name for field in msgspec.structs.fields(_Line))
+LINE = tuple(field.encode_name for field in msgspec.structs.fields(_NodeLine))
 
 
 @dataclass
 class _Draft:
-    """What is known of a node while the graph is being read."""
+    """A node while the graph is being read. `set_keys`: the keys of its line that may be settings."""
 
     line: YamlSource
-    says: _Line
+    keys: _NodeLine
     cls: type[Node]
-    own: list[str]
+    set_keys: list[str]
     wires: list[Wire] = field(default_factory=list)
 
 
@@ -84,14 +84,15 @@ def load(
 ) -> Graph:
     """Read and check a graph.
 
-    path       of the YAML file, or the name of a graph that ships; of a `source` what it is called
-    overrides  `target=value` each, the later ones win
-    scene      file, name or mapping that takes the place of the graph's own scene
-    wanted     streams to compute, in place of what scene or graph say; an override of `wanted` goes before it
-    source     what the file says, where it has been read already
+    path       YAML file, or name of a shipped graph; the name of `source` if that is given
+    overrides  `target=value` each; later ones win
+    scene      file, name or mapping that replaces the scene of the graph
+    wanted     streams to compute, instead of those of scene or graph; an override of `wanted` takes precedence
+    source     contents of the file, if already read
 
-    GraphError: whatever is wrong, all at once.
+    GraphError: all faults.
     """
+    # Read the file, its scene and the overrides.
     if source is None:
         path = find_file(str(path), GRAPHS, what="graph")
         source = read_extended(path, GRAPHS)
@@ -100,11 +101,13 @@ def load(
     parsed = [faults.keep(Override.parse, item) if isinstance(item, str) else item for item in overrides]
     changes = [item for item in parsed if item is not None]
     apply(changes, source, scene_source, faults)
-    said = chosen_effects(source, scene_source, faults)
+    switched = chosen_effects(source, scene_source, faults)
     world = Scene(scene_source)
-    says = fill(_File, source, faults) or _File(nodes={})
-    drafts, unclear = _drafts(says.nodes, source, faults)
-    unclear |= _settle_carriers(drafts, faults)
+    contents = fill(_GraphFile, source, faults) or _GraphFile(nodes={})
+    # Find the classes of the nodes; `unclear` are those without one, which cause no further faults.
+    drafts, unclear = _drafts(contents.nodes, source, faults)
+    unclear |= _resolve_carriers(drafts, faults)
+    # Resolve settings and inputs of each node, then choose the held edges that break loops.
     kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in unclear}
     nodes: dict[str, NodeSpec] = {}
     offers: list[Offer] = []
@@ -118,22 +121,24 @@ def load(
     close_loops([w for d in drafts.values() for w in d.wires], list(drafts), faults)
     for name, draft in drafts.items():
         nodes[name].edges = tuple(Edge(w.port.name, w.producer, w.stream, w.held) for w in draft.wires)
+    # Check that each value of the scene is used, and switch the effects.
     notes: tuple[str, ...] = ()
     if not unclear:
         check_offers(offers, world, faults)
-        set_there = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
-        notes = check_taken(offers, set_there, world, faults)
+        scene_changes = [(".".join(c.keys[1:]), c.value) for c in changes if c.keys[0] == "scene"]
+        notes = check_taken(offers, scene_changes, world, faults)
         notes += tuple(
-            t for n, d in drafts.items() if nodes[n].off is None for t in uncalibrated(n, d.cls, d.own, offers)
+            t for n, d in drafts.items() if nodes[n].off is None for t in uncalibrated(n, d.cls, d.set_keys, offers)
         )
-    switch(said, nodes, faults)
+    switch(switched, nodes, faults)
+    # Check the force path: contacts, bodies, controllers, divisors and delays.
     if not unclear:
         may = {name: spec for name, spec in nodes.items() if spec.off is None and not spec.observer}
-        contacts = Pressing({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
+        contacts = ContactPaths({n: s.cls for n, s in may.items()}, [w for d in drafts.values() for w in d.wires])
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
-        notes += tuple(unknown_delays(may, [w for d in drafts.values() for w in d.wires], says.rate))
+        notes += tuple(unknown_delays(may, [w for d in drafts.values() for w in d.wires], contents.rate))
     if any(change.keys == ("wanted",) for change in changes):
         holder = source
     elif wanted is not None:
@@ -142,15 +147,15 @@ def load(
         holder = source if scene_source.data.get("wanted") is None else scene_source
     found_wanted = _wanted(holder, kinds, unclear, faults)
     notes += tuple(_half_emulated(nodes))
-    written_down = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
-    graph = Graph(Path(path), says.rate, world.data, nodes, found_wanted, written_down, said, notes)
+    recorded = {key: value for key, value in source.data.items() if key not in ("scene", "run")}
+    graph = Graph(Path(path), contents.rate, world.data, nodes, found_wanted, recorded, switched, notes)
     faults.entries.extend(missing_senders(graph))
     faults.done()
     return graph
 
 
 def _half_emulated(nodes: dict[str, NodeSpec]) -> Iterator[str]:
-    """A line where some devices are emulated and others are not."""
+    """A note if some devices are emulated and others are not."""
     ports = {
         name: spec.settings["port"] for name, spec in nodes.items() if spec.off is None and "port" in spec.settings
     }
@@ -160,18 +165,18 @@ def _half_emulated(nodes: dict[str, NodeSpec]) -> Iterator[str]:
         yield f"{', '.join(n for n in ports if n not in real)}: emulated; {', '.join(real)}: needs hardware, or {cure}"
 
 
-def _settle_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
-    """Nodes that carry messages get the type that their sender sends, through others of their kind; those left over,
-    of which the sender is not clear. A fault for each that has no sender but its own kind."""
+def _resolve_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
+    """Give carrier nodes the message type of their sender, also through other carriers; returns those without a known
+    sender. A fault for each cycle of carriers."""
     left = {name for name, draft in drafts.items() if issubclass(draft.cls, Carrier)}
     senders = {}
     for name in left:
         given = drafts[name].line.data.get("in")
         sender = given.get("message") if isinstance(given, dict) else None
         senders[name] = sender.get("from") if isinstance(sender, dict) else sender
-    settled = True
-    while settled:
-        settled = False
+    progress = True
+    while progress:
+        progress = False
         kinds = {name: streams_of(name, draft.cls) for name, draft in drafts.items() if name not in left}
         for name in sorted(left):
             sender = senders[name]
@@ -181,14 +186,14 @@ def _settle_carriers(drafts: dict[str, _Draft], faults: Faults) -> set[str]:
                 assert issubclass(carrier, Carrier)
                 drafts[name].cls = carrier.of(kinds[sender.partition(".")[0]][streams[0]])
                 left.discard(name)
-                settled = True
+                progress = True
     for name in sorted(left):
-        way = [name]
-        while isinstance(sender := senders[way[-1]], str) and sender in left and sender not in way:
-            way.append(sender)
+        path = [name]
+        while isinstance(sender := senders[path[-1]], str) and sender in left and sender not in path:
+            path.append(sender)
         if sender == name:
-            faults.add(f"only hands on what it sends itself: {' -> '.join([*way, name][::-1])}",
-                       "Give it a sender that is not fed by it.", drafts[name].line.place("in"), node=name)  # fmt: skip
+            faults.add(f"forwards only its own messages: {' -> '.join([*path, name][::-1])}",
+                       "Give it a sender outside this cycle.", drafts[name].line.place("in"), node=name)  # fmt: skip
     return left
 
 
@@ -206,25 +211,24 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
             unclear.add(name)
             continue
         keys = {key: value for key, value in line.data.items() if key in LINE}
-        says = fill(_Line, YamlSource(keys, line.places), faults, node=name)
-        if says is None:
+        line_keys = fill(_NodeLine, YamlSource(keys, line.places), faults, node=name)
+        if line_keys is None:
             unclear.add(name)
             continue
         try:
-            cls = find_class(says.use)
+            cls = find_class(line_keys.use)
         except ClassError as error:
-            drafts.pop(name, None)
             unclear.add(name)
-            _tell_class(name, says.use, error, source, faults)
+            _report_class(name, line_keys.use, error, source, faults)
             continue
-        drafts[name] = _Draft(line, says, cls, [key for key in line.data if key not in LINE])
+        drafts[name] = _Draft(line, line_keys, cls, [key for key in line.data if key not in LINE])
     return drafts, unclear
 
 
-def _tell_class(name: str, use: str, error: ClassError, source: YamlSource, faults: Faults) -> None:
-    """A class that is not found: told again with the message types that the graph wants of the node."""
+def _report_class(name: str, use: str, error: ClassError, source: YamlSource, faults: Faults) -> None:
+    """A fault for a class that is not found, with the classes that send what the graph expects of the node."""
     cure = error.cure
-    kinds = _asked(name, source.data["nodes"])
+    kinds = _expected(name, source.data["nodes"])
     if kinds:
         try:
             find_class(use, kinds)
@@ -233,7 +237,7 @@ def _tell_class(name: str, use: str, error: ClassError, source: YamlSource, faul
     faults.add(str(error), cure, source.place("nodes", name, "use"), node=name)
 
 
-def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
+def _expected(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
     """The message types that other nodes expect of a node."""
     expected: dict[type[Message], None] = {}
     for line in nodes.values():
@@ -256,25 +260,25 @@ def _asked(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
 
 def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:
     line = draft.line
-    when = draft.says.when
+    when = draft.keys.when
     off = None if when is None else condition(when, scene, faults, line.place("when"), name)
     known = settings(draft.cls)
-    own = []
-    for key in draft.own:
+    set_keys = []
+    for key in draft.set_keys:
         close = choices("", key, LINE) if key not in known else ""
         if close.startswith("Did you mean") and not choices("", key, known).startswith("Did you mean"):
             cure = f"{choices('Keys', key, LINE)} Settings of {draft.cls.__name__}: {', '.join(known) or 'none'}."
             faults.add(f"unknown key {key!r}", cure, line.place(key), node=name)
         else:
-            own.append(key)
-    values = resolve(name, draft.cls, line, own, scene, offers, faults)
+            set_keys.append(key)
+    values = resolve(name, draft.cls, line, set_keys, scene, offers, faults)
     return NodeSpec(
         name,
-        draft.says.use,
+        draft.keys.use,
         draft.cls,
         values,
-        every=draft.says.every or 1,
-        restart=bool(draft.says.restart),
+        every=draft.keys.every or 1,
+        restart=bool(draft.keys.restart),
         when=None if when is None else str(when),
         off=off,
         place=line.place(),
@@ -292,18 +296,18 @@ def _listen(name: str, line: YamlSource, kinds: Kinds, unclear: set[str], faults
 
 
 def _check_fields(spec: NodeSpec, line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> None:
-    """A fault for each of the `fields` of a recording that no stream of the graph has."""
+    """A fault for each name in the `fields` of a logger that no stream of the graph has."""
     asked = spec.settings.get("fields")
     if unclear or not isinstance(asked, list):
         return
-    known = {field for own in kinds.values() for kind in own.values() for field in body(kind)}
+    known = {field for streams in kinds.values() for kind in streams.values() for field in body(kind)}
     for name in sorted(set(asked) - known):
         faults.add(f"no stream of the graph has {name!r}", choices("Fields", name, sorted(known)),
                    line.place("fields"), node=spec.name, setting="fields")  # fmt: skip
 
 
 def _wanted(holder: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> tuple[str, ...] | None:
-    """The streams wanted; None where nothing is said, or all."""
+    """The wanted streams; None: all, or not given."""
     given = holder.data.get("wanted")
     if given is None or given == "all":
         return None
@@ -323,7 +327,7 @@ def _streams(
     for index, item in enumerate(given):
         streams = find_streams(item, kinds) if isinstance(item, str) else []
         if not streams and str(item).partition(".")[0] not in unclear:
-            known = [s for own in kinds.values() for s in own]
+            known = [stream for streams_of_node in kinds.values() for stream in streams_of_node]
             place = source.place(key, index)
             faults.add(f"{key}: there is no stream {item!r}", choices("Streams", str(item), known), place, node=node)
         selected |= dict.fromkeys(streams)

@@ -1,5 +1,5 @@
 """Launch files: one run with its graph, scene, placement, clock, duration, recording and overrides. The `run:` of a
-graph says the same of its usual run, without `graph`.
+graph holds the same keys for its default run, without `graph`.
 
 graph: kidney.yaml
 place: two
@@ -29,12 +29,12 @@ from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.source import YamlSource, read
 
 ALL, SOURCES = RECORDED = ("all", "sources")
-"""What a run records: all messages, or those of its sources, from which a reader computes the others."""
+"""What a run records: all messages, or only those of its sources, from which a reader recomputes the others."""
 _FileName = Annotated[str, msgspec.Meta(description="the name of a file")]
 
 
-class _Run(msgspec.Struct):
-    """What the `run:` of a graph says, see `LaunchFile`."""
+class _RunKeys(msgspec.Struct):
+    """The `run:` of a graph, see `LaunchFile`."""
 
     scene: _FileName | dict[str, Any] | None = None
     place: _FileName | None = None
@@ -48,7 +48,7 @@ class _Run(msgspec.Struct):
     pace: Annotated[float, quantity("1", 1e-3, 1e6)] | None = None
 
 
-class _Launch(_Run, kw_only=True):
+class _LaunchKeys(_RunKeys, kw_only=True):
     graph: _FileName
 
 
@@ -56,17 +56,17 @@ class _Launch(_Run, kw_only=True):
 class LaunchFile:
     """One run.
 
-    path       the file, None where a graph was named
+    path       the launch file; None: a graph was named
     graph      file of the graph
-    scene      file or mapping in place of the graph's own scene
+    scene      file or mapping instead of the scene of the graph
     place      placement, its file, "fused", "auto" (see `placement.auto`), or None: a process per node
     clock      "simulated", "real", or None: real with hardware, else simulated
     duration   [s] None: until stopped
     record     file of the recording, None: no recording
-    only       what is recorded, of `RECORDED`; None: all messages
+    only       one of `RECORDED`; None: all messages
     pace       [1] simulated time runs at this multiple of real time; None: as fast as the machine allows
-    wanted     streams to compute; None: what scene or graph say
-    overrides  values set from outside, the later ones win
+    wanted     streams to compute; None: those of scene or graph
+    overrides  values set by the user; later ones win
     """
 
     graph: Path
@@ -82,29 +82,31 @@ class LaunchFile:
     only: str | None = None
 
     def load(self) -> Graph:
-        """The checked graph of this run. GraphError: whatever is wrong."""
+        """The checked graph of this run. GraphError: all faults."""
         return load(self.graph, overrides=self.overrides, scene=self.scene, wanted=self.wanted)
 
     def plan(self) -> Plan:
-        """What runs. GraphError: whatever is wrong."""
+        """The plan of this run. GraphError: all faults."""
         return plan(self.load())
 
     def placement(self, planned: Plan, times: Mapping[str, float] | None = None) -> Placement:
-        """Where it runs; step times [s] of the nodes are for `--place auto`. GraphError: whatever is wrong with the
-        placement file."""
+        """The placement of this run. GraphError: all faults of the placement file.
+
+        times  [s] step times of the nodes, for `--place auto`
+        """
         return load_place(self.place, planned, times)
 
     def but(self, **changes: Any) -> LaunchFile:
-        """The same run with some things changed; None leaves a thing as it is, overrides are added."""
+        """A copy of this run with changes; None changes nothing, and overrides are appended."""
         added = tuple(changes.pop("overrides", ()))
         given = {key: value for key, value in changes.items() if value is not None}
         return replace(self, overrides=self.overrides + added, **given)
 
 
 def find(name: str) -> LaunchFile:
-    """The run that a name means: that of a graph that ships, or of the path of a launch file or graph.
+    """The run of a shipped graph, or of the path of a launch file or graph.
 
-    GraphError: there is none, or what is wrong with it.
+    GraphError: no such file, or its faults.
     """
     shipped = GRAPHS / f"{name}.yaml"
     ships = "/" not in name and shipped.is_file()
@@ -112,7 +114,6 @@ def find(name: str) -> LaunchFile:
 
 
 def names() -> list[str]:
-    """Names of the graphs that ship."""
     return sorted(path.stem for path in GRAPHS.glob("*.yaml"))
 
 
@@ -124,20 +125,20 @@ def _read(path: Path) -> LaunchFile:
             if key in data:
                 text = f"{path.name}: found a file for `palpate {what}`, expected a graph or launch file"
                 raise GraphError([Fault(text, f"`palpate {what} {path.name}` checks and runs it.")])
-        return _run(source, path, _Launch)
+        return _run(source, path, _LaunchKeys)
     if isinstance(data, dict) and data.get("run") is not None:
-        return replace(_run(source.sub("run"), path, _Run), path=None)
+        return replace(_run(source.sub("run"), path, _RunKeys), path=None)
     return _like_its_base(path, data)
 
 
-def _run(source: YamlSource, path: Path, kind: type[_Run]) -> LaunchFile:
-    """What a launch file says, or the `run:` of a graph. GraphError: what is wrong with it."""
+def _run(source: YamlSource, path: Path, kind: type[_RunKeys]) -> LaunchFile:
+    """The run of a launch file, or of the `run:` of a graph. GraphError: its faults."""
     data = source.data
     faults = Faults()
     if not isinstance(data, dict):
         faults.add(f"run: found {data!r}, expected a mapping such as {{duration: 2 s}}", "", source.place())
         faults.done()
-    given = fill(kind, source, faults) or _Run()
+    given = fill(kind, source, faults) or _RunKeys()
     wanted = (given.wanted,) if isinstance(given.wanted, str) else given.wanted
     record, only = _recorded(given.record, source, path, faults)
 
@@ -145,7 +146,7 @@ def _run(source: YamlSource, path: Path, kind: type[_Run]) -> LaunchFile:
         return faults.keep(find_file, name, folder, path.parent, source.place(key), key)
 
     launch = LaunchFile(
-        graph=(file("graph", given.graph, GRAPHS) if isinstance(given, _Launch) else None) or path,
+        graph=(file("graph", given.graph, GRAPHS) if isinstance(given, _LaunchKeys) else None) or path,
         path=path,
         scene=file("scene", given.scene, SCENES) if isinstance(given.scene, str) else given.scene,
         place=given.place if given.place in (None, *BUILT_IN) else file("place", given.place, PLACES),
@@ -162,17 +163,17 @@ def _run(source: YamlSource, path: Path, kind: type[_Run]) -> LaunchFile:
 
 
 def _like_its_base(path: Path, data: Any) -> LaunchFile:
-    """The run of a graph without `run:`: as long as that of the graph that it extends, and recorded like it."""
+    """The run of a graph without `run:`: duration and recording are those of the graph that it extends."""
     file, seen = path, {path}
     while isinstance(data, dict) and isinstance(data.get("extends"), str):
         try:
             file = find_file(data["extends"], GRAPHS, file.parent)
             source = read(file)
             data = source.data
-        except GraphError:  # the loader tells it
+        except GraphError:  # the loader reports it
             break
         if isinstance(data, dict) and data.get("run") is not None:
-            run = _run(source.sub("run"), file, _Run)
+            run = _run(source.sub("run"), file, _RunKeys)
             return LaunchFile(
                 path, duration=run.duration, record=run.record and Path(f"{path.stem}.mcap"), only=run.only
             )
@@ -183,7 +184,7 @@ def _like_its_base(path: Path, data: Any) -> LaunchFile:
 
 
 def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults) -> tuple[Path | None, str | None]:
-    """The file of `record:`, and what is recorded. A word of `RECORDED` means a file named like the launch file."""
+    """File and selection of `record:`. A word of `RECORDED` means a file named after the launch file."""
     if given in RECORDED:
         return Path(f"{path.stem}.mcap"), given
     if given is None:
@@ -196,10 +197,10 @@ def _recorded(given: str | None, source: YamlSource, path: Path, faults: Faults)
 
 
 def _flat(source: YamlSource, head: tuple[str, ...]) -> list[Override]:
-    """Mappings lead on, except one that is the value of a node's setting."""
+    """Flatten nested mappings to overrides, except a mapping that is the value of a node's setting."""
     overrides = []
     for key, value in source.data.items():
         keys = (*head, *key.split("."))
-        leads_on = isinstance(value, dict) and (keys[0] == "scene" or len(keys) == 1 or keys[1:] == ("in",))
-        overrides += _flat(source.sub(key), keys) if leads_on else [Override(keys, source.sub(key))]
+        nested = isinstance(value, dict) and (keys[0] == "scene" or len(keys) == 1 or keys[1:] == ("in",))
+        overrides += _flat(source.sub(key), keys) if nested else [Override(keys, source.sub(key))]
     return overrides

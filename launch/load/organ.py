@@ -1,4 +1,4 @@
-"""An organ of the user's own in place of the scene's: a mesh file, put where the scene's hand touches it."""
+"""Replaces the organ of a scene by a mesh file, placed where the scene's hand touches it."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from palpate.engine.graph import Graph
     from palpate.launch.load.launchfile import LaunchFile
 
-FINGER = 8e-3  # [m] how far round its top the organ must bear the finger
+FINGER = 8e-3  # [m] radius around the top of the organ that must support the finger
 STEEPEST = 10e-3
-"""[m] By how much more or less than the scene's own surface the organ may fall away under the hand's path."""
+"""[m] Largest difference in height between the organ and the scene's surface under the hand's path."""
 SCALES = tuple(k / 10 for k in range(10, -1, -1))
-"""[1] Of the path's horizontal extent: the first under which the organ lies is taken."""
-BETWEEN = 5  # places between two points of the path at which this is looked at
+"""[1] Horizontal scales of the path, in order: the first for which the organ lies under the whole path is used."""
+BETWEEN = 5  # points checked between two points of the path
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class OrganFile:
 
     @staticmethod
     def of(file: Path, unit: str | None) -> OrganFile:
-        """The file with the unit given, or else the only one in which its size is plausible.
+        """The file with the given unit, or the only unit in which its size is plausible.
 
-        MeshError: the unit is none, the size does not fit it, or fits several. SettingError: the file cannot be read.
+        MeshError: unknown unit, implausible size, or several plausible units. SettingError: the file cannot be read.
         """
         from palpate.nodes.base.mesh_file import LARGEST, SMALLEST, UNITS, plausible_units, read_triangles
 
@@ -55,27 +55,28 @@ class OrganFile:
             return OrganFile(file, str(unit))
         if not fits:
             raise MeshError(
-                f"--organ {file}: its numbers extend over {across:.3g}, which is an organ in no unit; expected "
+                f"--organ {file}: its coordinates span {across:.3g}, which is implausible in every unit; expected "
                 f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm"
             )
         if unit is None:
-            raise MeshError(f"--organ {file}: the file says no unit, and its numbers fit several: {sizes}")
+            raise MeshError(f"--organ {file}: the file has no unit, and several are plausible: {sizes}")
         raise MeshError(
             f"--organ {file}: in {unit} it is {1e3 * across * UNITS[unit]:.3g} mm across, expected "
-            f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm. Take {sizes}"
+            f"{1e3 * SMALLEST:g} to {1e3 * LARGEST:g} mm. Use {sizes}"
         )
 
 
 def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
-    """The run with this organ in place of the scene's, and a line that says how it lies.
+    """The run with this organ instead of the scene's, and a note on its position.
 
-    The organ's top comes to where the path first touches the scene's surface. Each point of the path is raised or
-    lowered by the difference of the two surfaces there, so that the hand presses as deep as into the scene's own; where
-    the organ is too small or too steep for it the path becomes narrower. A rotation that the scene gives is kept.
+    The top of the organ is moved to the point where the path first touches the scene's surface. Each point of the path
+    is raised or lowered by the difference of the two surfaces, so that the indentation stays the same. If the organ is
+    too small or too steep, the path becomes narrower. The scene's rotation is kept.
 
-    MeshError: a graph without a surface and a hand. SettingError: a mesh that cannot be used.
+    MeshError: a graph without a surface and a hand. SettingError: the mesh is unusable.
     """
-    turned = launch.load()  # with what the user says of the organ's surface; the path was written for the scene's own
+    # Settings of the user's surface apply to the organ; the path was written for the scene's surface without them.
+    turned = launch.load()
     graph = replace(launch, overrides=tuple(o for o in launch.overrides if not _of_surface(o))).load()
     scene = graph.scene
     node = next((n for n in graph.nodes.values() if issubclass(n.cls, Placed) and "thickness" in n.settings), None)
@@ -89,12 +90,12 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     mesh = surface_mesh(str(organ.file), 0, rotation=rotation, file_unit=organ.unit)
     count = next((n.settings["vertices"] for n in graph.nodes.values() if issubclass(n.cls, OnSurface)), 3000)
     position = _vector(given["position"]), _vector(given["rotation"])
-    own = surface_mesh(given["surface"], count, *position, given.get("file_unit", "m"))
+    original = surface_mesh(given["surface"], count, *position, given.get("file_unit", "m"))
     points, path = _path(graph)
-    touching = heights(own, points[:, :2]) + given["thickness"] > points[:, 2]
-    anchor = points[np.argmax(touching), :2] if touching.any() else summit(own, FINGER)[:2]
+    touching = heights(original, points[:, :2]) + given["thickness"] > points[:, 2]
+    anchor = points[np.argmax(touching), :2] if touching.any() else summit(original, FINGER)[:2]
     top = summit(mesh, FINGER)
-    moved = np.array([*anchor, heights(own, anchor[None])[0]]) - top
+    moved = np.array([*anchor, heights(original, anchor[None])[0]]) - top
     values: dict[tuple[str, ...], Any] = {
         ("scene", "surface"): surface
         | {"surface": str(organ.file.absolute()), "file_unit": organ.unit, "position": moved.tolist()},
@@ -104,7 +105,7 @@ def with_organ(launch: LaunchFile, organ: OrganFile) -> tuple[LaunchFile, str]:
     lies = ", ".join(f"{1e3 * v:.3g}" for v in top + moved)
     text = f"{organ.file} in {organ.unit}: {size} mm, {len(mesh.vertices)} vertices; its top lies at ({lies}) mm"
     if path:
-        scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), own, points, anchor)
+        scale, points = _follow(Mesh(mesh.vertices + moved, mesh.triangles), original, points, anchor)
         values["scene", "hand"] = scene["hand"] | _hand(path, points)
         narrower = f", {100 * scale:.0f} % as wide as on {Path(given['surface']).name}" if scale < 1.0 else ""
         text += f", and the hand's path follows it{narrower}"
@@ -125,7 +126,7 @@ def _vector(given: Any) -> Vector3:
 
 
 def _path(graph: Graph) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """Where the scene's hand begins and where its segments end [m] (n + 1,3), and the segments; none without a hand."""
+    """Start of the scene's hand and ends of its segments [m] (n + 1,3), and the segments; empty without a hand."""
     hand = graph.scene.get("hand")
     holder = next((n.settings for n in graph.nodes.values() if {"begin", "path"} <= n.settings.keys()), None)
     if holder is None or not isinstance(hand, dict) or not holder["path"]:
@@ -136,22 +137,22 @@ def _path(graph: Graph) -> tuple[np.ndarray, list[dict[str, Any]]]:
     return np.array(points, dtype=float), holder["path"]
 
 
-def _follow(organ: Mesh, own: Mesh, points: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
-    """(scale, points (n,3) [m]) of the path over the organ, its horizontal distances from the anchor (2) scaled."""
+def _follow(organ: Mesh, original: Mesh, points: np.ndarray, anchor: np.ndarray) -> tuple[float, np.ndarray]:
+    """Scale and points (n,3) [m] of the path over the organ; horizontal distances from the anchor (2) are scaled."""
     steps = np.linspace(0.0, 1.0, BETWEEN + 1)[1:, None, None]
     dense = (points[:-1] + steps * (points[1:] - points[:-1])).reshape(-1, 3)[:, :2]
-    under, scale = heights(own, dense), 0.0
+    under, scale = heights(original, dense), 0.0
     for scale in SCALES:
         away = np.abs(heights(organ, anchor + scale * (dense - anchor)) - under)
         if (np.isnan(under) | (away < STEEPEST)).all():
             break
     across = anchor + scale * (points[:, :2] - anchor)
-    raised = points[:, 2] + np.nan_to_num(heights(organ, across) - heights(own, points[:, :2]))
+    raised = points[:, 2] + np.nan_to_num(heights(organ, across) - heights(original, points[:, :2]))
     return scale, np.column_stack([across, raised])
 
 
 def _hand(path: list[dict[str, Any]], points: np.ndarray) -> dict[str, Any]:
-    """`begin` and `path` of a hand that goes through these points in the same times."""
+    """`begin` and `path` of a hand through these points, with the times of the given path."""
     segments = []
     for segment, point in zip(path, points[1:], strict=True):
         kept = {key: value for key, value in segment.items() if value is not None}

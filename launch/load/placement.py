@@ -1,4 +1,4 @@
-"""Where nodes run: groups of nodes that share a process, with core, priority and host.
+"""Placement: groups of nodes that share a process, with core, priority and host.
 
     loop: {nodes: [device, finger, contact, controller], core: 0, priority: 80}
     rest: {nodes: [tissue, log], core: [1], host: tcp://10.0.0.2}
@@ -25,16 +25,16 @@ AUTO = "auto"
 APART = "apart"
 BUILT_IN = (FUSED, AUTO, APART)  # placements without a file
 SHARE = 0.5
-"""[1] of a period that the steps of the force path may take in the median: the rest is for what they take at worst."""
+"""[1] Limit of the median time of the force path, as a fraction of the period, with margin for the worst case."""
 AWAY = 100.0
-"""[µs] a tick that a node takes at least which gets a process of its own: the messages there and back cost some 40."""
+"""[µs] Least time per tick of a node that gets a separate process: its messages cost about 40 µs per tick."""
 _Core = Annotated[int, msgspec.Meta(ge=0)]
 _Cores = Annotated[list[_Core], msgspec.Meta(min_length=1)]
 _HOST = r"^(tcp://)?[A-Za-z0-9.-]+(:[0-9]+)?$"
 
 
-class _Line(msgspec.Struct):
-    """What the file says of one group, see `ProcessGroup`."""
+class _GroupLine(msgspec.Struct):
+    """One group of the file, see `ProcessGroup`."""
 
     nodes: Annotated[list[str], msgspec.Meta(min_length=1, description="a list of node names")]
     core: Annotated[_Core | _Cores | None, msgspec.Meta(description="the number of a core from 0, or a list")] = None
@@ -56,8 +56,8 @@ class ProcessGroup:
     core      CPU cores that the process may use, None: any
     priority  of SCHED_RR, 1 to 99, None: ordinary scheduling
     host      name or address of the machine, with or without a port; None: this one, no network
-    join      started by hand with `palpate remote join`, as a group on another machine always is
-    why       these nodes, where `auto` has chosen them
+    join      started by hand with `palpate remote join`, as every group on another machine
+    why       the reason for this group, if `auto` made it
     """
 
     name: str
@@ -89,18 +89,18 @@ def fused(plan: Plan) -> Placement:
 
 
 def apart(plan: Plan) -> Placement:
-    """Each node in a process of its own."""
+    """Each node in a separate process."""
     return Placement([ProcessGroup(name, [name]) for name in _names(plan)])
 
 
 def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: Collection[int] | None = None) -> Placement:
-    """The force path in one process, all else in another: within a process a message costs a call, between two of them
-    a wake-up, and on two cores nine processes wait for one another.
+    """The force path in one process, all else in another: within a process a message costs a function call, between
+    processes a wake-up, and with more processes than cores the force path would wait for others.
 
-    times  [s] median step of each node. Where the path takes more than `SHARE` of a period, its slowest node whose
-           answer the path uses in the next tick only (a body) gets a process and a core of its own, and computes
-           meanwhile. The path itself has the last core
-    cores  that may be used. None: those of this process
+    times  [s] median step of each node. If the path takes more than `SHARE` of a period, its slowest node whose output
+           the path uses only in the next tick (a body) gets a separate process and core, and computes in parallel. The
+           path gets the last core
+    cores  usable cores; None: those of this process
     """
     times, free = times or {}, sorted(os.sched_getaffinity(0) if cores is None else cores)[:-1]
     path, period = force_path(plan), 1e6 / plan.graph.rate
@@ -112,15 +112,15 @@ def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: Collection
         name = movable.pop()
         why = f"{costs.pop(name):.0f} of {period:.0f} µs a tick, used in the next one"
         groups.append(ProcessGroup(name, [name], core=(free.pop(),), why=why))
-    said = f", {sum(costs.values()):.0f} of {period:.0f} µs a tick" if times else "; no step times yet"
-    groups.insert(0, ProcessGroup("loop", [name for name in plan.order if name in costs], why=f"force path{said}"))
+    load = f", {sum(costs.values()):.0f} of {period:.0f} µs a tick" if times else "; no step times yet"
+    groups.insert(0, ProcessGroup("loop", [name for name in plan.order if name in costs], why=f"force path{load}"))
     others = [name for name in _names(plan) if name not in path]
     groups.append(ProcessGroup("rest", others, why="off the force path"))
     return Placement([group for group in groups if group.nodes])
 
 
 def find_place(given: str | Path | None) -> str | Path | None:
-    """A placement as a launch file has it: a word of `BUILT_IN`, or a file. GraphError: there is none of this name."""
+    """A placement for a launch file: a word of `BUILT_IN`, or a file. GraphError: no such file."""
     if given is None or str(given) in BUILT_IN:
         return given
     return find_file(str(given), PLACES, what="placement", words=BUILT_IN)
@@ -129,11 +129,12 @@ def find_place(given: str | Path | None) -> str | Path | None:
 def load_place(path: str | Path | Placement | None, plan: Plan, times: Mapping[str, float] | None = None) -> Placement:
     """The placement of a plan.
 
-    path    a placement, a file or the name of one that ships; "fused" for one process, "auto" for what `auto` makes of
-            step times [s], "apart" or None for a process per node
+    path   a placement, a file, or the name of a shipped one; "fused": one process, "auto": see `auto`, "apart" or None:
+           a process per node
+    times  [s] step times, for `auto`
 
     Nodes that the plan skips are left out; running nodes that the file does not name get a process each.
-    GraphError: all that is wrong with the file.
+    GraphError: all faults of the file.
     """
     if isinstance(path, Placement):
         placed = [name for group in path.groups for name in group.nodes]
@@ -174,7 +175,7 @@ def _group(name: str, line: YamlSource, known: list[str], taken: dict[str, str],
     if not isinstance(line.data, dict):
         faults.add(f"{about}: found {line.data!r}, expected {{nodes: [...], core: ...}}", "", line.place())
         return ProcessGroup(name, [])
-    given = fill(_Line, line, faults, about)
+    given = fill(_GroupLine, line, faults, about)
     if given is None:
         return ProcessGroup(name, [])
     members = []

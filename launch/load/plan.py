@@ -1,8 +1,8 @@
-"""What of a graph runs, in which order, and why the rest does not.
+"""The plan of a graph: which nodes run, in which order, and why the others do not.
 
-A node runs if its `when:` holds and somebody wants its output: the walk goes back from the sources and sinks, from what
-observers listen to and from the streams in `wanted`. An observer of all streams wants them all, unless `wanted` is
-given. Which edges are held was decided on the whole graph, so what is left computes the same values as the whole.
+A node runs if its `when:` is true and its output is needed: the search goes upstream from sources, sinks, streams that
+observers read and streams in `wanted`. An observer of all streams needs them all, unless `wanted` is given. The held
+edges were chosen on the whole graph, so the running part computes the same values as the whole graph.
 """
 
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from palpate.nodes.base import SettingError, inputs
 
 
 def plan(graph: Graph) -> Plan:
-    """What of a graph runs. GraphError: a running node needs the message of one that does not."""
+    """The plan of a graph. GraphError: a running node needs the message of a node that does not run."""
     faults = missing_senders(graph)
     if faults:
         raise GraphError(faults)
@@ -35,7 +35,7 @@ def plan(graph: Graph) -> Plan:
 
 
 def check_stored(plan: Plan) -> None:
-    """GraphError: what a running node would load at its start is not there."""
+    """GraphError: a file that a running node loads at its start is missing."""
     faults = []
     for name in plan.order:
         spec = plan.graph.nodes[name]
@@ -48,7 +48,7 @@ def check_stored(plan: Plan) -> None:
 
 
 def _order(graph: Graph, running: set[str]) -> Iterator[str]:
-    """Running nodes, each after the senders of its direct edges; file order where there is a choice."""
+    """Running nodes in topological order of their direct edges; otherwise in file order."""
     left = [name for name in graph.nodes if name in running and not graph.nodes[name].observer]
     done: set[str] = set()
     while left:
@@ -60,16 +60,16 @@ def _order(graph: Graph, running: set[str]) -> Iterator[str]:
 
 
 def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]) -> dict[str, frozenset[str]]:
-    """Body fields of each stream that somebody reads, or that an effect asks for.
+    """Body fields of each stream that a node reads or an effect needs.
 
-    A stream that is wanted by name, or that observers alone read, is wanted whole. Of others an observer gets what is
-    computed for their readers, and the `fields:` that it asks for.
+    All fields are computed of a stream that is wanted by name or read only by observers. Of other streams an observer
+    gets the fields computed for other readers and its `fields:`.
     """
     kinds = graph.streams
     fields: dict[str, frozenset[str]] = dict.fromkeys(streams, frozenset())
-    for name, own in edges.items():
+    for name, incoming in edges.items():
         ports = {p.name: p for p in inputs(graph.nodes[name].cls)}
-        for edge in own:
+        for edge in incoming:
             fields[edge.stream] |= ports[edge.port].wants & body(kinds[edge.stream])
     whole, extra = set(graph.wanted or ()), dict.fromkeys(streams, frozenset[str]())
     for spec in graph.nodes.values():
@@ -89,7 +89,7 @@ def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]
 
 
 def missing_senders(graph: Graph) -> list[Fault]:
-    """Faults of running nodes whose required input comes from a node whose condition does not hold."""
+    """Faults of running nodes whose required input comes from a node whose condition is false."""
     faults = []
     running = _running(graph)
     for name, spec in graph.nodes.items():
@@ -114,7 +114,6 @@ def missing_senders(graph: Graph) -> list[Fault]:
 
 
 def _running(graph: Graph) -> set[str]:
-    """Names of the running nodes, observers included."""
     may = {name: spec for name, spec in graph.nodes.items() if spec.off is None}
     queue = [name for name, spec in may.items() if spec.cls.paced or spec.cls.sink or spec.observer]
     listening = [spec for spec in may.values() if spec.observer]
@@ -132,7 +131,6 @@ def _running(graph: Graph) -> set[str]:
 
 
 def _skipped(graph: Graph, running: set[str]) -> dict[str, str]:
-    """The nodes that do not run and the reason."""
     reasons = {}
     for name, spec in graph.nodes.items():
         if name in running:

@@ -1,4 +1,4 @@
-"""Where a run is recorded: the logger of its graph."""
+"""Sets the file that the logger of a graph writes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,10 +11,9 @@ from palpate.nodes.logger import Mcap
 def set_recording(
     graph: Graph, file: Path | None, leave_out: Sequence[str] = (), thin: Mapping[str, int] | None = None
 ) -> None:
-    """The graph's logger writes to this file, with its own settings otherwise; one is added where there is none.
-    Without a file the loggers are left out.
+    """Make the graph's logger write to this file; add a logger if there is none. Without a file no logger runs.
 
-    leave_out, thin  streams not to record, or only each n-th message of; they come on top of what the graph says
+    leave_out, thin  streams not to record, or to record every n-th message of, in addition to those of the graph
 
     GraphError: a stream that the graph does not have.
     """
@@ -29,8 +28,9 @@ def set_recording(
         graph.nodes[name] = loggers[0]
     for spec in loggers[1:]:
         spec.off = spec.off or f"{loggers[0].name!r} writes the recording"
-    own = loggers[0].settings
-    given = {"leave_out": [*own.get("leave_out", ()), *leave_out], "thin": {**own.get("thin", {}), **(thin or {})}}
+    before = loggers[0].settings
+    left_out = [*before.get("leave_out", ()), *leave_out]
+    given = {"leave_out": left_out, "thin": {**before.get("thin", {}), **(thin or {})}}
     faults = Faults()
     for key, names in given.items():
         for stream in names:
@@ -38,5 +38,5 @@ def set_recording(
                 faults.add(f"{key}: there is no stream {stream!r}", choices("Streams", stream, graph.streams),
                            loggers[0].place, node=loggers[0].name)  # fmt: skip
     faults.done()
-    loggers[0].settings = {**own, **given, "path": str(file.absolute())}
+    loggers[0].settings = {**before, **given, "path": str(file.absolute())}
     loggers[0].off = None

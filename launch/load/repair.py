@@ -1,4 +1,4 @@
-"""Mending a mesh file: holes are closed, triangles turned outwards, crossings removed."""
+"""Repairs a mesh file: closes holes, orients triangles outwards, removes self-intersections."""
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -13,13 +13,12 @@ from palpate.physics.geometry.orient import edge_counts, outward
 
 
 def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
-    """A closed mesh next to the file, in metres, and what was done, a line each; the organ itself if it is
-    sound.
+    """Write a closed mesh in metres next to the file; returns it and a line per repair, or the organ if it is sound.
 
-    Holes are closed by fans. Where more than two triangles share an edge, or one passes through another, the surface is
-    made anew by fTetWild, within a thousandth of its size.
+    Holes are closed by fans. If more than two triangles share an edge, or triangles intersect, fTetWild rebuilds the
+    surface within 0.1 % of its size.
 
-    MeshError: it cannot be mended, or fTetWild is not installed. SettingError: the file cannot be read.
+    MeshError: it cannot be repaired, or fTetWild is not installed. SettingError: the file cannot be read.
     """
     vertices, triangles = read_triangles(str(organ.file))
     border, shared = edge_counts(triangles, len(vertices))
@@ -42,8 +41,8 @@ def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
     border, shared = edge_counts(triangles, len(vertices))
     if border or shared:
         raise MeshError(
-            f"--repair: {organ.file} still has {border} open edges and {shared} of more than two triangles. Mend it in "
-            "a mesh editor"
+            f"--repair: {organ.file} still has {border} open edges and {shared} of more than two triangles. Repair it "
+            "in a mesh editor"
         )
     file = organ.file.with_name(f"{organ.file.stem}-repaired.ply")
     try:

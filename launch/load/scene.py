@@ -17,7 +17,7 @@ _CONDITION = re.compile(rf"\s*(not\s+)?{_PATH}\s*(?:(>=|<=|==|!=|>|<)\s*(.+?))?\
 
 
 class Scene:
-    """A scene's data, and which of its paths were read."""
+    """The data of a scene; `used` are the paths that were read."""
 
     def __init__(self, source: YamlSource) -> None:
         self.source = source
@@ -25,20 +25,17 @@ class Scene:
         self.used: set[str] = set()
 
     def paths(self) -> list[str]:
-        """All dotted paths, parts before their wholes last."""
         return list(_paths(self.data, ""))
 
     def has(self, path: str) -> bool:
-        """Whether the scene has this path."""
         return self._find(path)[0]
 
     def get(self, path: str) -> Any:
-        """The value under a dotted path that the scene has; a `$path` in it is followed."""
+        """The value under a dotted path that the scene has."""
         self.used.add(path)
         return self._find(path)[1]
 
     def place(self, path: str) -> Location:
-        """Where the scene says it."""
         return self.source.place(*path.split("."))
 
     def cure(self, path: str) -> str:
@@ -48,7 +45,7 @@ class Scene:
     def fill(
         self, value: Any, faults: Faults, place: Location, about: dict[str, str], inside: tuple[str, ...] = ()
     ) -> Any:
-        """The value with each `$path` in it replaced by what the scene says; an unknown path is a fault and None."""
+        """The value with each `$path` in it replaced by the scene's value; an unknown path is a fault and None."""
         if isinstance(value, dict):
             return {k: self.fill(v, faults, place, about, inside) for k, v in value.items()}
         if isinstance(value, list):
@@ -81,10 +78,9 @@ def _paths(data: Any, head: str) -> Iterator[str]:
 
 
 def condition(text: Any, scene: Scene, faults: Faults, place: Location, node: str) -> str | None:
-    """Why a `when:` does not hold, None where it holds.
+    """Why a `when:` is false; None if it is true. An invalid condition is a fault.
 
-    Forms: `path`, `not path`, `path > 0` (also >= < <= == !=), where path leads into the scene; a truth value.
-    What is wrong with it becomes a fault.
+    Forms: `path`, `not path`, `path > 0` (also >= < <= == !=), with a path of the scene; or true or false.
     """
     if isinstance(text, bool):
         return None if text else f"when is false ({place})"

@@ -1,8 +1,8 @@
-"""Published tissues: records in `graphs/tissues/*.yaml`, and what a scene takes of one, `tissue: liver-human`.
+"""Published tissues: records in `graphs/tissues/*.yaml`, and the settings that a scene takes, `tissue: liver-human`.
 
-Each record says law (its file in `physics/materials` has the convention), state, test, range, source and how much of it
-was read. `shear` is the shear modulus at rest, which the law with its parameters must give. `scene` holds what a scene
-takes where that does not follow from the law.
+Each record has law (conventions: see its file in `physics/materials`), state, test, range, source and how much of the
+source was read. `shear` is the shear modulus at rest, which must agree with the law and its parameters. `scene` holds
+settings that do not follow from the law.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ NEEDED = (
 MORE = ("n", "spread", "doi", "remark", "relaxation", "scene")
 GRADES = {"P": "published", "S": "transcribed", "R": "computed from data", "assumed": "assumed"}
 PLAIN = ("alpha", "b")  # parameters without a unit
-RATIO = 0.499  # Poisson's ratio where the record has no bulk modulus
+RATIO = 0.499  # Poisson's ratio if the record has no bulk modulus
 
 
 def material(record: Mapping[str, Any]) -> Material:
     """The law of a record.
 
-    MaterialError, UnitError, KeyError: its parameters do not make one.
+    MaterialError, UnitError, KeyError: invalid parameters.
     """
     from palpate.physics.materials.hyperelastic import constructor, moduli, poisson_of
 
@@ -59,9 +59,9 @@ def material(record: Mapping[str, Any]) -> Material:
 
 @lru_cache
 def tissues() -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
-    """Records by name, and what was left out with the reason.
+    """Records by name, and the tissues that were left out with the reason.
 
-    GraphError: a record without a source, with an unknown key, a wrong unit, or another shear modulus than its law's.
+    GraphError: a record without a source, with an unknown key, a wrong unit, or a shear modulus that its law lacks.
     """
     places, left_out = _records(TISSUES)
     for name, (record, place) in places.items():
@@ -72,7 +72,7 @@ def tissues() -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
 
 @lru_cache
 def _records(folder: Path) -> tuple[dict[str, tuple[dict[str, Any], Location]], dict[str, str]]:
-    """Records by name with their places, unchecked, since the check compiles kernels; and what was left out.
+    """Records by name with their places, unchecked, since the check compiles kernels; and the tissues left out.
 
     GraphError: two records of one name.
     """
@@ -89,7 +89,7 @@ def _records(folder: Path) -> tuple[dict[str, tuple[dict[str, Any], Location]], 
 
 
 def _fault(record: Mapping[str, Any]) -> str:
-    """What is wrong with a record, empty where nothing is."""
+    """The fault of a record, or an empty text."""
     from palpate.physics.materials.hyperelastic import MaterialError, rest_moduli
 
     missing = [key for key in NEEDED if record.get(key) in (None, "")]
@@ -107,7 +107,7 @@ def _fault(record: Mapping[str, Any]) -> str:
 
 
 def bodies(record: Mapping[str, Any]) -> dict[str, str]:
-    """What each kind of body takes of a record."""
+    """The part of a record that each kind of body uses."""
     rest = "modulus at rest" + ("" if record["law"] in ("linear", "neo_hooke") else ", stiffening left out")
     relaxes = ", relaxation left out" if "relaxation" in record else ""
     rest += relaxes
@@ -119,7 +119,7 @@ def settings(name: str, place: Location) -> dict[str, float | None]:
     """Settings that replace the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE. The
     constants of BeamBundle were fitted to another tissue, so they are removed.
 
-    GraphError: no such tissue; the nearest names, or why it was left out.
+    GraphError: no such tissue; suggests names, or says why it was left out.
     """
     from palpate.physics.materials.hyperelastic import poisson_of, rest_moduli
 
@@ -137,7 +137,7 @@ def settings(name: str, place: Location) -> dict[str, float | None]:
 
 
 def fill_in(source: YamlSource, *keys: str) -> None:
-    """Put the settings of a tissue where a scene names it, under these keys."""
+    """Replace the name of a tissue under these keys of a scene by its settings."""
     data = source.sub(*keys).data
     if isinstance(data, str) and not data.startswith("$"):
         place = source.place(*keys)

@@ -21,7 +21,7 @@ Kinds = dict[str, dict[str, type[Message]]]  # of each node its streams and thei
 
 @dataclass
 class Wire:
-    """One edge as it is written, before the loops are known; `named` is what the file says of `loop`."""
+    """One edge as written, before loops are resolved; `named` is the `loop:` of the file."""
 
     consumer: str
     port: Port
@@ -34,25 +34,25 @@ class Wire:
 
 
 class _Input(msgspec.Struct, rename={"sender": "from"}):
-    """What the file says of one input."""
+    """One input in the file."""
 
     sender: Annotated[str, msgspec.Meta(description="the name of a node")]
     loop: Annotated[bool | None, msgspec.Meta(description="true or false")] = None
 
 
 def find_streams(given: str, kinds: Kinds) -> list[str]:
-    """The streams that "node" or "node.Message" names; none where there is no such thing."""
+    """The streams that "node" or "node.Message" names; empty if there are none."""
     name, _, message = given.partition(".")
-    own = kinds.get(name, {})
-    return [s for s, kind in own.items() if not message or kind.__name__ == message]
+    return [s for s, kind in kinds.get(name, {}).items() if not message or kind.__name__ == message]
 
 
 def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: set[str], faults: Faults) -> list[Wire]:
-    """The connected inputs of a node in port order; what is wrong becomes faults.
+    """The connected inputs of a node in port order.
 
     kinds    streams with their types, by node
-    unclear  nodes whose class is not known because of another fault
+    unclear  nodes whose class is unknown because of another fault
     """
+    # Check the mapping `in:` and its keys.
     ports, place, given = inputs(cls), line.place("in"), line.data.get("in")
     names, fault = [port.name for port in ports], partial(faults.add, node=name)
     if given is None:
@@ -68,16 +68,17 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
             fault(text, choices(f"Inputs of {cls.__name__}", key, names) + cure, line.place("in", key), port=key)
     if not ports and not cls.paced:
         fault(f"{cls.__name__} has no input, so nothing runs it", "A source says `paced = True`.", line.place())
+    # Connect each port to its senders.
     connections = []
     for index, port in enumerate(ports):
         driving, at_port = index == 0 and not cls.paced, partial(fault, port=port.name)
-        said = given.get(port.name)
-        if said in (None, []):
+        value = given.get(port.name)
+        if value in (None, []):
             if driving or not port.optional:
                 role = ", which drives the node," if driving else ""
                 at_port(f"input{role} has no sender; expects {port.expects}", _who(port, kinds, unclear), place)
             continue
-        several = said if isinstance(said, list) else [said]
+        several = value if isinstance(value, list) else [value]
         if len(several) > 1 and not port.many:
             cure = f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}."
             at_port(f"takes one {port.type.__name__}, found {len(several)} senders", cure, line.place("in", port.name))
@@ -85,37 +86,36 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
         if len(several) > ROOM and issubclass(cls, CompiledNode):
             at_port(f"takes at most {ROOM} senders, found {len(several)}", "", line.place("in", port.name))
             continue
-        heard: set[str] = set()
+        connected: set[str] = set()
         for number, one in enumerate(several):
             where = line.place("in", port.name, number)
-            told = partial(at_port, place=where)
+            at_sender = partial(at_port, place=where)
             written = YamlSource(one if isinstance(one, dict) else {"from": one}, {(): where})
             read = fill(_Input, written, faults, node=name, port=port.name)
-            stream = None if read is None else _match(port, read.sender, kinds, unclear, told)
+            stream = None if read is None else _match(port, read.sender, kinds, unclear, at_sender)
             if read is None or stream is None:
                 continue
-            if stream in heard:
-                told(f"has the sender {read.sender!r} twice", "Name each sender once.")
+            if stream in connected:
+                at_sender(f"has the sender {read.sender!r} twice", "Name each sender once.")
                 continue
-            heard.add(stream)
+            connected.add(stream)
             if read.loop and driving:
-                told("loop: the first input drives the node and cannot be held", "Name another edge of the loop.")
+                at_sender("loop: the first input drives the node and cannot be held", "Name another edge of the loop.")
             if read.loop is False and cls.paced:
-                told("loop: all inputs of a source are held", "Leave `loop` out.")
+                at_sender("loop: all inputs of a source are held", "Leave `loop` out.")
             held = cls.paced or bool(read.loop and not driving)
             connections.append(Wire(name, port, stream.partition(".")[0], stream, where, driving, held, read.loop))
     return connections
 
 
 def unknown(place: Location, without: str) -> tuple[str, str]:
-    """What is said of a key that a class does not have, and what takes it out where it came with another class."""
+    """Text and cure for a key that a class lacks; the cure removes a key that was written for another class."""
     if not place.before:
         return "unknown", ""
-    return f"unknown; it is from the line of the class before ({place.before})", f" Without it: `{without}`."
+    return f"unknown; it belongs to the previous class of this node ({place.before})", f" To remove it: `{without}`."
 
 
 def _match(port: Port, sender: str, kinds: Kinds, unclear: set[str], fault: Callable[[str, str], None]) -> str | None:
-    """The sender's stream that fits the port."""
     node, _, message = sender.partition(".")
     expects = f"expects {port.type.__name__}"
     if node in unclear:
@@ -124,18 +124,18 @@ def _match(port: Port, sender: str, kinds: Kinds, unclear: set[str], fault: Call
         cure = f"{choices('Nodes', node, [*kinds, *sorted(unclear)])} {_who(port, kinds, unclear)}".strip()
         fault(f"{expects}; there is no node {node!r}", cure)
         return None
-    own = kinds[node]
-    if not own:
+    streams = kinds[node]
+    if not streams:
         fault(f"{expects}, but {node!r} sends nothing", _who(port, kinds, unclear))
         return None
-    if message and message not in {kind.__name__ for kind in own.values()}:
-        sends = [kind.__name__ for kind in own.values()]
+    sends = [kind.__name__ for kind in streams.values()]
+    if message and message not in sends:
         fault(f"{expects}; {node!r} sends no {message!r}", choices(f"{node!r} sends", message, sends))
         return None
     named = find_streams(sender, kinds)
-    right = [s for s in named if issubclass(own[s], port.type)]
+    right = [s for s in named if issubclass(streams[s], port.type)]
     if not right:
-        what = ", ".join(own[s].__name__ for s in named)
+        what = ", ".join(streams[s].__name__ for s in named)
         fault(f"{expects}, but {sender!r} sends {what}", _who(port, kinds, unclear))
         return None
     if len(right) > 1:
@@ -145,18 +145,18 @@ def _match(port: Port, sender: str, kinds: Kinds, unclear: set[str], fault: Call
 
 def _who(port: Port, kinds: Kinds, unclear: set[str]) -> str:
     kind = port.type.__name__
-    if fit := [s for own in kinds.values() for s, sent in own.items() if issubclass(sent, port.type)]:
+    if fit := [s for streams in kinds.values() for s, sent in streams.items() if issubclass(sent, port.type)]:
         return f"Nodes that send {kind}: {', '.join(fit)}."
     if unclear:
-        return ""  # one of the nodes whose class is not found may send it
+        return ""  # a node with an unknown class may send it
     return f"No node sends {kind}. Classes that do: {', '.join(senders(port.type)) or 'none'}."
 
 
 def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -> None:
-    """Decide which edges are held, so that the others form no loop; sets `held` of each wire.
+    """Set `held` of each wire so that the direct edges form no loop.
 
-    The choice depends on the file alone: driving and required inputs are never held; of the optional ones, those
-    whose sender stands earlier in the file stay direct before the others.
+    The choice depends only on the file: driving and required inputs are never held; optional inputs whose sender
+    is earlier in the file stay direct before the others.
     """
     place = {name: i for i, name in enumerate(order)}
 
@@ -172,12 +172,12 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
     after: dict[str, list[str]] = {name: [] for name in order}
     direct: list[Wire] = []
     for wire in sorted((w for w in connections if not w.held), key=rank):
-        way = _way(after, wire.consumer, wire.producer)
-        if way is None:
+        path = _path(after, wire.consumer, wire.producer)
+        if path is None:
             after[wire.producer].append(wire.consumer)
             direct.append(wire)
         elif rank(wire)[0] < 2:
-            _tell_loop(wire, [wire.producer, *way], direct, faults)
+            _report_loop(wire, [wire.producer, *path], direct, faults)
         else:
             wire.held = True
     for wire in connections:
@@ -188,20 +188,20 @@ def close_loops(connections: Iterable[Wire], order: list[str], faults: Faults) -
                        node=wire.consumer, port=wire.port.name)  # fmt: skip
 
 
-def _way(after: dict[str, list[str]], start: str, end: str) -> list[str] | None:
-    """A shortest way along direct edges, from start to end, both included."""
-    ways, seen = [[start]], {start}
-    for way in ways:
-        if way[-1] == end:
-            return way
-        for follower in after[way[-1]]:
+def _path(after: dict[str, list[str]], start: str, end: str) -> list[str] | None:
+    """A shortest path along direct edges, from start to end, both included (breadth-first search)."""
+    paths, seen = [[start]], {start}
+    for path in paths:
+        if path[-1] == end:
+            return path
+        for follower in after[path[-1]]:
             if follower not in seen:
                 seen.add(follower)
-                ways.append([*way, follower])
+                paths.append([*path, follower])
     return None
 
 
-def _tell_loop(wire: Wire, nodes: list[str], direct: list[Wire], faults: Faults) -> None:
+def _report_loop(wire: Wire, nodes: list[str], direct: list[Wire], faults: Faults) -> None:
     steps = set(pairwise(nodes))
     inside = [w for w in [*direct, wire] if (w.producer, w.consumer) in steps]
     second = [f"{w.consumer}.{w.port.name} ({w.port.type.__name__} | None)" for w in inside if not w.driving]

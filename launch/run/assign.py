@@ -1,4 +1,4 @@
-"""From a plan and a placement to what each worker is told."""
+"""Makes the job of each worker from a plan and a placement."""
 
 import os
 
@@ -9,8 +9,8 @@ from palpate.launch.load.placement import Placement, ProcessGroup
 from palpate.nodes.base import inputs
 
 PRIORITY = 60
-"""Of the force path on the real clock, where the system permits it; one more for those who keep the time, so that no
-other node can hold up the device when its torque has to go to zero."""
+"""Real-time priority of the force path on the real clock, if permitted. Paced nodes get one more, so that no other node
+can delay the device when its torque must go to zero."""
 
 
 def jobs(
@@ -61,8 +61,8 @@ def jobs(
 
 
 def spared(plan: Plan) -> frozenset[str]:
-    """Nodes that a run on the real clock goes on without: those that the graph has only when the scene calls for them
-    (`when:`), if all of their readers can do without. Not a ledger: who asked for it does not want to touch without."""
+    """Nodes whose death does not end a run on the real clock: optional parts of the graph (`when:`) that only optional
+    inputs read. An energy ledger is not among them: it is a safety check that the user has switched on."""
     needed = set()
     for name in plan.order:
         optional = {port.name for port in inputs(plan.graph.nodes[name].cls) if port.optional}
@@ -72,7 +72,6 @@ def spared(plan: Plan) -> frozenset[str]:
 
 
 def _links(plan: Plan, path: set[str]) -> int:
-    """See `Job.links`."""
     count = 0
     for name in path:
         cls = plan.graph.nodes[name].cls
@@ -82,7 +81,7 @@ def _links(plan: Plan, path: set[str]) -> int:
 
 
 def _external(plan: Plan, place: dict[str, str], group: ProcessGroup) -> dict[str, tuple[str, ...]]:
-    """Streams of a group that nodes of other groups read, and which groups read each."""
+    """Streams of a group that other groups read, and the groups that read each."""
     readers: dict[str, dict[str, None]] = {}
     for name in plan.order:
         for edge in plan.edges[name]:
@@ -92,7 +91,7 @@ def _external(plan: Plan, place: dict[str, str], group: ProcessGroup) -> dict[st
 
 
 def _cores(on_path: bool, groups: int) -> tuple[int, ...] | None:
-    """Processes that wait for one another are fastest on one core: a wake-up across cores costs more than a switch."""
+    """The force path gets one core: a wake-up on another core costs more than a context switch."""
     if groups < 2 or len(cores := sorted(os.sched_getaffinity(0))) < 2:
         return None
     return (cores[-1],) if on_path else tuple(cores[:-1])

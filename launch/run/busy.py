@@ -1,14 +1,14 @@
-"""Whether other programs take the processor: what is timed then is too slow."""
+"""Whether other programs use the processor, so that measured times are too long."""
 
 import os
 
-SPARE = 0.5  # cores that may be taken though nothing goes on: the load average is that of the last minute
+SPARE = 0.5  # cores of tolerance, since the load average covers the last minute
 
 
 def busy(own: float = 0.0) -> str:
-    """The machine's load in a sentence where it leaves this program no core of its own; else "".
+    """A sentence on the machine's load if it leaves no free core for this program; otherwise "".
 
-    own  processes of this program that the load average counts already
+    own  processes of this program that the load average includes
     """
     load, cores = os.getloadavg()[0], os.cpu_count() or 1
     if load - own <= cores - SPARE:

@@ -1,4 +1,4 @@
-"""What a run asks of the kernel for its processes: that they die with their parent, and have a title."""
+"""Process attributes: death signal of the parent, and title."""
 
 import ctypes
 import signal
@@ -7,10 +7,10 @@ _PR_SET_PDEATHSIG, _PR_SET_NAME = 1, 15
 
 
 def die_with_parent(number: int | None = None) -> None:
-    """Have the kernel send this process a signal, SIGKILL where none is given, when its parent ends."""
+    """Have the kernel send this process a signal (default SIGKILL) when its parent ends."""
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL if number is None else number))
 
 
 def set_title(text: str) -> None:
-    """Name this process for `ps -e` and `top`: 15 letters."""
+    """Name this process for `ps -e` and `top`; 15 characters."""
     ctypes.CDLL(None).prctl(_PR_SET_NAME, text.encode())

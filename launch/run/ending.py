@@ -1,4 +1,4 @@
-"""How a run ends: when the workers are told to quit, until when they may take, and who is killed after that."""
+"""Shutdown of a run: orders to the workers, deadlines, and kills after them."""
 
 import signal
 import time
@@ -9,14 +9,14 @@ from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import Close, Kill, Quit, Stop
 from palpate.launch.run.wire.wires import ControlChannel
 
-STOP_PATIENCE = 10.0  # [s] for the workers to end once they were told; a busy machine may keep them waiting for seconds
-STALL = 0.3  # [s] between two looks: the machine stood still
+STOP_PATIENCE = 10.0  # [s] for the workers to end after the order; a busy machine may delay them by seconds
+STALL = 0.3  # [s] between two checks: a longer gap means that the machine stalled
 
 
 class Ending:
-    """The times of an end, and the orders that belong to them.
+    """The deadlines of a shutdown and its orders.
 
-    real  whether the run is on the real clock: nodes go on as long as one that leads them does
+    real  whether the run is on the real clock: the run ends with its last paced worker
     note  takes a line for the user
     """
 
@@ -31,36 +31,34 @@ class Ending:
         self._members, self._control, self._forkserver, self._real, self._note = members, wires, forkserver, real, note
         self._quit_at: float | None = None
         self._deadline: float | None = None
-        self._looked = 0.0
-        self.closed = False  # whether all nodes have ended: only observers are left
+        self._checked = 0.0
+        self.closed = False  # whether all nodes have ended and only observers are left
 
     @property
     def near(self) -> bool:
-        """Whether the workers have been told to end, or will be."""
+        """Whether a shutdown was ordered or scheduled."""
         return self._deadline is not None
 
     @property
     def over(self) -> bool:
-        """Whether nobody should begin any more."""
+        """Whether no worker should start any more."""
         return self.near or self.closed
 
     def stop(self) -> None:
-        """Tell all workers to end in order."""
         self._control.tell("*", Stop())
         self._deadline = time.monotonic() + STOP_PATIENCE
 
     def quit_after(self, seconds: float) -> None:
-        """Tell all workers to end at once, so many seconds from now."""
+        """Schedule an immediate shutdown in this time."""
         if self._deadline is None:
-            self._looked = time.monotonic()
-            self._quit_at = self._looked + seconds
+            self._checked = time.monotonic()
+            self._quit_at = self._checked + seconds
             self._deadline = self._quit_at + STOP_PATIENCE
 
     def follow(self) -> None:
-        """A worker has ended. When the paced ones are gone the rest has nothing to follow; when all nodes have ended,
-        the observers.
+        """A worker has ended. Without paced workers stop the other nodes; without nodes close the observers.
 
-        A worker whose nodes have ended stays until the observers have what it holds for them.
+        A worker whose nodes have ended lives on until the observers have received its messages.
         """
         left = [m for m in self._members.values() if not (m.state == "gone" or (m.state == "done" and m.clean_exit))]
         if self._real and not any(member.job.leads for member in left):
@@ -74,11 +72,11 @@ class Ending:
             self._deadline = None if left else time.monotonic() + STOP_PATIENCE
 
     def check(self, begun: bool) -> None:
-        """Look at the time. `begun`: tick 0 was; else workers that still build something are not waited for."""
+        """Act on deadlines. `begun`: tick 0 is over; before it, workers that still build nodes get no time."""
         moment = time.monotonic()
-        if self._quit_at is not None and moment - self._looked > STALL:  # nobody could heed what was told before
-            self._quit_at += moment - self._looked
-        self._looked = moment
+        if self._quit_at is not None and moment - self._checked > STALL:  # the workers could not run either
+            self._quit_at += moment - self._checked
+        self._checked = moment
         if self._quit_at is not None and moment >= self._quit_at:
             self._quit_at = None
             self._control.tell("*", Quit())
@@ -88,18 +86,20 @@ class Ending:
             self._kill_silent(begun)
 
     def _kill_silent(self, begun: bool) -> None:
-        """Those that do not end although they were told, and who give no sign that they are about to, or still build
-        what will not be needed. Nobody is left to hear those whose nodes have ended."""
+        """Kill workers that ignored the order and are silent, and workers that still build nodes before tick 0. If the
+        nodes of all workers have ended, kill all: no observer is left to read their messages."""
         last = all(member.flushed or member.state == "gone" for member in self._members.values())
-        left = {group: it for group, it in self._members.items() if not (it.flushed or it.state in ("killed", "gone"))}
-        building = {group for group, it in left.items() if it.state == "starting" and not begun}
-        silent = {group for group, it in left.items() if it.silence() > STOP_PATIENCE} - building
+        left = {
+            name: one for name, one in self._members.items() if not (one.flushed or one.state in ("killed", "gone"))
+        }
+        building = {group for group, member in left.items() if member.state == "starting" and not begun}
+        silent = {group for group, member in left.items() if member.silence() > STOP_PATIENCE} - building
         for group in silent:
             if left[group].alive:
                 self._note(f"{left[group].names} did not end within {STOP_PATIENCE:g} s and was killed")
         self.kill(None if last else silent | building)
         if silent:
-            self._control.tell("*", Quit())  # the others would wait for their messages
+            self._control.tell("*", Quit())  # otherwise the others wait for their messages
 
     def kill(self, only: Collection[str] | None = None) -> None:
         """Kill these workers, or all."""

@@ -33,21 +33,24 @@ from palpate.physics.errors import RunError
 from palpate.physics.writable import check_file
 from palpate.records.format.mcap_file import lacking
 
-if TYPE_CHECKING:  # what follows needs POSIX, and is imported where a run has several processes
+if TYPE_CHECKING:  # these modules need POSIX and are imported only for runs with several processes
     from palpate.launch.run.forkserver import ForkServer
     from palpate.launch.run.launcher import Launcher
     from palpate.launch.run.wire.keys import Key
 
 PATIENCE = 5.0  # [s] after which a silent worker counts as hung
 FILES, FILES_EACH = 64, 6
-"""That one process of a run may have open: at least, and more for each group. With 9 groups the launcher has 33, a
-worker up to 60."""
+"""Limit of open files: a base value plus a share per group. With 9 groups the launcher opens 33, a worker up to 60."""
 
 
 @dataclass
 class RunOutcome:
-    """A run that has ended: its plan, its result, its recording (None: not recorded), whether it kept its rate (None:
-    on the simulated clock, or nothing keeps the time), and the placement that it ran by, as `--place` names it."""
+    """A finished run.
+
+    recording  None: not recorded
+    verdict    whether it kept its rate; None: simulated clock, or no paced node
+    placed     the placement, as for `--place`
+    """
 
     plan: Plan
     result: Result
@@ -57,27 +60,27 @@ class RunOutcome:
 
     @property
     def ok(self) -> bool:
-        """Whether every node lived to the end, and the recording is whole."""
+        """Whether no node failed and the recording is complete."""
         return self.result.ok and not self.lacking
 
     @cached_property
     def lacking(self) -> str:
-        """What the recording lacks: its end, where a disk became full, or messages; empty for a whole one."""
+        """The missing part of the recording: its end, if the disk was full, or messages; empty if complete."""
         return lacking(self.recording) if self.recording is not None and self.result.ticks else ""
 
     def signalled(self) -> None:
-        """Raise the signal that ended the run once more, for whoever handles it here: Ctrl-C is a KeyboardInterrupt."""
+        """Raise the signal that ended the run again, for its handler in this process (Ctrl-C: KeyboardInterrupt)."""
         if self.result.signal:
             signal.raise_signal(self.result.signal)
 
 
 @dataclass(frozen=True)
 class Network:
-    """How a run is reached over TCP.
+    """TCP settings of a run.
 
-    address      `tcp://host:port` where workers of other machines find the launcher
-    unencrypted  nothing that goes over TCP is secured
-    key_name     of the key that secures a run with groups on other machines
+    address      `tcp://host:port` of the launcher, for workers on other machines
+    unencrypted  do not encrypt TCP connections
+    key_name     name of the key for a run with groups on other machines
     """
 
     address: str | None = None
@@ -101,28 +104,29 @@ def execute(
 ) -> RunOutcome:
     """Run a launch file to its end.
 
-    graph       that of the launch file, where it has been read already
-    console     draws the live view there; None: silent
-    forkserver  a fork server that is starting already
-    patience    [s] without a sign of life after which a node counts as hung
-    network     how workers of other machines find the run, and what secures it
-    leave_out, thin  streams not to record, or only each n-th message of
-    fit_cores   on the real clock, without a placement and with fewer cores than nodes of the force path: `auto`
-    step_times  says how long a step of each node takes [s], for `auto`
-    watch       called about ten times a second with the launcher of the run, where it has one
+    graph       the graph of the launch file, if already read
+    console     for the live view; None: silent
+    forkserver  a fork server that has been started
+    patience    [s] without a heartbeat after which a node counts as hung
+    network     TCP settings
+    leave_out, thin  streams not to record, or to record every n-th message of
+    fit_cores   use `auto` on the real clock, without a placement, with fewer cores than nodes on the force path
+    step_times  returns the step time of each node [s], for `auto`
+    watch       called about ten times a second with the launcher, if the run has one
 
-    GraphError: what is wrong with the graph; nothing was started. OSError: an address that is taken. RunError: the key
-    is missing.
+    GraphError: faults of the graph; nothing was started. OSError: the address is in use. RunError: the key is missing.
     """
+    # Load and plan the graph, with the logger that the launch file asks for.
     graph = graph or launch.load()
     set_recording(graph, launch.record, leave_out, thin)
     recorded = planned = plan(graph)
     clock = _clock(launch, planned)
     if launch.only == SOURCES and launch.record is not None:
         planned = record_sources(graph, clock)
+    # Place the nodes and make the jobs of the workers, with the provenance for the recording.
     crowded = False
     if fit_cores and launch.place is None and clock == "real":
-        # With more nodes on the force path than cores they wait for one another: on two, nine do not keep 1 kHz.
+        # With more processes on the force path than cores they wait for one another: 9 on 2 cores do not keep 1 kHz.
         crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
@@ -136,6 +140,7 @@ def execute(
     if joined:
         work = _reachable(work, joined, network)
     key = _key(joined, network)
+    # Run in this process or in several.
     title = (launch.path or launch.graph).stem
     names = [*planned.order, *planned.observers]
     screen = Screen(console, title, graph.rate, ticks, names) if console is not None else None
@@ -210,10 +215,10 @@ def _in_processes(
 
 
 def _reachable(work: list[Job], joined: frozenset[str], network: Network) -> list[Job]:
-    """The jobs with this machine's address, where groups are started elsewhere. OSError: it has not been given."""
+    """The jobs with this machine's address, for groups on other machines. OSError: no address was given."""
     if network.address is None:
         raise OSError(
-            f"group {min(joined)!r} is started by hand: say where it finds this launcher, --address tcp://HOST:PORT"
+            f"group {min(joined)!r} is started by hand: give the address of this launcher, --address tcp://HOST:PORT"
         )
     here = network.address.removeprefix("tcp://").rpartition(":")[0]
     return [job if job.host else msgspec.structs.replace(job, host=here) for job in work]
@@ -225,14 +230,14 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
     if hardware and launch.clock == "simulated":
         faults = Faults()
         faults.add("clock: found 'simulated', but it drives a device, which needs real time",
-                   "Say `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
+                   "Use `clock: real` or --clock real.", node=hardware[0])  # fmt: skip
         faults.done()
     return launch.clock or ("real" if hardware else "simulated")
 
 
 def _key(joined: frozenset[str], network: Network) -> Key | None:
-    """What secures TCP: nothing where the user says so; the key of the rig where workers are started elsewhere; else
-    one that is made for this run. RunError."""
+    """The key for TCP: none if unencrypted, the key of the rig if workers run on other machines, else a new one.
+    RunError: no such key."""
     from palpate.launch.run.wire import keys
 
     if network.unencrypted:
@@ -241,8 +246,8 @@ def _key(joined: frozenset[str], network: Network) -> Key | None:
 
 
 def _open_files(groups: int) -> None:
-    """Permit this process, and those that it starts, as many open files as the system lets it. RunError: ZeroMQ
-    ends a process without a word when it may open no more."""
+    """Raise the limit of open files for this process and its children. RunError: the hard limit is too low; ZeroMQ
+    aborts the process without a message if it cannot open more files."""
     import resource
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -257,8 +262,7 @@ def _open_files(groups: int) -> None:
 
 @contextlib.contextmanager
 def _folder(file: Path | None) -> Iterator[list[Path]]:
-    """Makes the folders of the recording, which it gives, and takes away those that stay empty. OSError: the recording
-    cannot be written there."""
+    """Create the folders of the recording; remove those that stay empty. OSError: the recording cannot be written."""
     made = [] if file is None else [folder for folder in file.parents if not folder.exists()]
     try:
         if file is not None:
@@ -271,7 +275,7 @@ def _folder(file: Path | None) -> Iterator[list[Path]]:
 
 
 def _check_writable(file: Path) -> None:
-    """Make its folders. OSError: the recording cannot be written there."""
+    """Create the folders of the recording. OSError: it cannot be written there."""
     try:
         check_file(file)
         file.parent.mkdir(parents=True, exist_ok=True)

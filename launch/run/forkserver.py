@@ -1,8 +1,8 @@
-"""The fork server: one process that has imported everything, from which the workers are forked.
+"""The fork server: a process that imports everything once, and from which the workers are forked.
 
-It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a socket pair to the launcher. It takes
-requests and gives answers, a JSON object a line (`reports`). When the launcher goes, the socket closes, and the fork
-server ends all workers and itself.
+It runs `python -m palpate.launch.run.forkserver FD`, where FD is one end of a socket pair to the launcher. Requests and
+answers are JSON objects, one per line (`reports`). When the launcher ends, the socket closes, and the fork server kills
+all workers and exits.
 
 Each worker leads a process group: when the worker ends, the fork server kills that group.
 """
@@ -24,11 +24,11 @@ from palpate.launch.run.descendants import die_with_parent, set_title
 from palpate.launch.run.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
 from palpate.physics.arithmetic import environment
 
-MOST_PRINTED = 1 << 20  # [bytes] of what workers print that are taken in one go, so that the launcher comes to the rest
+MOST_PRINTED = 1 << 20  # [bytes] of output read at once, so that a flood of output does not block the launcher
 
 
 class ForkServer:
-    """The launcher's side: starts the fork server and speaks with it. `output` is the workers' stdout and stderr."""
+    """The launcher's side of the fork server. `output` is the stdout and stderr of the workers."""
 
     def __init__(self) -> None:
         self.socket, theirs = socket.socketpair()
@@ -41,7 +41,7 @@ class ForkServer:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 env={**environment(), "PYTHONPATH": path, "PYTHONUNBUFFERED": "1"},
-                start_new_session=True,  # Ctrl-C reaches the launcher alone, which stops the rest in order
+                start_new_session=True,  # Ctrl-C reaches only the launcher, which shuts the workers down
             )
         assert self.process.stdout is not None
         self.output = self.process.stdout
@@ -49,12 +49,11 @@ class ForkServer:
         self._rest = b""
 
     def ask(self, request: Prepare | Start | Kill) -> None:
-        """Send one request."""
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):
             self.socket.sendall(msgspec.json.encode(request) + b"\n")
 
     def answers(self) -> list[Started | Exited]:
-        """All answers that have come."""
+        """All answers received so far."""
         self.socket.setblocking(False)
         try:
             while data := self.socket.recv(65536):
@@ -67,18 +66,17 @@ class ForkServer:
         return [ANSWERS.decode(line) for line in lines]
 
     def printed(self) -> str:
-        """What the workers have printed since the last call."""
         printout = b""
         while len(printout) < MOST_PRINTED and (data := self.output.read(65536)):
             printout += data
         return printout.decode(errors="replace")
 
     def close(self) -> str:
-        """End the fork server and with it every worker that is left. Returns what they printed last."""
+        """End the fork server and all workers. Returns their last output."""
         if self.output.closed:
             return ""
         self.socket.close()
-        self.process.terminate()  # it may be busy importing, and would notice the socket much later
+        self.process.terminate()  # during imports it would notice the closed socket only later
         try:
             self.process.wait(10)
         except subprocess.TimeoutExpired:
@@ -90,7 +88,7 @@ class ForkServer:
 
 
 def _serve(end: socket.socket, workers: dict[int, str]) -> None:
-    """Answer requests until the launcher goes. `workers`: their groups by process."""
+    """Answer requests until the launcher ends. `workers`: groups by process id."""
     wake, wake_write = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
     signal.set_wakeup_fd(wake_write)
     signal.signal(signal.SIGCHLD, lambda *_: None)
@@ -112,7 +110,7 @@ def _serve(end: socket.socket, workers: dict[int, str]) -> None:
 
 
 def _end_all(workers: dict[int, str]) -> NoReturn:
-    """End the workers with their process groups, and the fork server itself."""
+    """Kill the process groups of the workers, and exit."""
     for pid in workers:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(pid, signal.SIGKILL)
@@ -126,7 +124,7 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, workers: dict[int, 
                 with contextlib.suppress(Exception):  # the worker meets the same error and reports it
                     importlib.import_module(name)
             gc.collect()
-            gc.freeze()  # so that the workers' collections do not touch, and so copy, the shared pages
+            gc.freeze()  # otherwise garbage collection in the workers would write to shared pages and copy them
         case Start(job):
             pid = os.fork()
             if pid == 0:
@@ -134,7 +132,7 @@ def _do(end: socket.socket, request: Prepare | Start | Kill, workers: dict[int, 
             workers[pid] = job.group
             end.sendall(msgspec.json.encode(Started(job.group, pid)) + b"\n")
         case Kill(group, number):
-            for pid in [pid for pid, own in workers.items() if own == group]:
+            for pid in [pid for pid, name in workers.items() if name == group]:
                 with contextlib.suppress(ProcessLookupError):
                     os.kill(pid, number)
 
@@ -174,13 +172,13 @@ def _reap(end: socket.socket, workers: dict[int, str]) -> None:
 
 
 def load() -> None:
-    """Import what workers need, once for all of them, while the launcher reads the graph."""
+    """Import the modules of the workers once, in parallel with the launcher's loading of the graph."""
     import palpate.launch.run.work.process
     import palpate.nodes
     from palpate.physics.kernel import PINNED
     from palpate.registry import modules
 
-    PINNED.target_context.refresh()  # a quarter of a second, at the first kernel otherwise
+    PINNED.target_context.refresh()  # takes 0.25 s, otherwise at the first kernel of each worker
     modules(palpate.nodes)
 
 

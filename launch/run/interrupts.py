@@ -1,4 +1,4 @@
-"""Signals by which a user or the system asks a run to end: Ctrl-C, `kill`, a terminal that closes."""
+"""Signals that end a run: SIGINT (Ctrl-C), SIGTERM, SIGHUP (the terminal closes)."""
 
 import contextlib
 import os
@@ -12,13 +12,12 @@ STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 @contextlib.contextmanager
 def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) -> Iterator[None]:
-    """Call `handler` with the number of each such signal while the block runs. Outside the main thread signals are the
-    caller's affair: nothing is changed there."""
+    """Call `handler` with the number of each such signal while the block runs. No effect outside the main thread."""
     before = {}
     try:
         for number in numbers:
             with contextlib.suppress(ValueError):
-                if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+                if signal.getsignal(number) is not signal.SIG_IGN:  # ignored under nohup
                     before[number] = signal.signal(number, lambda number, _: _call(handler, number))
         yield
     finally:
@@ -33,7 +32,7 @@ def _call(handler: Callable[[int], None], number: int) -> None:
 
 
 def _leave_terminal() -> None:
-    """Print nowhere from now on if the terminal has closed: each line would be an error, in the midst of the end."""
+    """Redirect output to /dev/null if the terminal has closed: printing would raise errors during the shutdown."""
     for output in (1, 2):
         with contextlib.suppress(OSError):
             if stat.S_ISCHR(os.fstat(output).st_mode) and not os.isatty(output):

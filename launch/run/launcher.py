@@ -1,7 +1,7 @@
-"""The launcher: starts the workers of a run, holds the start barrier, watches, and ends them all.
+"""The launcher: starts the workers of a run, controls the start barrier, monitors the workers, and shuts them down.
 
-Start: every worker builds its nodes, binds its outlets and reports ready; the launcher tells each whom to read; every
-outlet waits until it has seen its readers; then all get the time of tick 0. No sleeps, no lost first message.
+Start: each worker builds its nodes, binds its outlets and reports ready; the launcher sends each the outlets to connect
+to; each outlet waits for its readers; then all receive the time of tick 0. No sleeps, no lost first message.
 """
 
 from __future__ import annotations
@@ -31,31 +31,32 @@ from palpate.launch.run.wire.wires import ControlChannel, blocked_by
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
-HEAD_START = 40_000_000  # [ns] from the order to go to tick 0: every worker has heard it by then
-BEAT = 0.5  # [s] between signs of life for workers on other machines
-GRACE = 0.1  # [s] that the others go on after a node died on the real clock: the device gets its zero force
-LAST_WORDS = 5.0  # [s] that the report of an orderly end may take
-MOST_REPORTS = 1000  # taken in a row, so that the launcher comes to the rest
+HEAD_START = 40_000_000  # [ns] from the order `Go` to tick 0, so that every worker has received it
+BEAT = 0.5  # [s] between heartbeats to workers on other machines
+GRACE = 0.1  # [s] from the death of a node on the real clock to the shutdown, so that the device gets zero force
+LAST_REPORT = 5.0  # [s] to wait for the last report of a worker that exited normally
+MOST_REPORTS = 1000  # handled in a row, so that a flood of reports does not block the launcher
 LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
-"""[s] for which a worker may be silent in these states: two of them wait for the others, and have nothing to say."""
+"""[s] Longest silence of a worker in these states; `ready` and `linked` workers wait and send nothing."""
 
 
 def silent(text: str) -> None:
-    """What prints where there is no live view: nothing."""
+    """Prints nothing, for runs without a live view."""
 
 
 class Launcher:
-    """Runs the jobs, each in a process.
+    """Runs each job in a process.
 
     jobs        one per worker; those in `joined` are started by hand on another machine (`palpate remote join`)
-    forkserver  the fork server; made here when not given
-    address     where workers on other machines find this launcher: `tcp://host:port`, reports at port + 1
-    key         secures what goes over TCP; None: nothing does
-    patience    [s] without a sign of life after which a worker counts as hung
-    restart     nodes that are started again when they die; spared: nodes that a run on the real clock goes on without
+    forkserver  the fork server; None: start one
+    address     TCP address of this launcher for other machines: `tcp://host:port`, reports at port + 1
+    key         encrypts TCP; None: no encryption
+    patience    [s] without a heartbeat after which a worker counts as hung
+    restart     nodes that are restarted when they die
+    spared      nodes whose death does not end a run on the real clock
     show        called about ten times a second with the launcher, to draw
-    printed     called with what the nodes print, and with their notes
-    died        called at once when a node has failed in a run that goes on; a run that never began has it in its result
+    printed     called with the output and the notes of the nodes
+    died        called when a node fails after tick 0
     """
 
     def __init__(
@@ -85,12 +86,12 @@ class Launcher:
         self.phase = "starting"
         self._real = any(job.clock == "real" for job in jobs)
         self._interrupts: list[int] = []
-        self._heeded = 0
+        self._handled = 0  # interrupts
         self._started: float | None = None
         self._ended = 0.0
         self._tail: list[str] = []
         self._beat = 0.0
-        self._abreast = False  # whether all reports that have come were taken
+        self._caught_up = False  # whether all received reports were handled
         try:
             self._control = ControlChannel(self.run_id, self.jobs, address, key)
         except OSError:
@@ -113,24 +114,23 @@ class Launcher:
 
     @property
     def busy(self) -> dict[str, str]:
-        """What each worker is doing while it starts, by group."""
+        """The node that each starting worker builds, by group."""
         return {group: member.busy for group, member in self.members.items() if member.busy}
 
     @property
     def kernels(self) -> int:
-        """How many kernels the workers have compiled so far: none but in the first run."""
+        """Number of kernels compiled so far; 0 except in the first run on a machine."""
         return sum(member.kernels for member in self.members.values())
 
     @property
     def foreign(self) -> int:
-        """How many frames were dropped so far because they are none of this run's."""
+        """Number of dropped frames that do not belong to this run."""
         return self._control.foreign + sum(member.foreign for member in self.members.values())
 
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
-        """Start everything, wait for the end, end everything; Ctrl-C or SIGTERM stops the run in order. Returns what
-        happened."""
+        """Run to the end. Ctrl-C or SIGTERM shuts the run down gracefully."""
         with interrupts(self._interrupts.append):
             self._run()
         if self._started is not None:
@@ -139,7 +139,7 @@ class Launcher:
         return self.result
 
     def stop(self) -> None:
-        """End the run in order, as Ctrl-C does; for those who are called with the launcher."""
+        """Shut the run down gracefully, as Ctrl-C does; for the callbacks of the launcher."""
         if not self._interrupts:
             self._interrupts.append(signal.SIGINT)
 
@@ -157,7 +157,7 @@ class Launcher:
             self.printed(self.forkserver.close())
             self.result.foreign = self.foreign
             if self.foreign:
-                self.result.notes.append(f"{self.foreign} frames that are none of this run's were dropped")
+                self.result.notes.append(f"{self.foreign} frames that do not belong to this run were dropped")
             self._control.close(200)
 
     def _fork(self, member: WorkerHandle) -> None:
@@ -172,10 +172,10 @@ class Launcher:
         ready = dict(self._poller.poll(100))
         for member, report in self._barrier.early():
             self._ready(member, report)
-        self._abreast = False
+        self._caught_up = False
         for _ in range(MOST_REPORTS):
             if not self._next_report():
-                self._abreast = True
+                self._caught_up = True
                 break
         if self.forkserver.output.fileno() in ready:
             self._listen()
@@ -186,7 +186,7 @@ class Launcher:
                 self.result.deaths.append(Death("all", "process", "the fork server ended", "\n".join(self._tail)))
                 for member in self.members.values():
                     member.state = "gone"
-        if len(self._interrupts) > self._heeded:
+        if len(self._interrupts) > self._handled:
             self._interrupt()
         self._check_time()
         self.show(self)
@@ -200,7 +200,7 @@ class Launcher:
     # -- reports -------------------------------------------------------------------------------------------------
 
     def _next_report(self, wait: int = 0) -> bool:
-        """Take what comes next to where workers report, if anything does within so many milliseconds."""
+        """Handle the next report. False: none arrived within `wait` [ms]."""
         if not self._control.reported(wait):
             return False
         addressed = self._control.report()
@@ -210,7 +210,7 @@ class Launcher:
 
     def _take(self, member: WorkerHandle, report: reports.Report) -> None:
         if member.state == "gone" and not isinstance(report, reports.Alive):
-            return  # overtaken by the end of its process, which says the same
+            return  # the end of its process was handled before
         if not self._ending.closed or not isinstance(report, reports.Alive) or self._progress(report):
             member.heard()
         match report:
@@ -243,11 +243,11 @@ class Launcher:
                 if member.alive:
                     member.state = "done"
                     self._ending.follow()
-                if member.joined:  # no process here shows its end: its last report does
+                if member.joined:  # its process is on another machine, so the last report marks its end
                     self._is_gone(member)
 
     def _progress(self, report: reports.Alive) -> bool:
-        """Whether observers, to whom nobody sends any more, still take what was sent."""
+        """Whether observers still receive messages after the end of all nodes."""
         return any(
             self.result.health.get(name, {}).get("steps") != counters.steps for name, counters in report.nodes.items()
         )
@@ -256,7 +256,7 @@ class Launcher:
         if not member.alive or not self._barrier.ready(member, report):
             return
         if self._ending.over or (self._real and not any(lead.alive for lead in self._leads())):
-            self._control.tell(member.job.group, reports.Stop())  # it did not hear that the run has ended meanwhile
+            self._control.tell(member.job.group, reports.Stop())  # it missed the end of the run
             return
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
@@ -268,14 +268,14 @@ class Launcher:
 
     def _linked(self, member: WorkerHandle) -> None:
         if not member.alive:
-            return  # it was killed meanwhile
+            return  # it has been killed
         member.state = "linked"
         if self.phase == "linking" and self._barrier.all("linked") and not self._ending.over:
             self._go()
-        elif self.phase == "running":  # it was started again, and joins the run
+        elif self.phase == "running":  # it was restarted
             self._control.tell(member.job.group, reports.Go(self.origin))
             member.state = "running"
-            self._tell_gone({node.name for node in member.job.nodes}, back=True)
+            self._send_gone({node.name for node in member.job.nodes}, back=True)
 
     def _go(self) -> None:
         self.phase = "running"
@@ -288,7 +288,7 @@ class Launcher:
             member.state = "running"
             member.heard()
 
-    # -- trouble -------------------------------------------------------------------------------------------------
+    # -- failures ------------------------------------------------------------------------------------------------
 
     def _died(self, member: WorkerHandle, fault: reports.NodeFault) -> None:
         member.state = "failed"
@@ -299,15 +299,15 @@ class Launcher:
             self.died(death)
 
     def _handle_death(self, member: WorkerHandle) -> None:
-        """Tell the others, so that their inputs from this group become None; then end the run, start it again, or go on
-        without it."""
+        """Make the inputs from this group None at the others; then end the run, restart the group, or continue without
+        it."""
         dead = {node.name for node in member.job.nodes}
-        self._tell_gone(dead)
-        goes_on = self._real and self.phase == "running" and dead and not self._ending.near
-        if goes_on and dead <= self.restart:
+        self._send_gone(dead)
+        continues = self._real and self.phase == "running" and dead and not self._ending.near
+        if continues and dead <= self.restart:
             member.state = "restarting"
-        elif goes_on and dead <= self.spared:
-            self.result.notes.append(f"{', '.join(sorted(dead))} failed; the run went on without")
+        elif continues and dead <= self.spared:
+            self.result.notes.append(f"{', '.join(sorted(dead))} failed; the run continued without")
         elif dead or self.phase != "running":
             self._end_after(GRACE if self.phase == "running" and self._real else 0.0)
 
@@ -316,7 +316,7 @@ class Launcher:
             self.phase = "ending"
         self._ending.quit_after(seconds)
 
-    def _tell_gone(self, nodes: set[str], back: bool = False) -> None:
+    def _send_gone(self, nodes: set[str], back: bool = False) -> None:
         blocked = blocked_by(self.jobs.values(), nodes)
         self._control.tell("*", reports.Gone(tuple(sorted(nodes)), tuple(sorted(blocked)), back))
 
@@ -325,10 +325,10 @@ class Launcher:
         if isinstance(answer, reports.Started):
             member.pid = answer.pid
             return
-        # Its last words were sent before its end, but may come after the news of it; on a busy machine long after, and
-        # one that ended well has sent them.
+        # The last report was sent before the process ended, but may arrive after this answer, on a busy machine much
+        # later. A process with exit code 0 has certainly sent it.
         silence = Silence()
-        limit = LAST_WORDS if answer.status == 0 else 0.5 if answer.status > 0 else 0.002
+        limit = LAST_REPORT if answer.status == 0 else 0.5 if answer.status > 0 else 0.002
         while member.alive and silence.look() < limit * 1e9:
             self._next_report(1)
         if member.alive:
@@ -352,8 +352,8 @@ class Launcher:
         return [member for member in self.members.values() if member.job.leads]
 
     def _interrupt(self) -> None:
-        """The first Ctrl-C stops the run in order, a second one at once."""
-        self._heeded = len(self._interrupts)
+        """The first Ctrl-C starts a graceful shutdown, the second one kills the workers."""
+        self._handled = len(self._interrupts)
         if self.result.interrupted:
             self._ending.kill()
             return
@@ -376,29 +376,29 @@ class Launcher:
             self._check_lost()
 
     def _check_lost(self) -> None:
-        """A message that was lost ends the run as its sender's failure."""
-        if self._real or self.phase != "running" or not self._abreast:
+        """A lost message on the simulated clock ends the run as a failure of its sender."""
+        if self._real or self.phase != "running" or not self._caught_up:
             return
         gone = lost(self.members.values(), self.result.health, math.ceil(1e9 * self.patience / REPORT))
         if gone is not None:
             self._died(gone[0], reports.NodeFault("", "stream", gone[1]))
 
     def _check_hung(self) -> None:
-        """A worker that is silent for too long."""
+        """Kill workers that are silent for too long."""
         for group, member in self.members.items():
             if not member.alive or (member.state == "starting" and member.joined):
                 continue
             limit = LIMITS.get(member.state, self.patience)
             if member.silence() <= limit:
                 continue
-            self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints where it hangs
+            self.forkserver.ask(reports.Kill(group, int(signal.SIGUSR1)))  # prints its traceback
             before, until = len(self._tail), time.monotonic() + 0.5
             while len(self._tail) == before and time.monotonic() < until:
                 time.sleep(0.05)
                 self._listen()
             where = "step" if member.state == "running" else "start"
             nodes = member.busy or ", ".join(node.name for node in member.job.nodes) or member.names
-            text = f"no sign of life for {limit:.3g} s: it hangs, or was stopped"
+            text = f"no sign of life for {limit:.3g} s: it hangs or was suspended"
             self._died(member, reports.NodeFault(nodes, where, text, "\n".join(self._tail[-20:])))
             self.forkserver.ask(reports.Kill(group, int(signal.SIGKILL)))
             if member.joined:

@@ -1,4 +1,4 @@
-"""One worker as the launcher sees it, whether it hangs, and whether it waits for what was lost on its way."""
+"""The launcher's state of a worker, with detection of hangs and of lost messages."""
 
 import contextlib
 import time
@@ -12,28 +12,30 @@ from palpate.engine.job import Job, members
 from palpate.launch.run.reports import Ready
 
 ALIVE = ("starting", "ready", "linked", "running")
-GLANCE = 1e-9 * clock.GLANCE  # [s]: what kept the launcher from looking is no silence
-DISK_PATIENCE = 120.0  # [s] for which waiting for a disk is no silence
-QUIET = 0.3  # [s] of silence from which on the kernel is asked what a worker waits for
+LONGEST_GAP = 1e-9 * clock.GLANCE  # [s] counted at most between two checks
+DISK_PATIENCE = 120.0  # [s] of waiting for a disk that do not count as silence
+QUIET = 0.3  # [s] of silence after which the kernel is asked what a worker waits for
 
 
 @dataclass
 class WorkerHandle:
-    """A group of a run.
+    """The worker of a group.
 
-    job        what its worker runs
+    job        its job
     joined     started by hand on another machine
     state      starting, ready, linked, running; done, failed, killed, restarting; gone
-    busy       the node that it starts;  kernels  that it has compiled so far
-    pid        of its process, once there is one here
-    endpoints  of its outlets, once it is ready; secured: by the key of the run
-    early      a report that it is ready, which has overtaken its subscription
-    paused     the tick after which it waits to hear which one is the last
-    flushed    its nodes have ended, and others get what they sent
-    clean_exit they have ended as they were told, and all that they sent was delivered
-    foreign    frames that it has dropped
-    awaits     stream and tick of the message that it waits for; awaited: in so many signs of life since it was sent,
-               None: it was not sent yet, as far as is known
+    busy       the node that it builds
+    kernels    number of kernels compiled so far
+    pid        process id; None: not started, or on another machine
+    endpoints  addresses of its outlets, once it is ready
+    secured    whether they are encrypted
+    early      its report `Ready`, if that arrived before its subscription
+    paused     the tick after which it waits for the number of the last tick
+    flushed    its nodes have ended, and their messages are being delivered
+    clean_exit its nodes have ended without failure, and all their messages were delivered
+    foreign    number of frames that it has dropped
+    awaits     stream and tick of the message that it waits for
+    awaited    number of heartbeats since that message was sent; None: not sent as far as is known
     """
 
     job: Job
@@ -53,25 +55,22 @@ class WorkerHandle:
     awaited: int | None = None
     _silence: float = 0.0
     _at_disk: float = 0.0
-    _looked: float = field(default_factory=time.monotonic)
+    _checked: float = field(default_factory=time.monotonic)
 
     @property
     def alive(self) -> bool:
-        """Whether its worker works."""
         return self.state in ALIVE
 
     @property
     def names(self) -> str:
-        """Its nodes and observers, for people."""
         return ", ".join(given.name for given in members(self.job))
 
     def heard(self) -> None:
-        """It has given a sign of life."""
         self._silence = self._at_disk = 0.0
-        self._looked = time.monotonic()
+        self._checked = time.monotonic()
 
     def waits(self, awaits: tuple[str, int] | None) -> None:
-        """It tells what it waits for."""
+        """Note the message that it waits for, from a heartbeat."""
         if awaits != self.awaits:
             self.awaited = None
         elif self.awaited is not None:
@@ -79,14 +78,14 @@ class WorkerHandle:
         self.awaits = awaits
 
     def silence(self) -> float:
-        """[s] without a sign of life; call this often.
+        """Time without a sign of life [s]; call this often.
 
-        Each call counts at most `GLANCE`, so time in which the launcher itself was not scheduled does not count. Nor do
-        the first two minutes in which the worker is blocked by a disk: it cannot be killed there, and its recording
+        Each call counts at most `LONGEST_GAP`, so time in which the launcher was not scheduled does not count. Nor do
+        the first `DISK_PATIENCE` in which a disk blocks the worker: the kernel would not kill it, and its recording
         would be lost.
         """
         moment = time.monotonic()
-        passed, self._looked = min(moment - self._looked, GLANCE), moment
+        passed, self._checked = min(moment - self._checked, LONGEST_GAP), moment
         if self.pid is not None and self._silence > QUIET and at_the_disk(self.pid):
             self._at_disk += passed
         else:
@@ -94,15 +93,15 @@ class WorkerHandle:
         return self._silence + max(0.0, self._at_disk - DISK_PATIENCE)
 
     def forked(self) -> None:
-        """A new worker is on its way."""
+        """Reset the state for a new process."""
         self.state, self.early, self.pid, self.paused = "starting", None, None, None
         self.flushed = self.clean_exit = False
         self.heard()
 
 
 def at_the_disk(pid: int) -> bool:
-    """Whether no thread of a process can run and one is in an uninterruptible wait for a disk: a separate thread writes
-    the recording, and the others wait for it."""
+    """Whether a thread of a process is in an uninterruptible wait for a disk and no other thread runs. A separate
+    thread writes the recording, and the others wait for it."""
     states = set()
     with contextlib.suppress(OSError):
         for task in Path(f"/proc/{pid}/task").iterdir():
@@ -114,17 +113,17 @@ def at_the_disk(pid: int) -> bool:
 def lost(
     members: Iterable[WorkerHandle], health: Mapping[str, Mapping[str, Any]], signs: int
 ) -> tuple[WorkerHandle, str] | None:
-    """The sender of a message that somebody still waits for so many signs of life after it was sent, and what is to be
-    told. Call it whenever all reports that have come were taken.
+    """The sender of a lost message and the text of the fault. Call it when all received reports were handled.
 
-    A way to another machine may break. Where a later message of the stream comes its reader sees what is missing
-    (`Input.lost`); on the simulated clock none comes, as all others wait as well, and only the launcher can see it.
+    A connection to another machine may break. If a later message of the stream arrives, its reader detects the gap
+    (`Input.lost`). On the simulated clock none arrives, since all other nodes wait as well, so the launcher detects it:
+    a message counts as lost if its reader still waits for it `signs` heartbeats after it was sent.
 
-    health  counters of the nodes by name. A sender that has stepped but is held back by another reader may not have
-            sent yet: it counts where it waits for a message itself, or has stepped once more
+    health  counters of the nodes by name. The message has been sent if its sender has stepped beyond it, or has made
+            the step and waits for a message; otherwise another reader may still block the sender
 
-    A reader's signs are counted from when the sender is known to be beyond the message: before, the reader may have
-    waited for long, for a sender that had much to compute.
+    Heartbeats are counted from the time at which the message is known to be sent: before, the reader may have waited
+    for a slow sender.
     """
     members = list(members)
     sent = {stream: (member, node.name) for member in members for node in member.job.nodes for stream in node.streams}
@@ -139,5 +138,5 @@ def lost(
         elif member.awaited is None:
             member.awaited = 0
         elif member.awaited >= signs:
-            return sender, f"its message of tick {tick} has not come to {member.names}: it was lost on its way"
+            return sender, f"its message of tick {tick} did not arrive at {member.names}: it was lost on the network"
     return None

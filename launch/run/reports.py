@@ -1,7 +1,7 @@
-"""What launcher, workers and fork server tell one another: typed, and checked where it arrives.
+"""The control messages of launcher, workers and fork server.
 
 Orders go from the launcher to workers, reports from workers to the launcher, requests from the launcher to the fork
-server, and answers back. Each decoder raises `msgspec.DecodeError` for what is none of these.
+server, and answers back. The decoders check types and raise `msgspec.DecodeError` for anything else.
 """
 
 import msgspec
@@ -12,14 +12,14 @@ from palpate.launch.run.wire.keys import Key
 
 
 class Take(msgspec.Struct, frozen=True, tag=True):
-    """To a worker that was started by hand: its job, the name of the run, and its key."""
+    """To a worker that was started by hand: its job and the name of the run."""
 
     job: Job
     run: str
 
 
 class OutletAddress(msgspec.Struct, frozen=True):
-    """An outlet to connect to: whose it is, its address, the streams to read there, for observers or for nodes."""
+    """An outlet to connect to: its group, address, and the streams to read; `observed`: for observers, not nodes."""
 
     group: str
     address: str
@@ -29,20 +29,20 @@ class OutletAddress(msgspec.Struct, frozen=True):
 
 
 class Connect(msgspec.Struct, frozen=True, tag=True):
-    """Read from these outlets. `observed`: how many of the other workers observe each stream of this one."""
+    """Connect to these outlets. `observed`: number of other workers that observe each stream of this one."""
 
     sources: tuple[OutletAddress, ...]
     observed: dict[str, int]
 
 
 class Go(msgspec.Struct, frozen=True, tag=True):
-    """Begin. `origin` [ns]: time of tick 0 on the machine's monotonic clock."""
+    """Start. `origin` [ns]: time of tick 0 on the machine's monotonic clock."""
 
     origin: int
 
 
 class Gone(msgspec.Struct, frozen=True, tag=True):
-    """These nodes have died, or are back; `blocked`: nodes that cannot go on without them."""
+    """These nodes have died, or are back; `blocked`: nodes that cannot run without them."""
 
     nodes: tuple[str, ...]
     blocked: tuple[str, ...]
@@ -56,21 +56,21 @@ class End(msgspec.Struct, frozen=True, tag=True):
 
 
 class Stop(msgspec.Struct, frozen=True, tag=True):
-    """End in order: nodes at the end of a tick; observers go on until their senders are gone."""
+    """Shut down gracefully: nodes end after a tick, observers when their senders have ended."""
 
 
 class Close(msgspec.Struct, frozen=True, tag=True):
-    """All nodes have ended: observers end when they have what was sent. `lost`: groups that could not say so."""
+    """All nodes have ended: observers end when they have received all messages. `lost`: groups without a clean exit."""
 
     lost: tuple[str, ...] = ()
 
 
 class Quit(msgspec.Struct, frozen=True, tag=True):
-    """Nodes end at once."""
+    """Shut down the nodes immediately."""
 
 
 class Beat(msgspec.Struct, frozen=True, tag=True):
-    """A sign of life for workers on other machines."""
+    """Heartbeat for workers on other machines."""
 
 
 class Hello(msgspec.Struct, frozen=True, tag=True):
@@ -78,14 +78,14 @@ class Hello(msgspec.Struct, frozen=True, tag=True):
 
 
 class Starting(msgspec.Struct, frozen=True, tag=True):
-    """A node is being started. kernels: how many the worker has compiled so far."""
+    """A node is being started. kernels: number compiled so far."""
 
     node: str
     kernels: int = 0
 
 
 class Ready(msgspec.Struct, frozen=True, tag=True):
-    """All nodes are built. endpoints: addresses by outlet; refused: what the system did not permit."""
+    """All nodes are built. endpoints: addresses by outlet; refused: privileges that the system denied."""
 
     endpoints: dict[str, list[str]]
     refused: list[str] = []
@@ -93,12 +93,12 @@ class Ready(msgspec.Struct, frozen=True, tag=True):
 
 
 class Linked(msgspec.Struct, frozen=True, tag=True):
-    """All readers of its streams are there."""
+    """All readers of its streams are connected."""
 
 
 class Alive(msgspec.Struct, frozen=True, tag=True):
-    """A sign of life: the counters of each node, and how many frames were dropped as none of this run's. `awaits`: on
-    the simulated clock, the stream and the tick of the message without which the worker cannot go on."""
+    """Heartbeat: counters of each node, and number of dropped foreign frames. `awaits`: on the simulated clock, stream
+    and tick of the message that blocks the worker."""
 
     nodes: dict[str, Counters]
     foreign: int = 0
@@ -106,13 +106,13 @@ class Alive(msgspec.Struct, frozen=True, tag=True):
 
 
 class Paused(msgspec.Struct, frozen=True, tag=True):
-    """A paced worker waits after this tick to hear which one is the last."""
+    """A paced worker waits after this tick for the number of the last tick."""
 
     tick: int
 
 
 class NodeFault(msgspec.Struct, frozen=True, tag=True):
-    """A node has failed; an empty name stands for the worker as a whole."""
+    """A node has failed; an empty name means the whole worker."""
 
     node: str
     where: str
@@ -121,13 +121,13 @@ class NodeFault(msgspec.Struct, frozen=True, tag=True):
 
 
 class Note(msgspec.Struct, frozen=True, tag=True):
-    """A line that the user should see, once."""
+    """A line for the user."""
 
     text: str
 
 
 class NodesEnded(msgspec.Struct, frozen=True, tag=True):
-    """All nodes have ended; what they sent before is being delivered, and, after an orderly end, that it was all."""
+    """All nodes have ended; their messages are being delivered, after a clean exit with an end-of-stream marker."""
 
     clean_exit: bool
 
@@ -137,7 +137,7 @@ Report = Hello | Starting | Ready | Linked | Alive | Paused | NodeFault | Note |
 
 
 class Addressed(msgspec.Struct, frozen=True):
-    """A report and who sends it."""
+    """A report and the group that sends it."""
 
     group: str
     report: Report
@@ -150,7 +150,7 @@ class Prepare(msgspec.Struct, frozen=True, tag=True):
 
 
 class Start(msgspec.Struct, frozen=True, tag=True):
-    """To the fork server: fork a worker. key, guarded: as `Bus` takes them."""
+    """To the fork server: fork a worker. key, guarded: see `Bus`."""
 
     job: Job
     run: str
@@ -175,7 +175,7 @@ class Started(msgspec.Struct, frozen=True, tag=True):
 
 
 class Exited(msgspec.Struct, frozen=True, tag=True):
-    """A worker's process has ended; `status` as of `os.waitstatus_to_exitcode`."""
+    """A worker's process has ended; `status` as in `os.waitstatus_to_exitcode`."""
 
     group: str
     status: int

@@ -1,4 +1,4 @@
-"""What is known of a run when it has ended, and on the real clock whether it kept its rate."""
+"""The result of a run, and the verdict whether it kept its rate on the real clock."""
 
 from dataclasses import dataclass, field
 
@@ -7,8 +7,8 @@ from palpate.engine.plan import Plan
 
 @dataclass(frozen=True)
 class Death:
-    """A node or a whole worker that failed: who, where, why, and its traceback or what it printed. Where the process
-    itself failed in a run that is one, `node` is empty."""
+    """The failure of a node or worker, with its traceback or output. `node` is empty if the process of a fused run
+    failed."""
 
     node: str
     where: str
@@ -21,18 +21,18 @@ class Death:
 
 @dataclass
 class Result:
-    """What is known of a run when it has ended.
+    """The result of a run.
 
-    deaths       nodes that failed; empty after a good run
+    deaths       nodes that failed
     health       the counters of each node
     start        [s] from the launcher's start to tick 0
     origin       [s] of the machine's monotonic clock at tick 0
     wall         [s] from tick 0 to the end
-    ticks        number of ticks that were run
-    signal       number of the signal by which the user stopped it; 0: none did
-    notes        lines that the user should see: refused priorities, frames that were dropped
-    live         those of the notes that a live view has printed while the run went on
-    foreign      frames that were dropped because they are none of this run's
+    ticks        number of ticks
+    signal       number of the signal that stopped it; 0: none
+    notes        lines for the user: denied priorities, dropped frames
+    live         notes that a live view has printed during the run
+    foreign      number of dropped frames that do not belong to this run
     """
 
     deaths: list[Death] = field(default_factory=list)
@@ -48,28 +48,26 @@ class Result:
 
     @property
     def ok(self) -> bool:
-        """Whether every node lived to the end."""
         return not self.deaths
 
     @property
     def interrupted(self) -> bool:
-        """Whether the user stopped it."""
         return bool(self.signal)
 
 
 LATE, OVERDUE = 1e-3, 1e-2
-"""[1] Shares of the ticks that may be left out, and answered after the next one has begun, in a run that counts as real
+"""[1] Largest fractions of ticks that are left out, and answered after the next one began, in a run that counts as real
 time."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How many of the ticks that were due were in time.
+    """How many of the due ticks were in time.
 
     rate     [Hz]
     due      ticks of the run
-    late     of them, those that the device left out
-    overdue  those whose force came when the next tick had begun, or not at all
+    late     ticks that the device left out
+    overdue  ticks whose force arrived after the next tick began, or not at all
     """
 
     rate: float
@@ -93,7 +91,7 @@ class Verdict:
 
 
 def verdict(result: Result, plan: Plan, ticks: int | None) -> Verdict | None:
-    """The verdict on a run on the real clock; None where no node keeps the time. `ticks`: those that it was to run."""
+    """The verdict on a run on the real clock; None without a paced node. `ticks`: planned number of ticks."""
     paced = [name for name in plan.order if plan.graph.nodes[name].cls.paced]
     if not paced:
         return None
@@ -113,7 +111,7 @@ def verdict(result: Result, plan: Plan, ticks: int | None) -> Verdict | None:
 
 
 def _percent(share: float) -> str:
-    """As many digits as tell a good run from a perfect one."""
+    """With enough digits to distinguish a good run from a perfect one."""
     percent = 100.0 * share
     return f"{percent:.2f} %" if percent > 99.0 or 0.0 < percent < 1.0 else f"{percent:.0f} %"
 
@@ -123,4 +121,4 @@ TROUBLES = {
     "lost": "lost: messages that a node skipped, or that did not arrive within a period",
     "held": "held: steps that reused the previous value of an input",
 }
-"""What the columns of the table count, for a run in which one of them is not zero."""
+"""Meaning of the columns of the table, printed if one of them is not zero."""

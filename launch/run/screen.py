@@ -1,4 +1,4 @@
-"""The live view of a run in the terminal, and the table that stays when it has ended."""
+"""The live view of a run in the terminal, and the table of a finished run."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from rich.text import Text
 
 from palpate.launch.run.result import Death, Result
 
-FULL_SCALE = 3.0  # [N] of the force bars, until a force goes beyond
+FULL_SCALE = 3.0  # [N] initial full scale of the force bars
 
-KERNELS = 150  # about as many as the kidney graph compiles
+KERNELS = 150  # number of kernels that the kidney graph compiles, roughly
 COMPILING = "compiling the kernels for this processor: once, 15 s to a minute; later runs start at once"
 
 
 class Screen:
-    """Draws a run while it goes on: rates, step times, late, lost and held messages of each node, and force bars.
+    """Draws a running graph: rates, step times, late, lost and held messages of each node, and force bars.
 
-    title  what runs
+    title  name of the run
     rate   [Hz] base rate
-    ticks  of the run, None: until stopped
-    order  in which the nodes are listed
+    ticks  number of ticks; None: until stopped
+    order  order of the nodes in the table
     """
 
     def __init__(self, console: Console, title: str, rate: float, ticks: int | None, order: Sequence[str]) -> None:
@@ -48,7 +48,7 @@ class Screen:
     def show(
         self, result: Result, phase: str = "running", busy: dict[str, str] | None = None, kernels: int = 0
     ) -> None:
-        """Draw what is known; at most eight times a second. kernels: that were compiled so far."""
+        """Redraw, at most eight times a second. kernels: number compiled so far."""
         moment = time.monotonic()
         if kernels and not self._kernels:
             self.console.print(Text(COMPILING))
@@ -61,13 +61,13 @@ class Screen:
         self._live.update(self._draw(result, phase, busy or {}, moment))
 
     def print(self, text: str) -> None:
-        """Lines that the nodes print, above the view."""
+        """Print output of the nodes above the view."""
         if text.strip():
             self.console.print(Text(text.rstrip("\n"), style="dim"))
 
     def died(self, death: Death) -> None:
-        """A node that failed, with its traceback, above the view."""
-        tell(death, self.console)
+        """Print a failure with its traceback above the view."""
+        print_death(death, self.console)
 
     def _count(self, result: Result, moment: float) -> None:
         for name, health in result.health.items():
@@ -89,7 +89,7 @@ class Screen:
                 compiled.add_row("  compiling", done, f"{self._kernels} of about {KERNELS} kernels")
                 parts.append(compiled)
         if self.ticks:
-            bar = Table.grid()  # a bar by itself does not end its line
+            bar = Table.grid()  # a bar without a grid does not end its line
             bar.add_row(ProgressBar(total=self.ticks, completed=tick + 1, width=60))
             parts.append(bar)
         parts += [table(result, self._speed), self._forces(result)]
@@ -104,16 +104,15 @@ class Screen:
         return grid
 
 
-def tell(death: Death, console: Console) -> None:
-    """Print a death and its traceback."""
+def print_death(death: Death, console: Console) -> None:
     console.print(Text(str(death), style="red"))
-    # These say by themselves what to change.
+    # The text of these errors says what to change.
     if death.trace and not death.text.startswith(("SettingError", "DeviceError", "InputError")):
         console.print(Text(death.trace.rstrip(), style="dim"))
 
 
 def table(result: Result, speed: dict[str, float] | None = None) -> Fitted:
-    """One row per node; `speed` [Hz] while it runs, else the mean over the run."""
+    """One row per node; `speed`: current rates [Hz], default the mean of the run."""
     timed = (f"{name}\n[us]" for name in ("p50", "p99", "longest"))
     titles = ("node", "steps", "rate\n[Hz]", *timed, "late", "lost", "held", "asleep")
     rows = []
@@ -127,16 +126,16 @@ def table(result: Result, speed: dict[str, float] | None = None) -> Fitted:
 
 
 def troubles(*counts: int) -> list[Text]:
-    """Counts that stand out where they are not 0."""
+    """Counts, highlighted if not 0."""
     return [Text(str(count), style="yellow" if count else "dim") for count in counts]
 
 
 class Fitted:
-    """A table that leaves columns out where it has no room: no figure of it is cut.
+    """A table that drops columns in a narrow terminal, so that no number is cut.
 
-    titles  of the columns; the first one, and a last one without a title, are flush left
-    rows    their cells
-    spare   titles of the columns that may go, in that order
+    titles  of the columns; the first one, and a last one without a title, are left-aligned
+    rows    cells
+    spare   titles of the columns to drop, in this order
     """
 
     def __init__(self, titles: Sequence[str], rows: Sequence[Sequence[Text]], spare: Sequence[str]) -> None:
@@ -157,7 +156,7 @@ class Fitted:
         kept = [k for k, title in enumerate(self.titles) if title not in gone]
         grid = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 0, 0, 1))
         for k in kept:
-            # As text: brackets are no markup here.
+            # As Text, so that brackets are not markup.
             grid.add_column(Text(self.titles[k]), justify="right" if k and self.titles[k] else "left", no_wrap=True)
         for row in self.rows:
             grid.add_row(*(row[k] for k in kept))

@@ -1,4 +1,4 @@
-"""A run that records its sources only: what it has to compute itself, and what forbids it."""
+"""Runs that record only their sources: their plan, and the reasons why a graph cannot be recorded like this."""
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
@@ -13,11 +13,11 @@ from palpate.nodes.logger import Mcap
 
 
 def record_sources(graph: Graph, clock: str) -> Plan:
-    """The plan of a run whose logger records the sources only. On the simulated clock nothing is computed for the
-    recording alone. On the real clock it is: a node that computes less comes to rest earlier, and the age of its last
-    answer shows.
+    """The plan of a run whose logger records only the sources. On the simulated clock nothing is computed only for the
+    recording. On the real clock all fields are computed: a node that computes less comes to rest earlier, which changes
+    the ages of its messages.
 
-    GraphError: which node cannot be computed again, and why.
+    GraphError: nodes that cannot be recomputed, and why.
     """
     whole = plan(graph)
     spec = next(spec for spec in graph.nodes.values() if issubclass(spec.cls, Mcap) and spec.off is None)
@@ -26,12 +26,12 @@ def record_sources(graph: Graph, clock: str) -> Plan:
         raise GraphError(faults)
     sources = [s for name in whole.order if _is_source(graph.nodes[name]) for s in graph.nodes[name].streams]
     fields: dict[str, list[str]] = {"fields": []} if clock == "simulated" else {}
-    lean = replace(spec, settings={**spec.settings, "sources": sources, **fields})
-    return plan(replace(graph, nodes={**graph.nodes, spec.name: lean}))
+    logger = replace(spec, settings={**spec.settings, "sources": sources, **fields})
+    return plan(replace(graph, nodes={**graph.nodes, spec.name: logger}))
 
 
 def _is_source(spec: NodeSpec) -> bool:
-    """Whether what it sends is no function of other messages."""
+    """Whether its messages are not a function of other messages."""
     return spec.cls.paced or spec.cls.hardware
 
 

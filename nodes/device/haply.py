@@ -25,9 +25,9 @@ class Inverse3(Hardware):
         if self.port == EMULATOR:
             self.service = inverse3.EmulatedService(self.script(), self.faults, waits=True)
             self.go = self.service.hand.go
-            return inverse3.Inverse3(lambda: WebSocket(self.service.address, inverse3.NAME))
+            return inverse3.Inverse3Driver(lambda: WebSocket(self.service.address, inverse3.NAME))
         address = self.port or inverse3.ADDRESS
-        return inverse3.Inverse3(lambda: WebSocket(address, inverse3.NAME), self.device_id)
+        return inverse3.Inverse3Driver(lambda: WebSocket(address, inverse3.NAME), self.device_id)
 
     def stop(self) -> None:
         try:

@@ -59,8 +59,8 @@ class SpaceMouse(Wired):
         if self.port == EMULATOR:
             from palpate.drivers.hid.emulator import EmulatedSpaceMouse
 
-            return spacemouse.SpaceMouse(EmulatedSpaceMouse(self.faults).connect)
-        return spacemouse.SpaceMouse(lambda: UsbHid(spacemouse.fits, spacemouse.NAME, self.port))
+            return spacemouse.SpaceMouseDriver(EmulatedSpaceMouse(self.faults).connect)
+        return spacemouse.SpaceMouseDriver(lambda: UsbHid(spacemouse.fits, spacemouse.NAME, self.port))
 
     def step(self, *, dt: float) -> DeviceState:
         sample = self.talk((), dt)

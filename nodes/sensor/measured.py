@@ -76,7 +76,7 @@ class NetFT(Wired):
 
     def driver(self) -> Driver:
         from palpate.drivers.sensors.netft import EmulatedNetFT
-        from palpate.drivers.sensors.netft import NetFT as Sensor
+        from palpate.drivers.sensors.netft import NetFTDriver as Sensor
 
         if self.port != EMULATOR:
             return Sensor(self.port)

@@ -1,4 +1,4 @@
-"""Recordings in the formats that other tools open."""
+"""Exports recordings to formats of other tools."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,14 +17,14 @@ def export(
     *,
     every: int | None = None,
 ) -> list[Path]:
-    """Write a recording in another format; the files written.
+    """Write a recording in another format; returns the files.
 
     to       one of FORMATS: foxglove (MCAP with JSON channels), parquet, csv (a file per stream), wav, hjif
-    out      file or folder; None: beside the recording
-    streams  to write; none: all that fit
-    every    each n-th message only; None: all
+    out      file or folder; None: next to the recording
+    streams  streams to write; empty: all
+    every    write every n-th message; None: all
 
-    RecordingError: what does not fit, or which package is missing.
+    RecordingError: an argument is invalid, or a package is missing.
     """
     if to not in FORMATS:
         raise RecordingError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
@@ -33,7 +33,6 @@ def export(
     ending = {"foxglove": ".foxglove.mcap", "wav": ".wav", "hjif": ".hjif"}.get(to, f"-{to}")
     target = out or recording.path.with_name(recording.path.stem + ending)
     what = recording, target, tuple(streams) or tuple(recording.streams), every
-    # Each file imports what its format takes.
     if to == "foxglove":
         from palpate.records.export.foxglove import write_foxglove
 

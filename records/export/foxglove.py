@@ -1,4 +1,4 @@
-"""MCAP for Foxglove: the numbers of every stream as JSON, which PlotJuggler and the `mcap` command decode too."""
+"""MCAP for Foxglove: every stream as JSON, which PlotJuggler and the `mcap` command also read."""
 
 import json
 from pathlib import Path
@@ -14,15 +14,15 @@ from palpate.physics.archive import replacing
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-_CHUNK = 4 << 20  # [B] several surfaces, which are much alike, are compressed together
+_CHUNK = 4 << 20  # [B] holds several surfaces, which compress well together
 
 
 def write_foxglove(
     recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None
 ) -> list[Path]:
-    """One file. Each stream is a channel `/STREAM` of JSON objects, arrays row by row.
+    """Write one file. Each stream is a channel `/STREAM` of JSON objects; arrays are flat, in row-major order.
 
-    RecordingError: the target is the recording itself, or bytes that do not fit their type.
+    RecordingError: the target is the recording, or a message does not fit its type.
     """
     if target.exists() and target.samefile(recording.path):
         raise RecordingError(f"{target} is the recording itself; name another file with --out")
@@ -49,7 +49,7 @@ def write_foxglove(
 
 
 def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:
-    """A message as numbers, texts and lists; arrays with rows as lists of lists, or row by row."""
+    """A message as numbers, texts and lists; arrays as nested lists (`rows`), or flat in row-major order."""
     plain: dict[str, Any] = {"tick": message.tick, "time": message.time, "source": message.source, "used": message.used}
     for field in fields(type(message)):
         value = getattr(message, field.name)
@@ -60,8 +60,8 @@ def as_plain(message: Message, rows: bool = True) -> dict[str, Any]:
 
 
 def json_schema(kind: type[Message]) -> dict[str, Any]:
-    """JSON schema of `as_plain` without rows, as Foxglove refuses lists of lists; the unit stands in each field's
-    title, as `force [N]`, and the shape of arrays with rows in their description."""
+    """JSON schema of `as_plain` with flat arrays, since Foxglove refuses nested lists. The title of a field has its
+    unit, `force [N]`; the description of an array has its shape."""
     plain: dict[Any, str] = {int: "integer", bool: "boolean", str: "string", float: "number"}
     properties: dict[str, Any] = {
         "tick": {"type": "integer"},

@@ -1,4 +1,4 @@
-"""Tables: Parquet or CSV files of each stream, one row a message, a column for each number, `force[0] [N]`."""
+"""Parquet or CSV tables of each stream: one row per message, one column per number, `force[0] [N]`."""
 
 import csv
 import json
@@ -16,13 +16,13 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
 ROWS = 4096  # of a Parquet row group
-TIME, NANOSECONDS = "time [s]", "time [ns]"  # the second is exact, to join tables by
+TIME, NANOSECONDS = "time [s]", "time [ns]"  # nanoseconds are exact, for joins
 
 
 def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
-    """A file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then each number in its
-    column. Arrays, whose length changes, stand in a file for each of their lengths, `tissue-k.csv`: one row an element,
-    with the tick of its message."""
+    """Write a file per stream: tick, time [s] and [ns], `used` (the ticks of its inputs), then a column per number.
+    Arrays of variable length go into one file per length variable, `tissue-k.csv`: one row per element, with the tick
+    of its message."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for name in streams:
@@ -40,11 +40,12 @@ def write_csv(recording: Recording, folder: Path, streams: tuple[str, ...], ever
 
 
 class Layout:
-    """Which columns the messages of a stream have; found by going through them once.
+    """The columns of a stream's messages, found by reading them once.
 
-    plain   fields of one number or a short vector
-    arrays  the others, by the letter of their length;  filled  those of them that have an element in some message
-    width   columns of each field
+    plain   fields with one number or a short vector
+    arrays  the other fields, by the letter of their length
+    filled  the arrays that are not empty in all messages
+    width   number of columns of each field
     """
 
     def __init__(self, recording: Recording, name: str, every: int | None) -> None:
@@ -69,24 +70,23 @@ class Layout:
         self.filled = {length: group for length, group in self.arrays.items() if length in filled}
 
     def messages(self) -> Iterator[Message]:
-        """Those that are exported."""
         for index, message in enumerate(self._recording.messages(self._name)):
             if not index % self._every:
                 yield message
 
     def titles(self, field: Field) -> list[str]:
-        """Of the columns of a field."""
+        """Titles of the columns of a field."""
         if not (field.shape if field.dtype is None else field.shape[1:]):
             return [field.label]
         return [f"{field.name}[{i}] [{field.unit}]" for i in range(self.width[field.name] or 0)]
 
     def columns(self) -> list[str]:
-        """Of the table with one row a message."""
+        """Titles of the table with one row per message."""
         used = [f"used[{i}]" for i in range(self.inputs)]
         return ["tick", TIME, NANOSECONDS, *used, *(c for field in self.plain for c in self.titles(field))]
 
     def cells(self, message: Message) -> list[Any]:
-        """The row of a message; None where it has no such element."""
+        """The row of a message; None for missing elements."""
         row: list[Any] = [message.tick, message.time / 1e9, message.time, *_filled(message.used, self.inputs)]
         for field in self.plain:
             value = getattr(message, field.name)
@@ -100,12 +100,12 @@ class Layout:
             values = (getattr(message, field.name) for field in arrays)
             parts = [value.reshape(len(value), -1).tolist() if len(value) else [] for value in values]
             for k, rows in enumerate(zip_longest(*parts, fillvalue=())):
-                own = [x for row, width in zip(rows, widths, strict=True) for x in _filled(row, width)]
-                yield [message.tick, message.time / 1e9, message.time, k, *own]
+                numbers = [x for row, width in zip(rows, widths, strict=True) for x in _filled(row, width)]
+                yield [message.tick, message.time / 1e9, message.time, k, *numbers]
 
 
 def _fixed(shape: Shape) -> int | None:
-    """How many numbers a shape has; None where the messages tell."""
+    """Number of elements of a shape; None if it depends on the message."""
     known = [size for size in shape if isinstance(size, int)]
     return math.prod(known) if len(known) == len(shape) else None
 
@@ -115,9 +115,8 @@ def _filled(values: Any, width: int) -> list[Any]:
 
 
 def write_parquet(recording: Recording, folder: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
-    """A file per stream with the columns of the CSV, and arrays as nested lists, `displacement [m]`: names and units
-    reach pandas as they are. Unit, type and the run's provenance stand in the metadata as well. Rows are written in
-    groups, so that no stream has to fit into memory."""
+    """Write a file per stream with the columns of the CSV, and arrays as nested lists, `displacement [m]`. Units, type
+    and provenance are also in the metadata. Rows are written in groups, so that a stream need not fit into memory."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq

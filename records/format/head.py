@@ -1,4 +1,4 @@
-"""The head of a message: what a replay follows."""
+"""The head of a message: the part of its header that a replay needs."""
 
 import msgspec
 
@@ -7,7 +7,7 @@ SCHEMA_VERSION = "1"
 
 
 class Head(msgspec.Struct, frozen=True):
-    """The part of a header that a replay follows."""
+    """Tick, time [ns], and ticks of the inputs used."""
 
     tick: int
     time: int
@@ -19,15 +19,15 @@ _MAP_OF_THREE = 0x83
 
 
 def head_of(payload: bytes) -> Head:
-    """The head of a message in its wire form, or of a head alone."""
+    """The head of an encoded message or head."""
     return _DECODER.decode(payload)
 
 
 def head_alone(payload: bytes) -> bytes:
-    """The wire form of the head alone."""
+    """The encoded head of an encoded message."""
     return msgspec.msgpack.encode(head_of(payload))
 
 
 def is_head(payload: bytes) -> bool:
-    """Whether these bytes are a head alone: a map of three. A message has four entries in its header alone."""
+    """Whether these bytes are a head, a map of three entries. The header of a message has four."""
     return payload[0] == _MAP_OF_THREE

@@ -1,8 +1,8 @@
 """The records of a recording, an MCAP file (https://mcap.dev), each verified against its checksum.
 
-MCAP has checksums of what is in a chunk (messages, and the schemas and channels before them), of attachments, of the
-summary at the end, and of all data of a complete file. Metadata have none of their own, which a file that was cut off
-would need: they are sealed with one more key.
+MCAP has checksums of the contents of a chunk (messages, and the schemas and channels before them), of attachments, of
+the summary at the end, and of all data of a complete file. Metadata have none, so a truncated file could not be
+verified: palpate adds a checksum (`SEAL`) as one more key.
 """
 
 import json
@@ -24,7 +24,7 @@ from mcap.records import Channel, Chunk, Footer, Header, Metadata, MetadataIndex
 from palpate.records.format.mcap_writer import LIBRARY, MAGIC, SEAL, seal
 
 _RECORD = struct.Struct("<BQ")
-_HEAD = struct.Struct("<HIQQ")  # of a message: channel, sequence number, which is its tick, and two times
+_HEAD = struct.Struct("<HIQQ")  # of a message: channel, sequence number (its tick), and two times
 _FOOTER = _RECORD.size + 20 + len(MAGIC)
 _DATA_END = _RECORD.size + 4
 _KINDS: dict[int, Any] = {
@@ -33,27 +33,27 @@ _KINDS: dict[int, Any] = {
 }  # fmt: skip
 _IN_DATA = {Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.ATTACHMENT,
             Opcode.METADATA}  # fmt: skip
-# What the libraries raise on bytes that are not what they should be; lz4 has RuntimeError alone.
+# Exceptions of the libraries on invalid bytes; lz4 raises only RuntimeError.
 _BAD = (McapError, EOFError, ValueError, RuntimeError, KeyError, TypeError, MemoryError, OverflowError, struct.error,
         zstandard.ZstdError)  # fmt: skip
 BLOCK = 1 << 20
 MOST = 1 << 28
-"""[bytes] Largest chunk, packed or unpacked, and largest index at the end; a logger begins a new chunk long before, and
+"""[bytes] Largest chunk, compressed or not, and largest index at the end. A logger begins a new chunk long before, and
 fills such an index in 50 hours."""
 MOST_HEAD = 1 << 24
-"""[bytes] Largest record of what a file says of its streams and its run, and all of them together: 100 times what the
-largest graph that ships takes. They are read as JSON, which takes up to 30 times as much memory."""
+"""[bytes] Limit of schemas, channels and metadata, each and in total: 100 times those of the largest graph. They
+are parsed as JSON, which takes up to 30 times as much memory."""
 
 
 def lacking(path: Path) -> str:
-    """What a recording lacks, in one line: its end, or messages that its logger did not get; empty for a whole one."""
+    """The missing part of a recording, in one line: its end, or lost messages; empty if it is complete."""
     try:
         with path.open("rb") as file:
-            told = [record for record in Records(file).indexed() if isinstance(record, Metadata)]
+            metadata = [record for record in McapRecords(file).indexed() if isinstance(record, Metadata)]
     except (OSError, Broken) as error:
         return f"recording {path} is not complete: {error}"
     counts = {
-        name: entry for record in told if record.name == "palpate.counts" for name, entry in record.metadata.items()
+        name: entry for record in metadata if record.name == "palpate.counts" for name, entry in record.metadata.items()
     }
     lost = {name: json.loads(entry)["lost"] for name, entry in counts.items()}
     losses = ", ".join(f"{name} {number}" for name, number in lost.items() if number)
@@ -61,10 +61,10 @@ def lacking(path: Path) -> str:
 
 
 class Broken(Exception):
-    """Bytes of a file that are missing or not what was written, and from which on nothing can be relied on.
+    """Missing or damaged bytes of a file; everything after them is unreliable.
 
-    at   the byte where it begins
-    cut  nothing comes after it: the file was cut off
+    at   the byte where the damage begins
+    cut  the file ends there: it was truncated
     """
 
     def __init__(self, at: int, what: str, cut: bool = False) -> None:
@@ -72,10 +72,10 @@ class Broken(Exception):
         self.at, self.cut = at, cut
 
 
-class Records:
-    """The records of one file, in its order: headers, schemas, channels, metadata and opened chunks.
+class McapRecords:
+    """The records of one file, in order: headers, schemas, channels, metadata and decompressed chunks.
 
-    Broken is raised where the file is cut off or damaged; what came before it is good.
+    Broken: the file is truncated or damaged here; the records before are valid.
     """
 
     def __init__(self, file: IO[bytes]) -> None:
@@ -84,13 +84,13 @@ class Records:
         self.is_sealed = False
 
     def __iter__(self) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
-        """Records from the beginning up to the end of the data; a chunk as the bytes of the records in it."""
+        """Records from the beginning to the end of the data; a chunk as the bytes of its records."""
         self.file.seek(0)
         if self.file.read(len(MAGIC)) != MAGIC:
             raise Broken(0, "this is no MCAP file")
         for at, kind in self._places():
             if kind not in _IN_DATA:
-                raise Broken(at, f"found a record of kind {kind}, which does not belong here")
+                raise Broken(at, f"unexpected record of kind {kind}")
             if kind == Opcode.CHUNK:
                 yield self.chunk(at)
             elif kind in _KINDS:
@@ -99,7 +99,7 @@ class Records:
                 self._check_index(at)
 
     def chunks(self) -> Iterator[tuple[int, bytes]]:
-        """Where each chunk begins, and what is in it, as far as the file is good."""
+        """Position and contents of each chunk, up to the first damage."""
         try:
             for at, kind in self._places():
                 if kind == Opcode.CHUNK:
@@ -108,11 +108,11 @@ class Records:
             return
 
     def chunk(self, at: int) -> bytes:
-        """What is in the chunk that begins there."""
+        """The contents of the chunk at this position."""
         return _open(at, _parse(at, Chunk, self._record(at)[1]))
 
     def _places(self) -> Iterator[tuple[int, int]]:
-        """Where each record begins, and its kind, up to the end of the data; nothing of it is read yet."""
+        """Position and kind of each record, to the end of the data, without reading the contents."""
         at = len(MAGIC)
         while True:
             kind, length = self._about(at)
@@ -122,8 +122,8 @@ class Records:
             at += _RECORD.size + length
 
     def indexed(self) -> list[Schema | Channel | Metadata]:
-        """Schemas, channels and metadata of a complete file, by the summary at its end. Broken: the file is not
-        complete, or not as it was written, wherever in it."""
+        """Schemas, channels and metadata of a complete file, from the summary at its end. Broken: the file is truncated
+        or damaged anywhere."""
         self._checked(len(MAGIC), _parse(len(MAGIC), Header, self._record(len(MAGIC))[1]))
         start, crc = self._summary()
         if self.size - _FOOTER - start > MOST:
@@ -144,13 +144,12 @@ class Records:
                 records.append(_parse(at, _KINDS[kind], content))
             else:
                 continue
-            read += len(content)  # indices may name one record many times
+            read += len(content)  # an index may refer to one record many times
             if read > MOST_HEAD:
                 raise Broken(at, f"more than {MOST_HEAD} bytes of streams and metadata")
         return records
 
     def _summary(self) -> tuple[int, int]:
-        """Where the summary begins, and its checksum."""
         at = self.size - _FOOTER
         if at < len(MAGIC):
             raise Broken(self.size, "the end is missing", cut=True)
@@ -163,7 +162,7 @@ class Records:
         return footer.summary_start, footer.summary_crc
 
     def _check_data(self, end: int) -> None:
-        """Compare all data with their checksum, where there is one; `end` is where the summary begins."""
+        """Compare all data with their checksum, if there is one; `end`: position of the summary."""
         kind, content = self._record(end - _DATA_END)
         if kind != Opcode.DATA_END or len(content) != 4:
             raise Broken(end - _DATA_END, "the end of the data is missing")
@@ -183,23 +182,23 @@ class Records:
     def _record(self, at: int) -> tuple[int, bytes]:
         kind, length = self._about(at)
         most = MOST if kind == Opcode.CHUNK else MOST_HEAD
-        if length > most:  # a file may be as long as it says and hold nothing but a hole
+        if length > most:  # a sparse file can be long enough for any length
             raise Broken(at, f"a record of {length} bytes, expected at most {most}")
         return kind, self._bytes(at + _RECORD.size, length)
 
     def _about(self, at: int) -> tuple[int, int]:
-        """Kind and length of a record that the file holds to its end."""
+        """Kind and length of a record. Broken: the file ends within it."""
         kind, length = _RECORD.unpack(self._bytes(at, _RECORD.size))
         if at + _RECORD.size + length > self.size:
             raise Broken(at, "the file ends within this record", cut=True)
         return kind, length
 
     def _check_index(self, at: int) -> None:
-        """Broken: an index of messages has another length than it says (a chunk, one bit off)."""
+        """Broken: a message index has a wrong length (such as a chunk whose kind has one flipped bit)."""
         _, length = self._about(at)
-        said = self._bytes(at + _RECORD.size, min(length, 6))
-        if length != 6 + int.from_bytes(said[2:], "little"):
-            raise Broken(at, "an index of messages has another length than it says")
+        head = self._bytes(at + _RECORD.size, min(length, 6))
+        if length != 6 + int.from_bytes(head[2:], "little"):
+            raise Broken(at, "a message index with a wrong length")
 
     def _bytes(self, at: int, length: int) -> bytes:
         if at < 0 or at + length > self.size:
@@ -208,7 +207,7 @@ class Records:
         return self.file.read(length)
 
     def _checked(self, at: int, record: Any) -> Any:
-        """The record; metadata without their seal. Broken: it does not match."""
+        """The record; metadata without their checksum. Broken: the checksum does not match."""
         if isinstance(record, Header):
             self.is_sealed = record.library == LIBRARY
         elif isinstance(record, Metadata):
@@ -219,13 +218,13 @@ class Records:
 
 
 def opened(path: str | Path) -> Iterator[Header | Schema | Channel | Metadata | bytes]:
-    """The records of a file as `Records` gives them. OSError, Broken."""
+    """The records of a file, see `McapRecords`. OSError, Broken."""
     with open(path, "rb") as file:
-        yield from Records(file)
+        yield from McapRecords(file)
 
 
 def messages(chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
-    """Channel, tick, time [ns] and wire bytes of the messages in an opened chunk."""
+    """Channel, tick, time [ns] and encoded bytes of the messages in a decompressed chunk."""
     for at, kind, content in _inside(chunk):
         if kind == Opcode.MESSAGE:
             if len(content) < _HEAD.size:
@@ -235,7 +234,6 @@ def messages(chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
 
 
 def declared(chunk: bytes) -> Iterator[Schema | Channel]:
-    """The schemas and channels in an opened chunk."""
     for at, kind, content in _inside(chunk):
         if kind in (Opcode.SCHEMA, Opcode.CHANNEL):
             if len(content) > MOST_HEAD:
@@ -244,37 +242,37 @@ def declared(chunk: bytes) -> Iterator[Schema | Channel]:
 
 
 def _inside(data: bytes, start: int = 0) -> Iterator[tuple[int, int, bytes]]:
-    """Place, kind and content of the records in an opened chunk or an index; `start` is where that begins."""
+    """Position, kind and content of the records in a decompressed chunk or an index that begins at `start`."""
     at = 0
     while at < len(data):
         end = at + _RECORD.size
         kind, length = _RECORD.unpack_from(data, at) if end <= len(data) else (0, len(data))
         if end + length > len(data):
-            raise Broken(start + at, "a record ends beyond what it lies in")
+            raise Broken(start + at, "a record is longer than its chunk")
         yield start + at, kind, data[end : end + length]
         at = end + length
 
 
 def _lz4(data: bytes, size: int) -> bytes:
-    """Of no more than `size` bytes; the length that a frame states, if any, is not relied on."""
+    """Decompress to `size` bytes at most; the length in the frame is not trusted."""
     unpacker = lz4.frame.LZ4FrameDecompressor()
     unpacked = unpacker.decompress(data, max_length=size + 1)
     if not unpacker.eof:
-        raise ValueError("more bytes than the chunk says, or fewer")
+        raise ValueError("not the size in the chunk's header")
     return unpacked
 
 
 def _zstd(data: bytes, size: int) -> bytes:
-    """The library reserves memory by the length that a frame states."""
+    """Decompress to `size` bytes. The library allocates the length in the frame, so check that first."""
     if zstandard.frame_content_size(data) not in (size, -1):
-        raise ValueError("another length than the chunk says")
+        raise ValueError("not the size in the chunk's header")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
 
 
 _UNPACK: dict[str, tuple[int, Callable[[bytes, int], bytes]]] = {
     "": (1, lambda data, size: data), "zstd": (1 << 15, _zstd), "lz4": (255, _lz4),
 }  # fmt: skip
-"""By the name of a compression the bytes out of one of it, at most, and what unpacks them, given their number."""
+"""By name of the compression: largest compression ratio, and the function that decompresses to a size."""
 
 
 def _open(at: int, chunk: Chunk) -> bytes:
@@ -282,12 +280,12 @@ def _open(at: int, chunk: Chunk) -> bytes:
     try:
         gain, unpack = _UNPACK[chunk.compression]
         if size > min(MOST, gain * len(chunk.data)):
-            raise ValueError(f"{size} bytes, unpacked")
+            raise ValueError(f"{size} bytes, decompressed")
         data = unpack(chunk.data, size)
         if len(data) != size:
             raise ValueError(f"{len(data)} bytes, expected {size}")
     except _BAD:
-        raise Broken(at, "a chunk of messages cannot be unpacked") from None
+        raise Broken(at, "a chunk of messages cannot be decompressed") from None
     if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
         raise Broken(at, "a chunk of messages does not match its checksum")
     return data
@@ -299,6 +297,6 @@ def _parse(at: int, kind: Any, content: bytes) -> Any:
         record = kind.read(ReadDataStream(source))
     except _BAD:
         raise Broken(at, f"a record {kind.__name__} cannot be read") from None
-    if source.tell() != len(content):  # its length is damaged: it would swallow what follows
-        raise Broken(at, f"a record {kind.__name__} is not as long as it says")
+    if source.tell() != len(content):  # a damaged length would hide the records that follow
+        raise Broken(at, f"a record {kind.__name__} has a wrong length")
     return record

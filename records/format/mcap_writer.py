@@ -1,8 +1,8 @@
-"""Writing an MCAP file (https://mcap.dev) at the speed of a force loop.
+"""Writes an MCAP file (https://mcap.dev) at the speed of a force loop.
 
-A message costs its caller one packed head and two places in a list. All else happens once a chunk, in a thread: the
-bytes are joined, indexed with numpy, compressed and written. Small records (schemas, channels, metadata, the summary)
-are those of the `mcap` package.
+The caller only packs the head of a message and appends two items to a list. A thread does the rest once per chunk: it
+joins, indexes (with numpy), compresses and writes the bytes. Small records (schemas, channels, metadata, the summary)
+are made by the `mcap` package.
 """
 
 import json
@@ -23,11 +23,11 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 
 MAGIC = b"\x89MCAP0\r\n"
-LIBRARY = "palpate, sealed"  # says in the header of a file that its metadata are sealed
+LIBRARY = "palpate, sealed"  # in the header of a file: its metadata have checksums
 SEAL = "crc32"
 CHUNK_SIZE = 1 << 20  # [B]
-IN_FLIGHT = 2  # chunks that wait for the disk at most; then the caller waits, so that memory stays bounded
-LEVEL = 1  # of zstd: most of a recording is random bits of doubles; level 3 takes 1.6 times as long for 0.4 % less
+IN_FLIGHT = 2  # chunks that may wait for the disk; then the caller blocks, so that memory stays bounded
+LEVEL = 1  # of zstd: level 3 takes 1.6 × as long for 0.4 % less, since most bits of doubles are random
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length; channel, sequence number, two times
 _HEAD = np.dtype(
@@ -47,16 +47,16 @@ _COMPRESS: dict[Compression, Callable[[bytes], bytes]] = {
 
 
 def seal(name: str, data: dict[str, str]) -> str:
-    """Checksum of metadata, which covers their name as well."""
+    """Checksum of metadata and their name."""
     return f"{zlib.crc32(json.dumps([name, sorted(data.items())]).encode()):08x}"
 
 
 class McapWriter:
     """Writes one file, with checksums, message indexes, statistics and a summary.
 
-    file  open for writing; stays the caller's
+    file  open for writing; the caller closes it
 
-    OSError comes from whichever call finds that a chunk could not be written.
+    OSError: a chunk could not be written; the next call raises it.
     """
 
     def __init__(self, file: IO[bytes], profile: str, compression: Compression = "zstd") -> None:
@@ -91,7 +91,7 @@ class McapWriter:
         return len(known)
 
     def add_message(self, channel: int, tick: int, time: int, payload: bytes) -> None:
-        """Take one message; `time` [ns]."""
+        """Add a message; `time` [ns]."""
         length = 22 + len(payload)
         self._parts += _MESSAGE.pack(Opcode.MESSAGE, length, channel, tick & 0xFFFFFFFF, time, time), payload
         self._size += length
@@ -99,7 +99,7 @@ class McapWriter:
             self.close_chunk()
 
     def close_chunk(self) -> None:
-        """Hand what has come to the thread that writes it."""
+        """Pass the buffered messages to the thread."""
         if not self._size:
             return
         while len(self._waiting) >= IN_FLIGHT or (self._waiting and self._waiting[0].done()):
@@ -108,20 +108,20 @@ class McapWriter:
         self._parts, self._size = [b""], 0
 
     def flush(self) -> None:
-        """Return when all that has come is in the file."""
+        """Wait until all messages are in the file."""
         self.close_chunk()
         while self._waiting:
             self._waiting.popleft().result()
 
     def add_metadata(self, name: str, data: dict[str, str]) -> None:
-        """Write metadata, sealed with their checksum, behind the messages so far."""
+        """Write metadata with their checksum after the messages so far."""
         self.flush()
         record = _bytes(records.Metadata(name, {**data, SEAL: seal(name, data)}))
         self._metadata.append(records.MetadataIndex(self._at, len(record), name))
         self._write(record)
 
     def finish(self) -> None:
-        """Write the summary; the file is complete then."""
+        """Write the summary, which completes the file."""
         self.flush()
         self._write(_bytes(records.DataEnd(self._checksum)))
         start, summary, offsets = self._at, b"", b""
@@ -136,7 +136,7 @@ class McapWriter:
         self.close()
 
     def close(self) -> None:
-        """End the thread; what is not written stays unwritten."""
+        """End the thread; discard buffered messages."""
         self._thread.shutdown(cancel_futures=True)
 
     def _summary(self) -> Iterable[tuple[Opcode, Iterable[records.McapRecord]]]:
@@ -160,7 +160,7 @@ class McapWriter:
         yield Opcode.METADATA_INDEX, self._metadata
 
     def _write_chunk(self, parts: list[bytes]) -> None:
-        """Write a chunk and its index. `parts`: declarations, then head and payload of each message in turn."""
+        """Write a chunk and its index. `parts`: declarations, then alternately head and payload of each message."""
         data = b"".join(parts)
         heads = np.frombuffer(b"".join(parts[1::2]), _HEAD)
         packed = self._compress(data)
@@ -184,7 +184,7 @@ class McapWriter:
         self._write(chunk, packed, index)
 
     def _write(self, *parts: bytes) -> None:
-        if self._failed is not None:  # nothing may follow a gap
+        if self._failed is not None:  # do not write after a gap
             raise self._failed
         try:
             for part in parts:
@@ -198,7 +198,7 @@ class McapWriter:
 
 
 def _entries(heads: np.ndarray, begin: int) -> Iterable[tuple[int, np.ndarray]]:
-    """By channel, time and place in the chunk of each message; `begin` is the place of the first."""
+    """Time and position in the chunk of each message, by channel; `begin`: position of the first."""
     sizes = heads["length"] + np.uint64(_RECORD)
     entries = np.empty(len(heads), _ENTRY)
     entries["time"] = heads["time"]
@@ -214,6 +214,6 @@ def _bytes(record: records.McapRecord) -> bytes:
 
 
 def _calm() -> None:
-    """The thread gives way to a loop that has real-time priority."""
+    """Reset the thread's priority, so that it never preempts a real-time loop."""
     with suppress(OSError, AttributeError):  # not permitted, or not Linux
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from palpate.cli import commands
 from palpate.cli.__main__ import app
-from palpate.cli.machine import findings
+from palpate.cli.machine import diagnostics
 from palpate.drivers import discover
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
@@ -331,19 +331,19 @@ def test_doctor_looks_at_the_machine():
 
 def test_doctor_finds_a_device(tmp_path, monkeypatch):
     monkeypatch.setattr(discover, "USB", tmp_path)
-    assert [f.found for f in findings._usb()] == ["none on USB"]
+    assert [f.found for f in diagnostics._usb()] == ["none on USB"]
     folder = tmp_path / "1-1"
     folder.mkdir()
     for name, text in {"idVendor": "0403", "idProduct": "cb48", "busnum": "999", "devnum": "7"}.items():
         (folder / name).write_text(f"{text}\n")
-    (finding,) = findings._usb()
+    (finding,) = diagnostics._usb()
     assert finding.what == "Novint Falcon"
     if "devices" not in finding.cure or "pip" not in finding.cure:
         assert "/dev/bus/usb/999/007" in finding.found and "--install-udev" in finding.cure
 
 
 def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
-    monkeypatch.setattr(findings, "package_version", lambda name: None if name == "msgspec" else "1.0")
+    monkeypatch.setattr(diagnostics, "package_version", lambda name: None if name == "msgspec" else "1.0")
     result = run("doctor", "--no-pictures", "--seconds", "0")
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 

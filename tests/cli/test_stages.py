@@ -7,12 +7,12 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.cli.terminal.progress import Stages
+from palpate.cli.terminal.progress import StageBars
 
 
 def told(quiet=False, terminal=False):
     out = io.StringIO()
-    with Stages(Console(file=out, force_terminal=terminal, width=100), quiet) as stages:
+    with StageBars(Console(file=out, force_terminal=terminal, width=100), quiet) as stages:
         done = stages.begin("condensing", "300 degrees of freedom")
         for k in range(1, 41):
             done(k / 40)

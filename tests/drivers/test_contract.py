@@ -76,7 +76,7 @@ FIRST = '{"inverse3": [{"device_id": "A1"}]}'
 
 @pytest.mark.parametrize(
     ("module", "driver", "answer", "late"),
-    [(raw, raw.RawHidDriver, INFO, 8), (inverse3, inverse3.Inverse3, FIRST, 1)],
+    [(raw, raw.RawHidDriver, INFO, 8), (inverse3, inverse3.Inverse3Driver, FIRST, 1)],
     ids=["rawhid", "inverse3"],
 )
 def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it_may_take(

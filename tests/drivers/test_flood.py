@@ -55,7 +55,7 @@ class Far:
 
 
 def service(far):
-    driver = inverse3.Inverse3(lambda: far)
+    driver = inverse3.Inverse3Driver(lambda: far)
     far.waiting.insert(0, state(0.0))
     flood, far.flood = far.flood, None
     driver.open()
@@ -64,13 +64,13 @@ def service(far):
 
 
 def sensor(far):
-    driver = netft.NetFT("nowhere")
+    driver = netft.NetFTDriver("nowhere")
     driver.port, driver.scale, driver.number, driver.asked = far, netft.Scale(1.0, 1.0), -1, 0.0
     return driver
 
 
 def mouse(far):
-    driver = spacemouse.SpaceMouse(lambda: far)
+    driver = spacemouse.SpaceMouseDriver(lambda: far)
     driver.open()
     return driver
 

@@ -39,7 +39,7 @@ def test_rubbish_is_no_state(text):
 
 def service(**more):
     emulated = inverse3.EmulatedService(Script(stiffness=300.0, damping=15.0), **more)
-    return emulated, inverse3.Inverse3(lambda: WebSocket(emulated.address, inverse3.NAME), more.get("device", ""))
+    return emulated, inverse3.Inverse3Driver(lambda: WebSocket(emulated.address, inverse3.NAME), more.get("device", ""))
 
 
 def test_an_inverse3_gives_way_to_a_force_over_a_real_socket():

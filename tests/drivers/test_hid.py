@@ -35,7 +35,7 @@ I16, I32, U16 = st.integers(-0x8000, 0x7FFF), st.integers(-(2**31), 2**31 - 1), 
 )
 def test_a_spacemouse_says_six_axes_and_its_buttons(axes):
     """350, -175, 70, -350, 35 and 7 counts; buttons 1 and 3."""
-    mouse = spacemouse.SpaceMouse(lambda: None)
+    mouse = spacemouse.SpaceMouseDriver(lambda: None)
     mouse.open()
     for report in [*axes, "03 0500 0000"]:
         mouse.take(bytes.fromhex(report))
@@ -45,7 +45,7 @@ def test_a_spacemouse_says_six_axes_and_its_buttons(axes):
 
 @given(st.binary(max_size=64))
 def test_rubbish_moves_no_mouse_out_of_bounds(report):
-    mouse = spacemouse.SpaceMouse(lambda: None)
+    mouse = spacemouse.SpaceMouseDriver(lambda: None)
     mouse.open()
     mouse.take(report)
     assert all(abs(a) <= 1.5 for a in mouse.axes)
@@ -78,7 +78,7 @@ def test_a_spacemouse_moves_its_point_inside_its_box(monkeypatch, mode, deflecti
 
 
 def test_the_emulated_spacemouse_is_pressed():
-    mouse = spacemouse.SpaceMouse(emulator.EmulatedSpaceMouse().connect)
+    mouse = spacemouse.SpaceMouseDriver(emulator.EmulatedSpaceMouse().connect)
     mouse.open()
     assert any(abs(mouse.cycle(()).position[2]) > 0.25 for _ in range(5000))
 

@@ -13,11 +13,11 @@ from palpate.drivers import guard
 from palpate.drivers.falcon import frames
 from palpate.drivers.falcon.driver import FalconDriver
 from palpate.drivers.guard import DeviceSample, Guard
-from palpate.drivers.haply.inverse3 import Inverse3
+from palpate.drivers.haply.inverse3 import Inverse3Driver
 from palpate.drivers.hid.raw import WATCHDOG, RawHidDriver
-from palpate.drivers.hid.spacemouse import SpaceMouse
+from palpate.drivers.hid.spacemouse import SpaceMouseDriver
 from palpate.drivers.limits import LIMITS
-from palpate.drivers.sensors.netft import NetFT
+from palpate.drivers.sensors.netft import NetFTDriver
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
@@ -37,7 +37,7 @@ ROWS = {
 """But for the Falcon's command these are choices of this project, which docs/devices.md states: a change of one is a
 change of what a hand may feel, and is made in both places and here."""
 HAPTIC = ["falcon", "inverse3", "rawhid"]
-DRIVERS = {"falcon": FalconDriver, "inverse3": Inverse3, "rawhid": RawHidDriver, "spacemouse": SpaceMouse}
+DRIVERS = {"falcon": FalconDriver, "inverse3": Inverse3Driver, "rawhid": RawHidDriver, "spacemouse": SpaceMouseDriver}
 PAGE = (Path(__file__).parents[2] / "docs" / "devices.md").read_text()
 
 
@@ -51,7 +51,7 @@ def test_each_driver_has_its_own_row(name):
 
 
 def test_a_sensor_takes_no_command():
-    assert NetFT.limits.command == 0.0 and NetFT.limits.silence == 2.5
+    assert NetFTDriver.limits.command == 0.0 and NetFTDriver.limits.silence == 2.5
 
 
 def test_the_times_of_the_guard_are_those_that_the_page_states():

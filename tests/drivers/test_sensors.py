@@ -79,9 +79,9 @@ def test_a_net_ft_that_sends_faster_than_it_is_read_does_not_hold_a_cycle():
 
 def test_no_net_ft_at_an_address_is_told():
     with pytest.raises(DeviceError, match=r"no Net F/T at 127\.0\.0\.1: .*refused.*192\.168\.1\.1"):
-        netft.NetFT("127.0.0.1", web=9).open()
+        netft.NetFTDriver("127.0.0.1", web=9).open()
     with pytest.raises(DeviceError, match="give its address as `port`"):
-        netft.NetFT("").open()
+        netft.NetFTDriver("").open()
 
 
 def test_a_sensor_node_sends_the_force_on_it():

@@ -136,7 +136,7 @@ def test_it_takes_the_type_of_its_sender_through_others_of_its_kind(write):
     ("line", "text"),
     [
         ("d: {use: transport.Delay, in: {message: contact}}", "expects Pose, but 'd' sends Contact"),
-        ("d: {use: transport.Delay, in: {message: d}}", "only hands on what it sends itself: d -> d"),
+        ("d: {use: transport.Delay, in: {message: d}}", "forwards only its own messages: d -> d"),
         ("d: {use: transport.Delay, in: {message: e}}\n  e: {use: transport.Delay, in: {message: d}}", "d -> e -> d"),
         ("d: {use: transport.Delay, in: {message: fingr}}", "no node 'fingr'(.|\n)*Did you mean 'finger'"),
         ("d: {use: transport.Delay, in: {mesage: finger}}", "'mesage': unknown(.|\n)*Did you mean 'message'"),

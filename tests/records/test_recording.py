@@ -26,7 +26,7 @@ from palpate.messages import DeviceState, Health, Message, pack
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.fill import recover
-from palpate.records.format.mcap_file import LIBRARY, SEAL, Records
+from palpate.records.format.mcap_file import LIBRARY, SEAL, McapRecords
 from palpate.records.format.mcap_writer import CHUNK_SIZE, IN_FLIGHT
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
@@ -350,7 +350,7 @@ def test_a_damaged_chunk_ends_the_reading_and_nothing_wrong_is_read(tmp_path, go
     path = tmp_path / "bad.mcap"
     path.write_bytes(good)
     with path.open("rb") as file:
-        begins = [at for at, _ in Records(file).chunks()]
+        begins = [at for at, _ in McapRecords(file).chunks()]
     at = begins[-1] + 200  # within what is packed in it
     path.write_bytes(good[:at] + bytes([good[at] ^ 0xFF]) + good[at + 1 :])
     recording = Recording(path)

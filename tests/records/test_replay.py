@@ -529,7 +529,7 @@ def test_another_rate_is_refused_and_so_is_a_setting_of_what_is_played(touch, ve
     code, _, err = say(verb, touch, "--set", "rate=500")
     assert code == 2 and "recorded at 1000 Hz" in err and "found rate=500, expected 1000" in err
     code, _, err = say(verb, touch, "--set", "source.gain=0.1")
-    assert code == 2 and "source.gain: 'source' is played as it was recorded, so this has no effect" in err
+    assert code == 2 and "source.gain: 'source' is played from the recording, so this has no effect" in err
 
 
 def test_compare_honours_every(kidney):
@@ -548,7 +548,7 @@ def test_what_no_override_changes_is_as_it_was_recorded_whatever_the_default_is_
 
 def test_a_check_at_other_ticks_is_refused(touch):
     code, _, err = say("replay", touch, "--check", "--set", "spread.every=2")
-    assert code == 2 and "a check steps every node when it was recorded" in err
+    assert code == 2 and "a check steps every node at its recorded ticks" in err
     code, _, err = say("replay", touch, "--only", "spring", "--set", "drag.every=2")
     assert code == 2 and "drag.every: 'drag' is played" in err
 

@@ -285,4 +285,4 @@ def test_an_unknown_word_is_told(tmp_path):
 
 def test_recover_full_of_a_whole_recording_is_told(tmp_path):
     code, _, err = say("export", record(tmp_path, only="all"), "--to", "mcap", "--full")
-    assert code == 2 and "holds all messages" in err
+    assert code == 2 and "contains all messages" in err

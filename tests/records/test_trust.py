@@ -149,5 +149,5 @@ def test_a_class_below_palpate_is_found():
 
 
 def test_a_stream_says_which_of_its_classes_is_missing(here):
-    with pytest.raises(RecordingError, match=r"stream 'grip' holds innocent\.Grip: 'innocent'.*other streams"):
+    with pytest.raises(RecordingError, match=r"stream 'grip' contains innocent\.Grip: 'innocent'.*other streams"):
         list(Recording(Path("run.mcap")).messages("grip"))

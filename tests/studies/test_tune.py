@@ -164,7 +164,7 @@ def test_a_reason_that_settings_share_is_told_once(tmp_path, monkeypatch):
     text = " ".join(ran.output.split())
     assert "left out ReducedFE, 1000 vertices; ReducedFE, 1000 vertices, every 5:" in text
     assert text.count("no reduced basis is stored") == 1
-    assert "MassSpring, 1000 vertices, whose own error is unknown." in text
+    assert "MassSpring, 1000 vertices, whose error is unknown." in text
 
 
 def test_it_asks_for_a_budget_or_an_error():

@@ -364,7 +364,7 @@ def test_a_picture_of_an_earlier_recording_in_the_folder_is_told(touch_file, tmp
         (tmp_path / name).write_bytes(b"")
     made, told = drawn(touch_file, tmp_path)
     assert made == PLOTS
-    assert f"in {tmp_path} already, and not drawn anew: deformation.png, force-contact-2.png" in told
+    assert f"older pictures in {tmp_path}, not redrawn: deformation.png, force-contact-2.png" in told
 
 
 @pytest.mark.parametrize("indentation, panels", [(1e-8, 1), (1e-4, 2)])
@@ -519,4 +519,4 @@ def test_the_command_refuses_what_is_no_recording(tmp_path):
     assert result.exit_code == 2 and "Traceback" not in result.stderr
     empty = record(tmp_path / "e.mcap", {"a": [DeviceState()]})
     result = CliRunner().invoke(app, ["picture", str(empty)])
-    assert result.exit_code == 1 and "nothing that could be drawn" in result.stderr
+    assert result.exit_code == 1 and "nothing to draw" in result.stderr

@@ -94,7 +94,7 @@ FAULTS = {
     "books of one contact": (
         "ledger: {use: ledger.Energy, in: {contact: contact-1, friction: friction-1, force: controller-1, "
         "pose: finger-1, body: tissue}}",
-        ["accounts for 'contact-1', but 'contact-1' and 'contact-2' press on 'tissue'", "`ledger: null`"],
+        ["includes 'contact-1', but 'contact-1' and 'contact-2' press on 'tissue'", "`ledger: null`"],
     ),
     "books of fingers in two orders": (
         "ledger: {use: ledger.Energy, in: {contact: [contact-1, contact-2], friction: [friction-2, friction-1], "
@@ -118,7 +118,7 @@ FAULTS = {
     ),
     "a load that is left out": (
         "tissue: {in: {load: spread-1}}",
-        ["node 'contact-2'", "reads the body 'tissue', which the load of 'contact-1' presses, not its own"],
+        ["node 'contact-2'", "reads the body 'tissue', on which only 'contact-1' presses"],
     ),
 }  # fmt: skip
 

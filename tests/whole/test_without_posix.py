@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from palpate.cli.machine import findings
+from palpate.cli.machine import diagnostics
 
 TESTS = Path(__file__).parents[1]
 
@@ -19,10 +19,10 @@ def test_one_process_on_simulated_time_runs_without_posix(tmp_path):
 
 def test_doctor_says_what_is_tested(monkeypatch):
     def found():
-        return {one.what: one for one in findings.examine(pictures=False, seconds=0.0)}
+        return {one.what: one for one in diagnostics.examine(pictures=False, seconds=0.0)}
 
     assert found()["system"].state == "ok"
-    monkeypatch.setattr(findings.sys, "platform", "darwin")
+    monkeypatch.setattr(diagnostics.sys, "platform", "darwin")
     elsewhere = found()
     assert elsewhere["system"].state == "note" and "untested" in elsewhere["system"].found
     assert "SCHED_RR" not in elsewhere

@@ -1,4 +1,4 @@
-"""The page in the browser: what goes on in a run, or any time of a recording. One server, several sources of frames."""
+"""The page in the browser shows a run or a recording. One server, several sources of frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def check() -> None:
-    """PageError: the package that serves the pages is missing, with what to type."""
+    """PageError: the package that serves the pages is missing."""
     try:
         import websockets  # noqa: F401
     except ImportError as error:
@@ -21,7 +21,7 @@ def check() -> None:
 
 
 def serve(source: FrameSource, port: int = 0, host: str = "127.0.0.1") -> PageServer:
-    """Show a source to whoever opens the address. PageError."""
+    """Serve a source of frames. PageError: the package is missing, or the port is in use."""
     check()
     from palpate.views.page.server import PageServer
 

@@ -1,7 +1,7 @@
-"""What the page hears of a run: the newest surface, and what the small streams have brought since the last frame.
+"""Makes the frames of a run for the page: the newest surface, and all messages of small streams since the last frame.
 
-Surfaces are conflated by ZeroMQ: of a thousand a second one is decoded for each frame. Small streams are read in
-bursts. The run's outlets for observers drop what a listener does not take: it cannot slow the run.
+ZeroMQ conflates surfaces: only the newest is decoded for each frame. Small streams are read in bursts. The run drops
+messages that the page does not read in time, so the page cannot slow the run.
 """
 
 import struct
@@ -36,13 +36,13 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.views.bodies import Bodies
 from palpate.views.page.steered import Shown, Touched
 
-KEPT = 400  # Messages of a finger's small streams that wait for the next frame; older ones are dropped
+KEPT = 400  # limit of buffered messages of a finger's small streams between two frames
 Last = dict[type[Message], Message]
-Curve = dict[str, list[float]]  # Times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
+Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
 
 
 class StreamReader:
-    """Listens to one run; `frame` makes what the page draws next."""
+    """Reads the streams of a run; `frame` makes the next frame."""
 
     def __init__(self, run: Running, touched: Touched) -> None:
         self.touched = touched
@@ -70,7 +70,7 @@ class StreamReader:
         self.context.destroy(linger=0)
 
     def frame(self) -> bytes | None:
-        """The next picture; None where nothing new has come."""
+        """The next frame; None without new messages."""
         touched = self.touched
         curves: list[Curve] = [{"t": [], "f": [], "s": []} for _ in touched.fingers]
         count = 0
@@ -105,8 +105,8 @@ def picture(
     head: dict[str, Any], newest: Mapping[str, Message], shown: Bodies, fingers: Sequence[Shown],
     near: Sequence[Sequence[str]], thickness: float, curves: Sequence[Curve] = (),
 ) -> bytes | None:  # fmt: skip
-    """The picture of the newest messages by stream; None where a finger has no contact yet. Of the organs that a finger
-    may touch, the one counts that it is nearest to or deepest in. The others as in `steered.Touched` and `told`."""
+    """The frame of the newest messages by stream; None if a finger has no contact message yet. The proximity of a
+    finger is that with the smallest gap. Other arguments: see `steered.Touched` and `told`."""
     every: list[Last] = []
     for finger, organs in zip(fingers, near, strict=True):
         last: Last = {kind: newest[stream] for kind, stream in finger.items() if stream in newest}
@@ -120,23 +120,23 @@ def picture(
 
 
 def kinds_of(fingers: Iterable[Shown], near: Iterable[Iterable[str]], shown: Bodies) -> dict[str, type[Message]]:
-    """The message type of each stream that is drawn."""
+    """The message type of each stream that the page shows."""
     kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
     kinds |= {stream: Proximity for organs in near for stream in organs}
     return kinds | dict.fromkeys(shown.streams, Surface) | dict.fromkeys(shown.loads, Load)
 
 
 def told(fingers: list[Last], thickness: float, curves: Sequence[Curve] = ()) -> dict[str, Any]:
-    """What the page tells of the last messages of each finger, and of forces and indentations before them: that of the
-    first one, with the others in `others`."""
+    """The head of a frame: the last messages of the first finger, with forces and indentations before them; those of
+    the other fingers in `others`."""
     every: Sequence[Curve] = curves or [{}] * len(fingers)
     head, *others = (now(last, thickness) | curve for last, curve in zip(fingers, every, strict=True))
     return head | {"others": others}
 
 
 def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
-    """A picture: what is told in its head, and the nodes, displacements and pressures of the surface. Which nodes slide
-    is told in the head, where the body knows."""
+    """A packed frame: head, nodes, displacements and pressures of the surface. The head lists the sliding nodes, if the
+    body sends them."""
     if surface is None:
         return packed(head, np.zeros(0, "<u4"), np.zeros(0, "<f4"), np.zeros(0, "<f4"))
     if len(surface.slipped) and len(surface.slipped) == len(surface.nodes):
@@ -147,14 +147,14 @@ def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
 
 
 def now(last: Last, thickness: float) -> dict[str, Any]:
-    """What the page tells of the last message of each kind; thickness [m] of the fingertip."""
+    """The last message of each type as plain data for the page; thickness [m] of the fingertip."""
     contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
     assert isinstance(contact, Contact)
     told: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
     told |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
     if isinstance(near, Proximity) and isinstance(pose, Pose):
-        apart = thickness - contact.compression
-        told["tip"] = [p - apart * n for p, n in zip(pose.position, near.normal, strict=True)]
+        distance = thickness - contact.compression
+        told["tip"] = [p - distance * n for p, n in zip(pose.position, near.normal, strict=True)]
         told["up"] = near.normal
     if isinstance(friction := last.get(Friction), Friction):
         told |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
@@ -172,7 +172,7 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
 
 
 def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
-    """The undeformed surface, and what else the page has to know of a run."""
+    """The undeformed surface and the constants of a run."""
     return surface_frame(
         touched.bodies.mesh,
         {
@@ -187,14 +187,13 @@ def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
 
 
 def surface_frame(mesh: Mesh, about: dict[str, Any]) -> bytes:
-    """An undeformed surface, and what is told with it."""
     return packed({"kind": "mesh", **about}, np.asarray(mesh.triangles, "<u4").ravel(),
                   np.asarray(mesh.vertices, "<f4").ravel(), np.asarray(mesh.normals, "<f4").ravel())  # fmt: skip
 
 
 def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second: np.ndarray) -> bytes:
-    """One binary message to the page: length of the head, the head in JSON filled up to four bytes, then the arrays.
-    A NaN becomes null."""
+    """One binary message to the page: length of the head, the head in JSON padded to four bytes, then the arrays. NaN
+    becomes null."""
     head = head | {"sizes": [len(indices), len(first), len(second)]}
     text = msgspec.json.encode(head)
     text += b" " * (-len(text) % 4)

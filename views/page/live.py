@@ -1,4 +1,4 @@
-"""A run that goes on: its newest frame. The run itself says when it has begun, and where it can be heard."""
+"""Frames of a running graph for the page."""
 
 import os
 import threading
@@ -13,15 +13,15 @@ from palpate.views.page.feed import StreamReader, mesh_frame
 from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import Touched, watched
 
-ENDING = 15.0  # [s] for a run to end in order
-BEHIND = 10  # By which what makes the frames stands behind the nodes of a run for a processor
+ENDING = 15.0  # [s] timeout of a graceful shutdown
+NICE = 10  # niceness of the thread that makes frames, so that the nodes of the run have priority
 
 
 class Live(FrameSource):
-    """The newest frame of a run; a thread of its own makes the frames.
+    """The newest frame of a run, made in a separate thread.
 
-    touched   what is shown of it
-    stopping  set where the run is to end
+    touched   the shown part of the graph
+    stopping  set to end the run
     """
 
     status: str = "starting"
@@ -33,7 +33,7 @@ class Live(FrameSource):
         self._thread: threading.Thread | None = None
 
     def on_update(self, launcher: Launcher) -> None:
-        """Called by the launcher again and again: follow its run from its beginning."""
+        """Callback of the launcher: start the thread at the beginning of the run; end the run if `stopping` is set."""
         if self.stopping.is_set():
             launcher.stop()
         elif self._thread is None and launcher.phase == "running":
@@ -45,7 +45,7 @@ class Live(FrameSource):
             self.say("running")
 
     def begun(self) -> None:
-        """The run has begun."""
+        """Called when the run has begun."""
 
     def over(self) -> None:
         self._over.set()
@@ -58,7 +58,7 @@ class Live(FrameSource):
         self.on_news()
 
     def _follow(self, run: Running) -> None:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), BEHIND)
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICE)
         feed, due, last = StreamReader(run, self.touched), time.monotonic(), False
         try:
             while not last:
@@ -74,7 +74,7 @@ class Live(FrameSource):
 
 
 class LiveView(Live):
-    """A run for those who look and do not touch. PageError: what the graph lacks to be shown."""
+    """The view of a run that the page does not steer. PageError: the graph cannot be shown."""
 
     def __init__(self, planned: Plan) -> None:
         super().__init__(watched(planned))
@@ -87,8 +87,8 @@ class LiveView(Live):
 
 
 def watchable(launch: LaunchFile) -> LaunchFile:
-    """The run with the shape of its body computed, though no node of it may read that; at the pace of the world, as
-    one that is faster is over before it is seen."""
+    """The run with the shape of its body computed even if no node reads it, with a simulated run at real-time pace,
+    since a faster one would end before it can be seen."""
     can = {effect.name for spec in launch.load().nodes.values() for effect in effects(spec.cls)}
     shape = ["effects.shape=on"] if "shape" in can else []
     return launch.but(overrides=shape, pace=1.0 if launch.clock != "real" and launch.pace is None else None)

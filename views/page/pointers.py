@@ -1,4 +1,4 @@
-"""Samples of the page's pointers on their way to the hands of a run."""
+"""Sends samples of the page's pointers to the hands of a run."""
 
 import contextlib
 import socket
@@ -14,14 +14,14 @@ from palpate.views.errors import PageError
 
 Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
 Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
-Sample = tuple[Count, tuple[Metres, Metres, Metres], Count]  # Number, place [m, world] and buttons
+Sample = tuple[Count, tuple[Metres, Metres, Metres], Count]  # number, position [m, world] and buttons
 
 
 class Pointers:
-    """Whoever points last steers.
+    """Forwards pointer samples; the page that sent the last one steers.
 
     sockets  one for each finger
-    begins   [m] (3) of each finger, where it goes back to when who steered leaves
+    begins   [m] (3) start of each finger, to which it returns when the steering page closes
     """
 
     def __init__(self, sockets: Sequence[Path], begins: Sequence[Vector3]) -> None:
@@ -31,14 +31,14 @@ class Pointers:
         self._steering: object = None
 
     def steer(self, page: object, finger: int, sample: Sample) -> None:
-        """Hand on a sample of a page. PageError: there is no such finger."""
+        """Forward a sample of a page. PageError: no such finger."""
         if finger >= len(self.sockets):
             raise PageError(f"finger: found {finger}, expected less than {len(self.sockets)}")
         self._steering = page
         self._send(finger, sample)
 
     def leave(self, page: object) -> None:
-        """The hands of who steered go back to where they began."""
+        """A page closes: if it steered, its hands return to their start."""
         if self._steering is page:
             self._steering = None
             for finger, begin in enumerate(self.begins):
@@ -48,6 +48,6 @@ class Pointers:
         self._outlet.close()
 
     def _send(self, finger: int, sample: Sample) -> None:
-        """While no run is there it is lost."""
+        """Send a sample; it is lost while no run is active."""
         with contextlib.suppress(OSError):
             self._outlet.sendto(msgspec.msgpack.encode(sample), str(self.sockets[finger]))

@@ -1,4 +1,4 @@
-"""A recording that is looked at here and there: the last messages before any time, read when they are asked for."""
+"""Frames of recordings at any time, read on request."""
 
 from bisect import bisect_right
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Contact, Message, Proximity, Spikes, Surface
-from palpate.records.format.mcap_file import Broken, Records
+from palpate.records.format.mcap_file import Broken, McapRecords
 from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
@@ -22,17 +22,17 @@ from palpate.views.page.source import FrameSource
 from palpate.views.page.steered import THICKNESS, receptors_of, shapes, streams_of, thickness_of
 from palpate.views.surface.colour import able
 
-POINTS = 4000  # Of force and indentation over the whole recording: more than a screen has
-MOST = 2  # Recordings beside one another
-BACK = 8  # Chunks that are looked through for a stream of which few messages were kept
+POINTS = 4000  # points of the curves of force and indentation: more than the pixels of a screen
+MOST = 2  # recordings side by side
+BACK = 8  # chunks that are searched backwards for the last message of a sparse stream
 
 
 class RecordingSource:
     """One recording.
 
-    curves  of each finger, times, forces and indentations over all of it, thinned to `POINTS` by their greatest forces
+    curves  times, forces and indentations of each finger, decimated to `POINTS` by their largest forces
 
-    RecordingError: it cannot be read, or holds no touch or no surface.
+    RecordingError: it cannot be read, or has no touch or no surface.
     """
 
     def __init__(self, path: Path) -> None:
@@ -55,7 +55,7 @@ class RecordingSource:
         self.receptors = receptors_of(planned, senders[Spikes]) if Spikes in senders else {}
         self.use = planned.graph.nodes[senders[Surface]].use
         self._file = self.recording.file().open("rb")
-        self._records = Records(self._file)
+        self._records = McapRecords(self._file)
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []
         self._places: list[int] = []
@@ -67,7 +67,7 @@ class RecordingSource:
         self._file.close()
 
     def _listen(self, contacts: list[str]) -> list[Curve]:
-        """Go through the file once: where each chunk begins, and what the contacts say."""
+        """Read the file once: the begin of each chunk, and the contacts."""
         rows: dict[str, list[tuple[float, float, float]]] = {contact: [] for contact in contacts}
         channels = {number: name for number, name in self.recording.channels.items() if name in rows}
         for at, chunk in self._records.chunks():
@@ -80,10 +80,10 @@ class RecordingSource:
             if first is not None:
                 self._begins.append(first * 1e-9)
                 self._places.append(at)
-        for contact, own in rows.items():
-            if not own:
+        for contact, samples in rows.items():
+            if not samples:
                 raise RecordingError(f"{self.recording.path}: no messages of {contact!r} in it")
-        thinned = [_thinned(np.array(sorted(own))).T.tolist() for own in rows.values()]
+        thinned = [_thinned(np.array(sorted(samples))).T.tolist() for samples in rows.values()]
         return [dict(zip("tfs", columns, strict=True)) for columns in thinned]
 
     def _inside(self, chunk: bytes) -> Iterator[tuple[int, int, int, bytes]]:
@@ -93,7 +93,7 @@ class RecordingSource:
             raise RecordingError(f"{self.recording.path} is {damage}") from None
 
     def _decoded(self, at: int) -> list[tuple[str, float, int, bytes]]:
-        """Stream, time [s], tick and bytes of the messages of a chunk that are drawn."""
+        """Stream, time [s], tick and bytes of the shown messages of a chunk."""
         channels = self.recording.channels
         return [
             (name, time * 1e-9, tick, payload)
@@ -102,7 +102,7 @@ class RecordingSource:
         ]
 
     def last(self, time: float) -> dict[str, Message]:
-        """The last message of each stream at this time [s] of the graph's clock, or before."""
+        """The last message of each stream at or before this time [s] of the graph's clock."""
         found: dict[str, tuple[float, int, bytes]] = {}
         k = bisect_right(self._begins, time) - 1
         for chunk in range(k, max(k - BACK, -1), -1):
@@ -136,7 +136,7 @@ class RecordingSource:
         return loads + (able(surface) if surface is not None else ["displacement", "strain"])
 
     def frame(self, time: float, number: int) -> bytes:
-        """The picture at a time [s], clipped to the recording."""
+        """The frame at a time [s], clamped to the recording."""
         times = self.curves[0]["t"]
         newest = self.last(min(max(time, times[0]), times[-1]))
         head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
@@ -144,13 +144,13 @@ class RecordingSource:
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):
-    """What a page sends: the time [s] that it wants to see."""
+    """The request of a page: a time [s]."""
 
     at: float
 
 
 class Reels(FrameSource):
-    """One recording or two beside each other; each page asks for the times that it wants to see. RecordingError."""
+    """One recording, or two side by side; each page requests the times to show. RecordingError."""
 
     files = ("view.html", "view.js")
     command = "palpate view"
@@ -175,7 +175,7 @@ class Reels(FrameSource):
 
 
 def _thinned(rows: np.ndarray) -> np.ndarray:
-    """At most `POINTS` rows (k,3): of each stretch the one of the greatest force, and the first and the last."""
+    """At most `POINTS` rows (k,3): the largest force of each interval, and the first and the last row."""
     if len(rows) <= POINTS:
         return rows
     parts = np.array_split(rows[1:-1], POINTS - 2)
@@ -183,7 +183,7 @@ def _thinned(rows: np.ndarray) -> np.ndarray:
 
 
 def titles(paths: list[Path]) -> list[str]:
-    """The names of files, each with as many of its folders as tell it from the others."""
+    """The names of files, with as many parent folders as needed to distinguish them."""
     whole = [path.absolute().parts for path in paths]
     count = 1
     while len({parts[-count:] for parts in whole}) < len(set(whole)):

@@ -1,4 +1,4 @@
-"""What renderers of others' take (docs/renderers.md): the page's messages as plain binary records, without JSON."""
+"""Binary records, without JSON, of the page's messages for external renderers (docs/renderers.md)."""
 
 import struct
 from typing import Any
@@ -18,7 +18,7 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def binary(data: bytes) -> bytes:
-    """The mesh or the frame of a renderer, made of the page's (`feed.packed`)."""
+    """The record of a mesh or frame of the page (`feed.packed`)."""
     (length,) = struct.unpack_from("<I", data)
     head = msgspec.json.decode(data[4 : 4 + length])
     first, second, _ = (4 * size for size in head["sizes"])

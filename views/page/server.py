@@ -1,4 +1,4 @@
-"""The server of the pages: static files and a socket, for those who have the token; on loopback for this user alone."""
+"""The server of the pages: static files and a WebSocket, protected by a token; on loopback only for this user."""
 
 import asyncio
 import contextlib
@@ -31,17 +31,17 @@ from palpate.views.page.source import FrameSource
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 RENDERERS = "/frames"
-PATIENCE = 30.0  # [s] for the server to open or to close
-RELOAD = 2.0  # [s] for a page to be loaded anew, before it counts as closed
+PATIENCE = 30.0  # [s] timeout of opening and closing the server
+RELOAD = 2.0  # [s] without a page after which the page counts as closed, not reloaded
 
 
 class PageServer:
-    """Serves one source to any number of pages, from a thread of its own, until it is closed.
+    """Serves one source to any number of pages in a separate thread until it is closed.
 
-    port  0 for any
-    host  address of this machine to listen on; 0.0.0.0: all of them
+    port  0: any free port
+    host  address of this machine to listen on; 0.0.0.0: all
 
-    PageError: the port is taken, or the address is none of this machine.
+    PageError: the port is in use, or the address does not belong to this machine.
     """
 
     def __init__(self, source: FrameSource, port: int = 0, host: str = HOST) -> None:
@@ -69,12 +69,11 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
         return f"http://{_outward() if self.host == ANY else self.host}:{self.port}/?token={self.token}"
 
     @property
     def deserted(self) -> bool:
-        """Whether the last page was closed, and is not loaded anew."""
+        """Whether the last page was closed and not reloaded."""
         return not self._pages and self._left > 0.0 and time.monotonic() - self._left > RELOAD
 
     def close(self) -> None:
@@ -141,12 +140,12 @@ class PageServer:
             self.source.leave(connection)
 
     def _render(self, more: int) -> None:
-        """So many renderers more listen: they get frames at their own rate."""
+        """Change the number of renderers; with renderers, frames are made at `RATE`."""
         self._renderers += more
         self.source.rate = RATE if self._renderers else type(self.source).rate
 
     async def _asked(self, connection: ServerConnection, text: str | bytes) -> list[Any]:
-        """What a page is answered: reading a recording takes its time, and the other pages go on."""
+        """The answers to a page, in a thread, since reading a recording takes time."""
         try:
             async with self._order:
                 return await asyncio.to_thread(self.source.take, connection, text)
@@ -154,8 +153,7 @@ class PageServer:
             return [msgspec.json.encode({"kind": "refused", "text": str(error)}).decode()]
 
     async def _show(self, connection: ServerConnection, form: Callable[[bytes], bytes]) -> None:
-        """Send what is new, each message in this form; a page that is slow gets the next frame when it has taken the
-        last one."""
+        """Send new messages, converted by `form`. A slow page skips frames."""
         mesh = frame = b""
         status, source = None, self.source
         with contextlib.suppress(ConnectionClosed):
@@ -163,9 +161,9 @@ class PageServer:
                 news = (source.status, source.keep, source.panel)
                 if news != status:
                     status = news
-                    told: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep,
+                    head: dict[str, Any] = {"kind": "status", "text": source.status, "keep": source.keep,
                                             "panel": source.panel}  # fmt: skip
-                    await connection.send(msgspec.json.encode(told).decode())
+                    await connection.send(msgspec.json.encode(head).decode())
                 elif source.mesh is not mesh:
                     mesh = source.mesh
                     await connection.send(form(mesh))
@@ -178,43 +176,43 @@ class PageServer:
                             await asyncio.wait_for(self._news.wait(), 0.5)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """A file, a refusal, or None: the socket may be opened."""
+        """A file, an error, or None: accept the WebSocket."""
         try:
             parts = urlsplit(request.path)
             given = parse_qs(parts.query).get("token", [""])[0]
             origin = request.headers.get("Origin")
-            here = (*LOOPBACK, connection.local_address[0])  # by which the page was opened
+            here = (*LOOPBACK, connection.local_address[0])  # valid hosts of the page's URL
             strange = origin is not None and urlsplit(origin).hostname not in here
             strange |= _user(connection.remote_address, connection.local_address) not in (None, 0, os.getuid())
             known = hmac.compare_digest(given.encode(), self.token.encode())
-        except (ValueError, MultipleValuesError):  # what no browser sends: http://[::1, two origins
+        except (ValueError, MultipleValuesError):  # malformed, not from a browser: http://[::1, two origins
             return _reply(HTTPStatus.BAD_REQUEST, b"invalid address or Origin\n")
         if parts.path in ("/socket", RENDERERS):
-            browser = parts.path == "/socket"  # a program that is none tells no origin
+            browser = parts.path == "/socket"  # other programs send no Origin
             if strange or (browser and origin is None) or not known:
                 return _reply(HTTPStatus.FORBIDDEN, b"the token is missing or wrong, or of another user\n")
             return None
         if parts.path not in self._files:
             return _reply(HTTPStatus.NOT_FOUND, b"no such file\n")
         if strange or (parts.path == "/" and not known):
-            told = f"open the address that `{self.source.command}` prints; it contains a token\n"
-            return _reply(HTTPStatus.FORBIDDEN, told.encode())
+            text = f"open the address that `{self.source.command}` prints; it contains a token\n"
+            return _reply(HTTPStatus.FORBIDDEN, text.encode())
         name, kind = self._files[parts.path]
         body = resources.files("palpate.views.page").joinpath("static", name).read_bytes()
         return _reply(HTTPStatus.OK, body, kind)
 
 
 def _outward() -> str:
-    """The address by which other machines reach this one; that of loopback where it has no network."""
+    """The address of this machine for other machines; loopback without a network."""
     with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.connect(("192.0.2.1", 9))  # an address of documentation (RFC 5737); a datagram socket sends nothing yet
+        probe.connect(("192.0.2.1", 9))  # documentation address (RFC 5737); connecting a UDP socket sends nothing
         return str(probe.getsockname()[0])
     return HOST
 
 
 def _user(peer: tuple[str, int], here: tuple[str, int]) -> int | None:
-    """User at the other end of a connection of this machine; None: the kernel does not list it. The token alone
-    does not tell users apart: a browser that is started with the address shows it in the list of processes."""
+    """User id of the peer of a local connection; None: the kernel does not list it. The token is not sufficient: other
+    users can read it from the command line of a browser in the process list."""
     ends = [f"{int.from_bytes(socket.inet_aton(ip), sys.byteorder):08X}:{own:04X}" for ip, own in (peer, here)]
     with contextlib.suppress(OSError):
         for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]:

@@ -22,8 +22,8 @@ from palpate.views.page.pointers import Count, Pointers, Sample
 from palpate.views.page.steered import steered, touched
 
 
-class Order(msgspec.Struct, forbid_unknown_fields=True):
-    """What a page sends: a sample of its pointer for a finger, or what one of its switches asks for."""
+class PageRequest(msgspec.Struct, forbid_unknown_fields=True):
+    """A message of a page: a pointer sample for a finger, or a setting of its switches."""
 
     point: Sample | None = None
     finger: Count = 0
@@ -34,14 +34,14 @@ class Order(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class Session(Live):
-    """Keeps one run alive, in a thread of its own. Whoever points last steers.
+    """Runs a graph in a separate thread and restarts it on request. The page that sent the last sample steers.
 
-    launch  the graph as asked for
-    folder  for recordings
-    sets    single values as after `--set`
-    only    what is recorded, of `launchfile.RECORDED`: sources suffice to compute the rest, at a hundredth of the bytes
+    launch  the graph to run
+    folder  folder of recordings
+    sets    overrides as for `--set`
+    only    what to record, of `launchfile.RECORDED`; sources take 1 % of the bytes of all messages
 
-    PageError, GraphError: what is wrong with the graph.
+    PageError, GraphError: the graph cannot be steered, or its faults.
     """
 
     command = "palpate touch"
@@ -56,10 +56,10 @@ class Session(Live):
         self.bodies = [body for body in reversed(bodies()) if len(self.sockets) == 1 or body in several]
         self.folder = folder
         self.effects = self._effects(self._graph)
-        """The effects that the page may switch, and whether they are on."""
+        """Effects that the page can switch, and whether they are on."""
         self.keep = True
         self.kept: list[Path] = []
-        self.troubles: list[str] = []  # nodes that failed, and what recordings that are kept lack
+        self.troubles: list[str] = []  # failures of nodes, and incomplete recordings
         self.number = 0
         self._wish = self.touched.use
         self._switched: dict[str, bool] = {}
@@ -71,7 +71,7 @@ class Session(Live):
         self._runs.start()
 
     def close(self) -> None:
-        """End the run, its recording being closed in order."""
+        """Shut the run down gracefully, so that its recording is complete."""
         self._ended.set()
         self.stopping.set()
         self._runs.join(ENDING)
@@ -79,21 +79,21 @@ class Session(Live):
         self.place.cleanup()
 
     def take(self, page: object, text: str | bytes) -> list[bytes]:
-        """Do what a page asks for. MsgspecError, PageError: why not."""
-        order = msgspec.json.decode(text, type=Order)
-        if order.point is not None:
-            self._pointers.steer(page, order.finger, order.point)
-        if order.keep is not None:
-            self.keep = order.keep
-        if order.body is not None or order.effect is not None or order.reset:
-            self._begin_again(order.body, order.effect)
+        """Execute a request of a page. MsgspecError, PageError: it is invalid."""
+        request = msgspec.json.decode(text, type=PageRequest)
+        if request.point is not None:
+            self._pointers.steer(page, request.finger, request.point)
+        if request.keep is not None:
+            self.keep = request.keep
+        if request.body is not None or request.effect is not None or request.reset:
+            self._restart(request.body, request.effect)
         return []
 
     def leave(self, page: object) -> None:
         self._pointers.leave(page)
 
-    def _begin_again(self, body: str | None, effect: tuple[str, bool] | None) -> None:
-        """End the run and start one with this body, or the same, and this effect on or off. PageError: no such one."""
+    def _restart(self, body: str | None, effect: tuple[str, bool] | None) -> None:
+        """Restart the run, with another body or with an effect switched. PageError: unknown body or effect."""
         if body is not None and body not in self.bodies:
             raise PageError(f"body: found {body!r}, expected one of {', '.join(self.bodies)}")
         if effect is not None and effect[0] not in self.effects:

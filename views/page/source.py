@@ -1,18 +1,19 @@
-"""What a page shows, from the side of the server: a run that goes on, or recordings."""
+"""Interface between the server and the source of a page's frames: a run, or recordings."""
 
 from collections.abc import Callable
 from typing import Any
 
 
 class FrameSource:
-    """Where a page's pictures come from.
+    """Provides the frames of a page.
 
-    files         HTML and script of the page; command: the one that prints its address
-    status, keep  what goes on, and whether the recording of the present run is kept. None: nothing comes unasked
-    panel         what covers the picture: the texts and questions of an experiment. None: the page has no such things
+    files         HTML and script of the page
+    command       the command that prints its address
+    status, keep  status text, and whether the recording of the current run is kept. Status None: frames only on request
+    panel         texts and questions of an experiment, shown over the picture. None: no panel
     mesh, frame   the newest ones, packed for the page (see `feed`)
-    rate          [1/s] of frames at most
-    on_news       called, from any thread, whenever one of these is new
+    rate          [1/s] highest rate of frames
+    on_news       called, from any thread, when one of these changes
     """
 
     files = ("index.html", "page.js")
@@ -27,18 +28,18 @@ class FrameSource:
         self.on_news: Callable[[], object] = lambda: None
 
     def open(self) -> None:
-        """The page can be reached."""
+        """Called when the server is open."""
 
     def close(self) -> None:
-        """It cannot be reached any more."""
+        """Called when the server has closed."""
 
     def begin(self) -> list[bytes]:
-        """What a page is sent when it opens."""
+        """Messages to a page when it opens."""
         return []
 
     def take(self, page: object, text: str | bytes) -> list[bytes]:
-        """Do what a page asks for; what it is answered. PalpateError, MsgspecError: why not."""
+        """Execute a request of a page; returns the answers. PalpateError, MsgspecError: the request is invalid."""
         return []
 
     def leave(self, page: object) -> None:
-        """A page was closed."""
+        """Called when a page is closed."""

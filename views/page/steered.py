@@ -1,4 +1,4 @@
-"""A graph whose hands follow the page's pointer, and what of it the page shows."""
+"""Replaces the devices of a graph by hands that follow the page's pointer, and selects what the page shows."""
 
 import os
 from collections.abc import Iterable
@@ -37,22 +37,22 @@ from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
 Receptors = dict[str, list[float]]
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Spikes, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
-THICKNESS = 4e-3  # [m] of a fingertip that nothing is known of
+THICKNESS = 4e-3  # [m] default thickness of a fingertip
 Shown = dict[type[Message], str]
 
 
 @dataclass(frozen=True)
 class Touched:
-    """What the page has to know of a graph.
+    """The part of a graph that a page shows.
 
-    body, use  name of the node that sends the first surface, and the class that it has
-    bodies     all that are shown, it first
-    place      where its nodes run; the first group has those of every tick
-    fingers    of each, the stream of each message type that is shown
-    near       of each, its streams of Proximity: one for each organ
-    thickness  [m] of the fingertip before the bone edge
-    begins     [m] (3) of each finger, where the bone edge is at the start
-    receptors  of the afferents whose spikes are sent: `x` and `y` [mm] and the type of each
+    body, use  name and class of the node that sends the first surface
+    bodies     all shown bodies, that one first
+    place      placement; the first group has the nodes that run at every tick
+    fingers    stream of each shown message type, for each finger
+    near       streams of Proximity, one for each organ, for each finger
+    thickness  [m] of the fingertip, from skin to bone edge
+    begins     [m] (3) initial position of each finger's bone edge
+    receptors  `x` and `y` [mm] and type of each afferent whose spikes are sent
     """
 
     body: str
@@ -67,12 +67,11 @@ class Touched:
 
 
 def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
-    """The run with the page's hands in place of its devices, and the sockets where the pointer's samples go, one for
-    each finger.
+    """The run with the page's hands instead of its devices, and the sockets of the pointer samples, one per finger.
 
-    folder  a private one, for the graph and the sockets
+    folder  a private folder for the graph and the sockets
 
-    PageError: not one device for each finger that a hand could hold.
+    PageError: the graph does not have one device for each finger.
     """
     planned = launch.plan()
     graph = planned.graph
@@ -103,14 +102,13 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
         data["scene"] = launch.scene if isinstance(launch.scene, dict) else str(Path(launch.scene).absolute())
     file = folder / f"{launch.graph.stem}.yaml"
     file.write_text(yaml.safe_dump(data))
-    # What an organ of one's own says of the hand has been taken from the devices: no other node reads it.
+    # Overrides of the hand, as of --organ, are already in the settings of the devices; no other node reads them.
     overrides = tuple(o for o in launch.overrides if isinstance(o, str) or o.keys[:2] != ("scene", "hand"))
     return LaunchFile(graph=file, clock="real", overrides=overrides), sockets
 
 
 def touched(planned: Plan) -> Touched:
-    """What the page shows of a plan that its pointer steers. PageError: no body with a mesh, or nobody tells where the
-    finger is."""
+    """What the page shows of a plan that it steers. PageError: no body with a mesh, or no pose of the finger."""
     return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
@@ -120,7 +118,7 @@ def watched(planned: Plan) -> Touched:
 
 
 def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
-    """The streams of a finger, as far as it has these types: those that a page shows."""
+    """The streams of a finger for these message types, by default those that a page shows."""
     return {kind: finger[full_name(kind)] for kind in kinds if full_name(kind) in finger}
 
 
@@ -164,7 +162,7 @@ def shapes(planned: Plan) -> Bodies:
 
 
 def thickness_of(planned: Plan, collision: str) -> float:
-    """[m] of the fingertip before the bone edge."""
+    """Thickness of the fingertip, from skin to bone edge [m]."""
     return float(getattr(planned.make(collision), "thickness", THICKNESS))
 
 
@@ -178,8 +176,8 @@ def receptors_of(planned: Plan, node: str) -> Receptors:
 
 
 def _place(planned: Plan) -> Placement:
-    """What runs at every tick in one process on a core of its own, above the browser's: plain calls between the nodes,
-    and nothing that draws can take their time. The rest is left to the other cores."""
+    """Nodes that run at every tick share one process on a dedicated core with priority over the browser; the others use
+    the other cores."""
     cores = sorted(os.sched_getaffinity(0))
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
     loop = ProcessGroup("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)

@@ -1,4 +1,4 @@
-"""Pictures of a recording: what it holds decides which are drawn, whatever the graph was.
+"""Pictures of a recording. Its message types determine which are drawn, independent of the graph.
 
 draw(Path("runs/kidney.mcap"), Path("runs"))
 """
@@ -23,19 +23,19 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-OF_A_FINGER = ("force", "compression", "friction", "device")  # Of several fingers each has its own
+OF_A_FINGER = ("force", "compression", "friction", "device")  # one picture per finger
 PICTURES = ("grip", *OF_A_FINGER, "texture", "energy", "slip", "pad", "pins", "softness", "afferents")
 
 
 def draw(recording: Path, folder: Path, console: Console | None = None) -> list[Path]:
-    """Draw what a recording holds into a folder; the files that were made.
+    """Draw the pictures of a recording into a folder; returns the files.
 
-    console  shows progress, and one line for each picture that could not be drawn and what to do about it
+    console  shows progress, and one line with a remedy for each picture that could not be drawn
 
     RecordingError: not a recording. OSError: the folder cannot be written.
     """
     if importlib.util.find_spec("matplotlib") is None:
-        _tell(console, missing("no pictures", "matplotlib", "view"))
+        _print(console, missing("no pictures", "matplotlib", "view"))
         return []
     from matplotlib import rc_context
 
@@ -58,24 +58,24 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
     step("reading")
     try:
         if importlib.util.find_spec("pyvista") is None:
-            _tell(console, missing("no 3-D picture", "pyvista", "view"))
+            _print(console, missing("no 3-D picture", "pyvista", "view"))
         else:
-            views = Views(touch)  # it draws while the others are drawn here
+            views = Views(touch)  # renders in parallel with the other pictures
             if text := views.bodies.left_out:
-                _tell(console, text)
+                _print(console, text)
     except PictureError as error:
-        if touch.stream_of(Surface) is not None and touch.slip is None:  # else there is none to draw, or it is a pad
-            _tell(console, f"no picture of the surface: {error}")
+        if touch.stream_of(Surface) is not None and touch.slip is None:  # otherwise no surface, or a pad
+            _print(console, f"no picture of the surface: {error}")
     try:
         for name in PICTURES:
             step(name)
             picture = import_module(f"{__name__}.{name}")
             several = name in OF_A_FINGER and len(fingers) > 1
-            for own in fingers if several else fingers[:1]:
-                drawing = picture.draw(own)
+            for finger in fingers if several else fingers[:1]:
+                drawing = picture.draw(finger)
                 if drawing is None:
                     continue
-                contact = own.stream_of(Contact)
+                contact = finger.stream_of(Contact)
                 if several:
                     entitle(drawing, f"{contact}: {drawing.get_suptitle()}")
                 made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
@@ -86,7 +86,7 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
             try:
                 drawing = views.draw()
             except PictureError as error:
-                _tell(console, str(error))
+                _print(console, str(error))
             else:
                 made.insert(0, folder / "deformation.png")
                 drawing.savefig(made[0])
@@ -95,13 +95,13 @@ def _draw(recording: Recording, folder: Path, console: Console | None, step: Cal
             views.close()
     names = [*(f"{name}.png" for name in ("deformation", *PICTURES)), *(f"{name}-*.png" for name in OF_A_FINGER)]
     if older := sorted({file.name for name in names for file in folder.glob(name)} - {file.name for file in made}):
-        _tell(console, f"in {folder} already, and not drawn anew: {', '.join(older)}")
+        _print(console, f"older pictures in {folder}, not redrawn: {', '.join(older)}")
     return made
 
 
 @contextmanager
 def _progress(console: Console | None) -> Iterator[Callable[[str], None]]:
-    """A bar that each call takes on by one step."""
+    """A progress bar that each call advances by one step."""
     if console is None or not console.is_terminal:
         yield lambda _: None
         return
@@ -114,7 +114,7 @@ def _progress(console: Console | None) -> Iterator[Callable[[str], None]]:
         yield lambda name: bar.update(task, advance=1, description=name)
 
 
-def _tell(console: Console | None, text: str) -> None:
+def _print(console: Console | None, text: str) -> None:
     if console is not None:
         from rich.text import Text
 

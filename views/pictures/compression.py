@@ -7,7 +7,7 @@ from palpate.views.pictures.touch import TouchStreams, touches
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where the recording holds no contact, or where only one of the two gives way."""
+    """None without a contact, or if only one of the two deforms."""
     contact = touch.contact
     if contact is None or not touches(contact["time"], contact["force"]):
         return None

@@ -1,4 +1,4 @@
-"""The deformed surface at several instants, coloured by how far it moved."""
+"""The deformed surface at several instants, coloured by displacement."""
 
 from matplotlib.figure import Figure
 
@@ -13,7 +13,7 @@ COUNT, COLUMNS = 6, 3
 
 
 class Views:
-    """Drawing of the surface in a process of its own, begun when this is made."""
+    """Renders the surface in a subprocess, which starts at once."""
 
     def __init__(self, touch: TouchStreams) -> None:
         self.bodies = shown = bodies_of(touch)
@@ -30,7 +30,7 @@ class Views:
         self._rendering.close()
 
     def draw(self) -> Figure:
-        """The figure. PictureError: this machine cannot draw it."""
+        """The figure. PictureError: this machine cannot render it."""
         pixels = self._rendering.pixels()
         columns = self.columns
         rows = -(-len(self.instants) // columns)

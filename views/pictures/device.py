@@ -1,4 +1,4 @@
-"""The force in the hand: what the controller asked for, its state, and the energy that the display absorbed."""
+"""The force on the hand: the controller's force and state, and the energy that the display absorbed."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,7 +10,7 @@ from palpate.views.pictures.touch import Columns, TouchStreams
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no force was recorded."""
+    """None without a recorded force."""
     force = touch.force
     if force is None:
         return None
@@ -45,8 +45,8 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def absorbed(force: Columns, pose: Columns | None) -> np.ndarray | None:
-    """Energy [J] (n) that the display has absorbed up to each force, E_k = E_{k-1} - F_{k-1}·(x_k - x_{k-1}): of the
-    forces as they were sent, where the controller's observer may assume a delay. None without a pose at each tick."""
+    """Energy [J] (n) that the display has absorbed up to each force, E_k = E_{k-1} - F_{k-1}·(x_k - x_{k-1}), from the
+    forces without the delay that the controller's observer may assume. None without a pose at each tick."""
     if pose is None or not np.isin(force["tick"], pose["tick"]).all():
         return None
     place = pose["position"][np.searchsorted(pose["tick"], force["tick"])]
@@ -55,7 +55,7 @@ def absorbed(force: Columns, pose: Columns | None) -> np.ndarray | None:
 
 
 def _contact(axes: Axes, touch: TouchStreams, force: Columns) -> None:
-    """Shade where the controller was in its contact state."""
+    """Shade the times at which the controller was in its contact state."""
     state = touch.touching
     if state is not None and len(state) == len(force["time"]):
         axes.fill_between(

@@ -1,4 +1,4 @@
-"""The energy of a touch: what the hand put in, where it is, and what was made, as the ledger tells."""
+"""The energy balance of a touch: work of the hand, stored, dissipated and generated energy."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +11,7 @@ PARTS = ("fingertip", FINGER), ("tissue", TISSUE), ("friction", FRICTION)
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no ledger was kept."""
+    """None without a recorded Ledger."""
     ledger = touch.ledger
     if ledger is None:
         return None

@@ -1,4 +1,4 @@
-"""Normal force against approach and indentation: the loop of loading and unloading; beside it the band of a subject."""
+"""Normal force over approach and indentation: hysteresis of loading and unloading, and the force band of a subject."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,16 +8,16 @@ from palpate.messages import ForceBand
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
-NOTHING = 1e-4  # [1] indentation over approach: a tissue that gives less is as good as rigid
-SPAN = 0.012  # [s] of the mean of noisy samples: short beside a press, long beside the noise of the encoders
-RATE_SPAN = 0.04  # [s] of the mean from which the rate is taken
-QUIET = 2e-3  # [1] noise over range: samples with less are drawn as they are
-STILL = 4e-3  # [m/s] slower changes of a noisy approach are a rest, in a touch that is all slow
-SLOW = 0.2  # those slower than this part of its fastest; and what would take a quiet touch this part of its range
+NOTHING = 1e-4  # [1] indentation over approach below which a tissue counts as rigid
+SPAN = 0.012  # [s] of the running mean of noisy samples: short compared with a press, long compared with the noise
+RATE_SPAN = 0.04  # [s] of the running mean for rates
+QUIET = 2e-3  # [1] noise over range below which samples are not smoothed
+STILL = 4e-3  # [m/s] largest rate of a hold, in a noisy approach
+SLOW = 0.2  # [1] the same as a fraction of the fastest rate; in a quiet approach as a fraction of the mean rate
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where the recording holds no contact, or a force alone."""
+    """None without a contact, or without depth or pose."""
     contact = touch.contact
     if contact is None or not (slices := touches(contact["time"], contact["force"])):
         return None
@@ -60,8 +60,8 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:
-    """The contact of a force sensor, which knows no depth, with that of the probe: how far it has moved against the
-    normal since each touch began."""
+    """The contact of a force sensor with the depth of the probe: its motion against the normal since the begin of each
+    touch."""
     place = [np.interp(contact["time"], pose["time"], x) for x in pose["position"].T]
     way = -np.einsum("in,ni->n", place, contact["normal"])
     depth = np.zeros(len(way))
@@ -71,7 +71,7 @@ def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:
 
 
 def beside(touch: TouchStreams) -> tuple[Columns, Columns] | None:
-    """The band of force and the contact at its ticks; None without a band or a touch in it."""
+    """The force band and the contact at its ticks; None without a band or a touch."""
     if touch.band is None or touch.contact is None:
         return None
     band, contact = together(touch.band, touch.contact)
@@ -79,7 +79,7 @@ def beside(touch: TouchStreams) -> tuple[Columns, Columns] | None:
 
 
 def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
-    """What the measured subject's finger gives at this depth, and the force of this run."""
+    """The force band of the measured subject, and the force of this run."""
     band, contact = both
     order = np.argsort(contact[depth], kind="stable")
     order = order[band["mean"][order] > 0.0]
@@ -103,7 +103,7 @@ def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
 
 
 def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> None:
-    """One touch: in, rest and out in their colours, arrows along it."""
+    """One touch: loading, hold and unloading in their colours, with arrows."""
     axes.plot(way * 1e3, force, ".", color=NORMAL, alpha=0.12, markersize=2.5)
     smooth = smoothed(force, time)
     moves = movement(way, time)
@@ -119,12 +119,12 @@ def _loop(axes: Axes, way: np.ndarray, force: np.ndarray, time: np.ndarray) -> N
 
 
 def smoothed(force: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """The mean of noisy forces; others as they are, with their peaks."""
+    """The running mean of noisy forces; quiet forces unchanged, with their peaks."""
     return force if noise(force) < QUIET * float(np.ptp(force)) else mean(force, time, SPAN)
 
 
 def movement(way: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """1 where the way (n) grows, -1 where it falls, 0 at rest."""
+    """1 where the depth (n) grows, -1 where it falls, 0 at rest."""
     if len(way) < 3 or not (size := float(np.ptp(way))) > 0:
         return np.zeros(len(way), dtype=int)
     if noise(way) < QUIET * size:
@@ -138,7 +138,7 @@ def movement(way: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 def _arrow(axes: Axes, x: np.ndarray, y: np.ndarray, at: np.ndarray) -> None:
-    """An arrow half way up the part of the curve with these samples."""
+    """Draw an arrow halfway up the part of the curve with these samples."""
     if len(at) < 8:
         return
     middle = int(at[np.abs(y[at] - 0.55 * y.max()).argmin()])

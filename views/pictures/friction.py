@@ -1,4 +1,4 @@
-"""Normal and friction force with the sliding speed: friction follows the load, and it rises with speed."""
+"""Normal and friction force over time and over the sliding speed."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDE = 0.04  # [s] of the mean in the view of region B
-SLOW = 1.3  # times the least speed of region B
-DIPS_FOR = 2.5  # Friction has stopped falling at this many times the Stribeck speed: e^(-2.5^2) is 0.002
+WIDE = 0.04  # [s] of the running mean in region B
+SLOW = 1.3  # limit of slow samples, as a multiple of the lowest speed of region B
+DIPS_FOR = 2.5  # Stribeck speeds above which friction no longer falls: e^(-2.5^2) is 0.002
 
 
 def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None where one was not recorded."""
+    """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None if one was not recorded."""
     contact, friction, near = touch.contact, touch.friction, touch.proximity
     if contact is None or friction is None or near is None:
         return None
@@ -33,13 +33,13 @@ def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
 
 
 def beyond_dip(touch: TouchStreams) -> float:
-    """The speed [m/s] above which friction no longer falls, by the settings of the law that was run."""
+    """The speed [m/s] above which friction no longer falls, from the settings of the recorded law."""
     speed = touch.settings(touch.stream_of(Friction)).get("stribeck")
     return DIPS_FOR * speed if isinstance(speed, float | int) else BEYOND_DIP
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where normal force, friction or slip were not recorded, or nothing was touched."""
+    """None if normal force, friction or slip were not recorded, or nothing was touched."""
     data = sliding(touch)
     if data is None or not touches(data[0], data[1]):
         return None

@@ -1,4 +1,4 @@
-"""How several fingers hold a body: grip and load force, their ratio, and how far each finger is from slipping."""
+"""Grip and load force of several fingers on a body, their ratio, and the margin to slip of each finger."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -11,7 +11,7 @@ COLOURS = (FINGER, NORMAL, SPEED, FRICTION, TISSUE)
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no grip was recorded, or nothing was held."""
+    """None if no grip was recorded, or nothing was held."""
     grip = touch.grip
     if grip is None or not grip["normal"].any():
         return None

@@ -1,4 +1,4 @@
-"""Maps of a fingertip's pad: pressure while it is pressed and held, then how slip spreads into the contact."""
+"""Maps of a fingertip's pad: pressure during press and hold, then the propagation of slip through the contact."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ APART, STUCK = "#f2f2f5", "#8d8d99"
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no fingertip told of its slip."""
+    """None without a recorded Slip."""
     slide = slides(touch)
     if slide is None:
         return None
@@ -30,7 +30,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     grid = out.subplots(2, len(rows), squeeze=False, sharex=True, sharey=True)
     pressures = [_pressure(slips[tick], surfaces.get(tick)) * 1e-3 for tick in ticks]
     most = max(float(p.max()) for p in pressures) or 1.0
-    # Lightly pressed nodes of the rim, which the skin hardly holds, run far ahead: they get the last colour.
+    # Lightly pressed nodes at the rim slide much farther than the others: they get the last colour.
     slid = slips[ticks[-1]].path
     way = float(np.percentile(slid[slid > 0.0], 90)) * 1e3 if (slid > 0.0).any() else 1.0
     for column, (row, tick, pressure) in enumerate(zip(rows, ticks, pressures, strict=True)):
@@ -43,7 +43,7 @@ def draw(touch: TouchStreams) -> Figure | None:
         moved = _dots(grid[1][column], slip, slip.state == 2, slip.path * 1e3, "viridis_r", way)
         grid[1][column].set_title(f"{100 * slip.fraction:.0f} % sliding", loc="center")
         grid[1][column].set_xlabel("←  across x [mm]")
-    grid[0][0].invert_xaxis()  # who looks up through the plate has x on the left where y goes up
+    grid[0][0].invert_xaxis()  # seen from below through the plate, x points to the left if y points up
     for axes in grid[:, 0]:
         axes.set_ylabel("tip  ←  y [mm]  →  hand")
     out.colorbar(shown, ax=grid[0], label="pressure [kPa]   (+ its centre)", pad=0.01)
@@ -52,7 +52,7 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def moments(normal: np.ndarray, depth: np.ndarray, at: Phases) -> list[int]:
-    """Rows to show: pressed to the full depth, then from the beginning of the slide to gross slip at equal steps."""
+    """Rows to show: the full depth, then equal steps from the begin of the slide to gross slip."""
     pressed = int(np.argmax(depth >= depth.max() * (1 - 1e-9)))
     if at.begin is None:
         return sorted({pressed, int((pressed + at.end) / 2), at.end})
@@ -63,7 +63,7 @@ def moments(normal: np.ndarray, depth: np.ndarray, at: Phases) -> list[int]:
 
 
 def _pressure(slip: Slip, surface: Any) -> np.ndarray:
-    """Of every node of the pad [Pa]; 0 where apart, or where no surface was recorded."""
+    """Pressure of each node of the pad [Pa]; 0 without contact or surface."""
     pressure = np.zeros(len(slip.points))
     if surface is not None and len(surface.pressure) == len(surface.nodes):
         inside = surface.nodes < len(pressure)
@@ -84,7 +84,7 @@ def _dots(axes: Axes, slip: Slip, coloured: np.ndarray, values: np.ndarray, colo
 
 
 def _size(points: np.ndarray) -> float:
-    """Of a marker [pt²] that about fills a node's cell."""
+    """Size of a marker [pt²] that roughly fills a node's cell."""
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     columns = np.unique(np.round(points[:, 0], 7))
     pitch = float(np.diff(columns).min()) if len(columns) > 1 else extent

@@ -16,7 +16,7 @@ COLUMNS = 5
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no pins were recorded, or nothing was touched."""
+    """None if no pins were recorded, or nothing was touched."""
     if touch.pins is None or touch.contact is None:
         return None
     pins, contact = together(touch.pins, touch.contact)
@@ -58,7 +58,7 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def moments(force: np.ndarray) -> list[int]:
-    """Rows to show: from the first to the last tenth of contact at equal steps; none without contact."""
+    """Rows to show: equal steps from 10 % to 90 % of the contact; none without contact."""
     at = np.flatnonzero(force > 0.0)
     if not len(at):
         return []
@@ -66,7 +66,7 @@ def moments(force: np.ndarray) -> list[int]:
 
 
 def ring_mean(heights: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Mean height (rows,columns) of the pins that are as far from the centre as each one."""
+    """For each pin, the mean height of all pins at its distance from the centre (rows,columns)."""
     distance = np.round(np.hypot(places[..., 0], places[..., 1]), 9)
     _, ring = np.unique(distance.ravel(), return_inverse=True)
     mean = np.bincount(ring.ravel(), heights.ravel()) / np.bincount(ring.ravel())

@@ -1,4 +1,4 @@
-"""Any fields of a recording over time or over one another, one axis each, in the look of all pictures."""
+"""Plots fields of a recording over time or over another field, one axis each."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PREFIXES = {"m": (1e3, "mm"), "m^2": (1e6, "mm^2"), "m/s": (1e3, "mm/s"), "J": (1e3, "mJ"), "Pa": (1e-3, "kPa")}
-"""What a figure shows in place of an SI unit, and the factor to it: what a finger does lies in these."""
+"""Units in figures instead of SI units, and the factors to them."""
 
 
 def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
     """A figure of fields `stream.field` of a `views.run.Run` over time, or over another field at common ticks.
 
-    PictureError, RecordingError: what cannot be drawn.
+    PictureError, RecordingError: a field cannot be drawn.
     """
     if importlib.util.find_spec("matplotlib") is None:
         raise PictureError(missing("plots", "matplotlib", "view"))
@@ -62,7 +62,7 @@ def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
 
 @dataclass(frozen=True)
 class _Drawable:
-    """A field as it is drawn: numbers in the unit that figures show, at times [s] and ticks."""
+    """A field in the unit of figures, at times [s] and ticks."""
 
     values: np.ndarray
     unit: str
@@ -83,6 +83,6 @@ def _drawable(run: Any, name: str) -> _Drawable:
         raise PictureError(f"{name!r}: no message was recorded")
     plain, stream = np.asarray(values), name.rpartition(".")[0]
     if plain.dtype.kind not in "bif" or plain.ndim > 2:
-        raise PictureError(f"{name!r} is no number or vector over time; `palpate echo {run.path} {stream}` shows it")
+        raise PictureError(f"{name!r} is not a number or vector; `palpate echo {run.path} {stream}` shows it")
     factor, unit = PREFIXES.get(values.unit, (1.0, values.unit))
     return _Drawable(plain * factor, unit, values.time, run[stream].tick)

@@ -1,27 +1,27 @@
-"""Where a recording shows how friction depends on normal force, and where on speed.
+"""Finds the parts of a recording that show the dependence of friction on normal force and on speed.
 
 Region A: the finger slides at constant speed while the normal force varies.
 Region B: the normal force is constant while the sliding speed rises.
-Both are found from normal force and speed alone, never from the friction that is to be judged in them.
+Both depend only on normal force and speed, not on friction, so that the choice does not bias the result.
 """
 
 import numpy as np
 
 from palpate.views.pictures.style import mean
 
-SPEED_BAND = 1.25  # Speed counts as constant while its largest value is at most this many times its smallest
-FORCE_BAND = 1.06  # The same for the normal force
-LEAST_CHANGE = 1.5  # The other quantity has to change by this factor
-SLOWEST = 5e-3  # [m/s] below it the finger is not sliding
-BEYOND_DIP = 0.05  # [m/s] above it friction no longer falls with speed, where nothing better is known
-LIGHTEST = 0.05  # of the largest normal force: below it there is no proper contact
+SPEED_BAND = 1.25  # largest ratio of maximum to minimum of a constant speed
+FORCE_BAND = 1.06  # the same for the normal force
+LEAST_CHANGE = 1.5  # smallest ratio for the other quantity
+SLOWEST = 5e-3  # [m/s] lowest sliding speed
+BEYOND_DIP = 0.05  # [m/s] default speed above which friction no longer falls with speed
+LIGHTEST = 0.05  # smallest normal force, as a fraction of the largest
 SHORTEST = 0.05  # [s]
 
 
 def regions(
     time: np.ndarray, normal: np.ndarray, speed: np.ndarray, beyond: float = BEYOND_DIP
 ) -> tuple[slice | None, slice | None]:
-    """Regions A and B as slices of the samples; None where there is no such region.
+    """Regions A and B as slices of the samples; None if there is no such region.
 
     time    [s]   (n)  rising
     normal  [N]   (n)  normal force
@@ -40,8 +40,8 @@ def regions(
 def _best(
     time: np.ndarray, held: np.ndarray, varied: np.ndarray, allowed: np.ndarray, band: float, *, rising: bool
 ) -> slice | None:
-    """The stretch in which one quantity stays within its band and the other changes enough: of several that in which
-    it changes most and longest, by range times duration, so that a finger that lifts off in mid-stroke does not win."""
+    """The interval in which one quantity stays within its band and the other changes enough. Of several, the one with
+    the largest product of range and duration, so that a short lift-off is not chosen."""
     best, stretch = 0.0, None
     for begin, end in _stretches(held, allowed, band):
         part = varied[begin:end]
@@ -57,7 +57,7 @@ def _best(
 
 
 def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple[int, int]]:
-    """All longest stretches of allowed samples within which max(held) <= band min(held)."""
+    """All maximal intervals of allowed samples with max(held) <= band min(held)."""
     stretches: list[tuple[int, int]] = []
     begin, low, high = 0, np.inf, -np.inf
     for i, (ok, value) in enumerate(zip([*allowed.tolist(), False], [*held.tolist(), 0.0], strict=True)):
@@ -67,7 +67,7 @@ def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple
             continue
         if i > begin:
             stretches.append((begin, i))
-        if ok:  # from the one after the last that is out of a band with this one
+        if ok:  # restart after the last sample that is not in a band with this one
             before = held[begin:i]
             begin += 1 + int(np.flatnonzero((before > band * value) | (value > band * before))[-1])
             low, high = float(held[begin : i + 1].min()), float(held[begin : i + 1].max())

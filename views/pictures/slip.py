@@ -1,4 +1,4 @@
-"""A fingertip that is pressed, held, slid and lifted: forces over time, and how far slip has come."""
+"""A fingertip that is pressed, held, slid and lifted: forces over time, and the progress of slip."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ GROSS = "#f1c7c0"
 
 
 class Phases(NamedTuple):
-    """Rows of a slide: where friction begins, where incipient slip is told, where all slides, where contact ends; None
-    where it does not come to that."""
+    """Rows of a slide: begin of friction, warning of incipient slip, gross slip, end of contact; None: absent."""
 
     begin: int | None
     warned: int | None
@@ -44,7 +43,7 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
 
 
 def slides(touch: TouchStreams) -> tuple[Columns, Columns, Columns, Phases] | None:
-    """Contact, friction and slip at common ticks, and the phases; None where one is missing or nothing touched."""
+    """Contact, friction and slip at common ticks, and the phases; None if one is missing or nothing was touched."""
     if touch.slip is None or touch.contact is None or touch.friction is None:
         return None
     contact, friction, slip = together(touch.contact, touch.friction, touch.slip)
@@ -55,7 +54,7 @@ def slides(touch: TouchStreams) -> tuple[Columns, Columns, Columns, Phases] | No
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no fingertip told of its slip."""
+    """None without a recorded Slip."""
     slide = slides(touch)
     if slide is None:
         return None
@@ -96,7 +95,7 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def title(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
-    """What the recording holds, by forces [N] (n) and depths [m] (n) at its end."""
+    """Title with the stages of the recording, from forces [N] (n) and depths [m] (n)."""
     stages = ["Press", "hold"] + (["slide"] if at.begin is not None else [])
     if not normal[-1] > 0.0:
         stages.append("lift")
@@ -124,7 +123,7 @@ def _shade(axes: Axes, time: np.ndarray, at: Phases, named: bool) -> None:
 
 
 def _relaxation(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
-    """The force when pressed, and what is left of it when the slide or the unloading begins."""
+    """The force after the press, and after relaxation at the begin of the slide or the unloading."""
     pressed = int(np.argmax(depth >= depth.max() * (1 - 1e-9)))
     deep = np.flatnonzero(depth >= depth.max() * (1 - 1e-9))
     later = at.begin - 1 if at.begin is not None else int(deep[-1])
@@ -134,7 +133,7 @@ def _relaxation(normal: np.ndarray, depth: np.ndarray, at: Phases) -> str:
 
 
 def _flags(slip: Columns) -> str:
-    """What the model says of its own limits."""
+    """Warnings of the model about its limits."""
     warnings = ""
     if slip["deeper"].any():
         warnings += "; deeper than the meshed pad: force too small"

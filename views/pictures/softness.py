@@ -1,4 +1,4 @@
-"""Softness on a pin display: how finger and pins move under a force, for several tissues, and where theory ends."""
+"""Softness on a pin display: motion of finger and pins over force for several tissues, and the limits of the theory."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,12 +12,12 @@ from palpate.views.pictures.touch import Columns, TouchStreams, together
 
 OTHERS = {5e3: "5 kPa", 15e3: "15 kPa", 60e3: "60 kPa", np.inf: "rigid"}
 LINES = dict(zip(OTHERS, ("#a4243b", "#d97706", "#4c8c4a", "#2b2b33"), strict=True))
-SHOWN = 3.0  # [N] of the profile, as in the source's figure; the largest force of the run where that is less
+SHOWN = 3.0  # [N] force of the profile, as in the source's figure, but at most the largest force of the run
 OUTSIDE = "outside Hertz theory"
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no pins follow a force, or their node cannot be made again."""
+    """None if no pins show a force, or their node cannot be made here."""
     if touch.pins is None or touch.contact is None:
         return None
     node = touch.make(touch.stream_of(Pins))
@@ -59,7 +59,7 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def _profile(axes: Axes, touch: TouchStreams, node: PinArray, pins: Columns, contact: Columns, row: int) -> None:
-    """Theory along a line through the axis, and the pins and the actuator of this run."""
+    """Draw the theory along a line through the axis, and the pins and the actuator of this run."""
     tick, force = int(pins["tick"][row]), float(contact["force"][row])
     heights = touch.at(Pins, [tick])[tick].heights
     rows, columns = heights.shape

@@ -1,4 +1,4 @@
-"""One look for all figures: type, colours, axes, and the mean that stands for noisy samples."""
+"""The common style of all figures: fonts, colours, axes, and the smoothing of noisy samples."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ ENERGY = "#6d4c9f"
 REGION_A = "#cfe3f2"
 REGION_B = "#fbe3c0"
 DEFORMATION = ["#f3dcd0", "#f2b48c", "#ec7f5b", "#d2434f", "#9c1c5b", "#5b1360", "#240b40"]
-"""Colours of no to most deformation; lightness falls evenly, so that they can be told apart in grey, too."""
+"""Colours from no to largest deformation; lightness falls evenly, so that they are distinct in greyscale."""
 
-SMOOTH = 0.02  # [s] over which drawn lines are averaged
+SMOOTH = 0.02  # [s] window of the running mean of lines
 DPI = 150
 COLUMNS = 3000
-"""Columns of points that a line over time is reduced to: more than the pixels of the widest picture."""
+"""Columns of points to which a line over time is decimated: more than the pixels of the widest picture."""
 
 LOOK: Any = {
     "font.family": "sans-serif",
@@ -60,10 +60,9 @@ LOOK: Any = {
 
 
 def figure(width: float, height: float, title: str, current: bool = False) -> Figure:
-    """An empty figure of this size [inch], without a window behind it; it shows itself in a notebook.
+    """An empty figure of this size [inch], without a window; a notebook displays it.
 
-    current  where the program uses pyplot, it is pyplot's current figure, too; not in a notebook, which would show it
-             twice
+    current  make it pyplot's current figure if the program uses pyplot, except in a notebook, which would show it twice
     """
     pyplot = sys.modules.get("matplotlib.pyplot")
     if current and pyplot is not None and "inline" not in pyplot.get_backend():
@@ -80,7 +79,7 @@ def entitle(figure: Figure, title: str) -> None:
 
 @cache
 def _shown() -> type[Figure]:
-    """A figure that a notebook knows how to show."""
+    """The class of figures that notebooks display."""
     from matplotlib.figure import Figure
 
     class Shown(Figure):
@@ -93,7 +92,7 @@ def _shown() -> type[Figure]:
 
 
 def mean(values: np.ndarray, time: np.ndarray, span: float = SMOOTH) -> np.ndarray:
-    """Running mean over a span of time [s], over fewer samples at the ends."""
+    """Running mean over a window [s]; shorter at the ends."""
     if len(time) < 3:
         return values
     step = float(np.median(np.diff(time)))
@@ -102,29 +101,28 @@ def mean(values: np.ndarray, time: np.ndarray, span: float = SMOOTH) -> np.ndarr
         return values
     total = np.concatenate([[0.0], np.cumsum(values, dtype=float)])
     at = np.arange(len(values))
-    reach = np.minimum(half, np.minimum(at, len(values) - 1 - at))  # even-sided: no shift at the ends
+    reach = np.minimum(half, np.minimum(at, len(values) - 1 - at))  # symmetric, so that the ends do not shift
     return (total[at + reach + 1] - total[at - reach]) / (2 * reach + 1)
 
 
 def noise(values: np.ndarray) -> float:
-    """Standard deviation of what in evenly spaced samples (n) is no smooth course, by the median of their bends."""
+    """Standard deviation of the noise in evenly spaced samples (n), from the median absolute second difference."""
     if len(values) < 5:
         return 0.0
-    bends = values[2:] - 2.0 * values[1:-1] + values[:-2]
-    return float(np.median(np.abs(bends))) / (0.6745 * np.sqrt(6.0))
+    second = values[2:] - 2.0 * values[1:-1] + values[:-2]
+    return float(np.median(np.abs(second))) / (0.6745 * np.sqrt(6.0))
 
 
 def over_time(
     axes: Axes, time: np.ndarray, shown: tuple[float, float] | None = None, of: tuple[float, float] = (0.0, 0.0)
 ) -> None:
-    """The axis of times [s] (n) from the first to the last, or of the part `shown` of a recording from `of[0]` to
-    `of[1]`."""
+    """Set the time axis: all times [s] (n), or the part `shown` of a recording from `of[0]` to `of[1]`."""
     part = "" if shown is None else f": the contacts in {of[0]:.0f} to {of[1]:.0f} s"
     axes.set(xlabel=f"time [s]{part}", xlim=shown or (time[0], max(time[-1], time[0] + 1e-3)))
 
 
 def decimate(figure: Figure) -> None:
-    """Leave out of long lines over time what a picture cannot show: least and greatest value of each column stay."""
+    """Decimate long lines over time to the minimum and maximum of each column of points."""
     for line in (line for axes in figure.axes for line in axes.lines):
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
         if len(x) <= 4 * COLUMNS or not (np.diff(x) >= 0.0).all():
@@ -139,7 +137,7 @@ def decimate(figure: Figure) -> None:
 
 
 def log_ticks(axes: Axes) -> None:
-    """A logarithmic abscissa with labels at 1, 2 and 5 in each decade: between them they would overlap."""
+    """Set a logarithmic abscissa with labels at 1, 2 and 5 in each decade; more would overlap."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
     axes.set_xscale("log")
@@ -155,7 +153,6 @@ def deformation_colours() -> Any:
 
 
 def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> None:
-    """The bar of these colours from 0 to its top."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -164,13 +161,13 @@ def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> Non
 
 
 def trace(axes: Axes, x: np.ndarray, values: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
-    """A line of the running mean, with the samples as they are behind it."""
+    """Draw the running mean as a line in front of the samples."""
     axes.plot(x, values, color=colour, alpha=0.25, linewidth=0.6)
     axes.plot(x, mean(values, time), color=colour, label=label)
 
 
 def shade(axes: Axes, begin: float, end: float, colour: str, letter: str) -> None:
-    """A region of time, with its letter at the top."""
+    """Shade an interval of time, with its letter at the top."""
     axes.axvspan(begin, end, color=colour, linewidth=0)
     axes.text(
         (begin + end) / 2, 0.97, letter, transform=axes.get_xaxis_transform(), ha="center", va="top", weight="bold"

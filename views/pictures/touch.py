@@ -1,4 +1,4 @@
-"""What a recording tells of a touch, by message type, whatever the graph and its names were."""
+"""Reads the streams of a touch from a recording by message type, independent of the graph's names."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from palpate.records.reader import Recording
 from palpate.views.fingers import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
-MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] of the time of the contacts; [s]
+MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] fraction of the contacts' duration; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
 
 
@@ -42,25 +42,25 @@ def _columns(kind: type[Message]) -> cached_property[Columns | None]:
 
 
 class TouchStreams:
-    """The streams of a recording that pictures are drawn from; None where it has no such stream or no message in it.
+    """The streams of a recording for pictures; None for streams that do not exist or are empty.
 
-    finger  its streams, those of the first one if left out
-    whole   read all of the recording, also where the contacts of a single finger take a small part of it
+    finger  streams of the finger; default: the first finger
+    whole   read the whole recording, even if the contacts take a small part of it
     """
 
     def __init__(self, recording: Recording, finger: Finger | None = None, whole: bool = False) -> None:
         self.recording = recording
         every = fingers(*links_of(recording))
         self._finger = every[0] if finger is None else finger
-        self._whole = whole or len(every) > 1  # pictures of several fingers take the same instants of all
+        self._whole = whole or len(every) > 1  # pictures of several fingers show the same instants
 
     @cached_property
     def fingers(self) -> list[TouchStreams]:
-        """Those of each finger; of the first one these."""
+        """The streams of each finger; this object for the first."""
         return [self, *(TouchStreams(self.recording, finger) for finger in fingers(*links_of(self.recording))[1:])]
 
     def stream_of(self, kind: type[Message]) -> str | None:
-        """The finger's stream of a message type, None where it has none."""
+        """The finger's stream of a message type; None if it has none."""
         return self._finger.get(full_name(kind))
 
     friction = _columns(Friction)
@@ -75,7 +75,7 @@ class TouchStreams:
 
     @cached_property
     def _contacts(self) -> tuple[Columns | None, tuple[float, float] | None, tuple[float, float]]:
-        """The columns of the contact, the part of the time that is shown, and all of it [s]."""
+        """The columns of the contact, the shown interval, and the whole interval [s]."""
         name = self.stream_of(Contact)
         columns = self.recording.columns(name) if name is not None else None
         if columns is None or not len(columns["tick"]):
@@ -88,13 +88,12 @@ class TouchStreams:
 
     @property
     def contact(self) -> Columns | None:
-        """Those of the contact."""
         return self._contacts[0]
 
     @property
     def shown(self) -> tuple[float, float] | None:
-        """Begin and end [s] of the contacts with a margin, where they take less than half of the recording: the part
-        that is drawn over time. None: all of it."""
+        """Begin and end [s] of the contacts with a margin, if they take less than half of the recording: the interval
+        shown over time. None: the whole recording."""
         return self._contacts[1]
 
     @property
@@ -104,12 +103,12 @@ class TouchStreams:
 
     @property
     def read(self) -> tuple[float, float] | None:
-        """The part of the time [s] that is read, so that minutes without a touch cost little."""
+        """The interval [s] that is read, to skip long times without contact. None: the whole recording."""
         return None if self._whole else self.shown
 
     @cached_property
     def touching(self) -> np.ndarray | None:
-        """Per message of the force, whether the controller was in contact."""
+        """For each message of the force, whether the controller was in contact."""
         name = self.stream_of(Force)
         if name is None:
             return None
@@ -118,11 +117,11 @@ class TouchStreams:
         )
 
     def settings(self, stream: str | None) -> dict[str, Any]:
-        """Settings of the node that sent a stream; empty where the recording does not tell."""
+        """Settings of the node that sent a stream; empty if unknown."""
         return self.node(stream).get("settings", {})
 
     def make(self, stream: str | None) -> Any:
-        """The node that sent a stream, made again with its settings; None where it cannot be made here."""
+        """A new node with the class and settings of the node that sent a stream; None if it cannot be made here."""
         node = self.node(stream)
         try:
             return recorded_class(node["class"], Node)(**node.get("settings", {}))
@@ -131,12 +130,12 @@ class TouchStreams:
 
     @cached_property
     def near(self) -> list[Columns]:
-        """Columns of the finger's streams of Proximity, one for each organ that it may touch."""
+        """Columns of the finger's streams of Proximity, one for each organ."""
         every = (self.recording.columns(stream, self.read) for stream in self._finger.near)
         return [columns for columns in every if len(columns["tick"])]
 
     def at(self, kind: type[Message], ticks: list[int], stream: str | None = None) -> dict[int, Any]:
-        """The messages of a type at these ticks, of a stream or the finger's; the others are not decoded."""
+        """The messages of a type at these ticks, by tick, from a stream (default: the finger's); decodes only these."""
         stream = stream or self.stream_of(kind)
         messages: dict[int, Any] = {}
         if stream is None:
@@ -150,7 +149,7 @@ class TouchStreams:
         return messages
 
     def node(self, stream: str | None) -> dict[str, Any]:
-        """What the plan says of the node that sent a stream; empty where the recording does not tell."""
+        """The plan's entry for the node that sent a stream; empty if unknown."""
         if stream is None or stream not in self.recording.streams:
             return {}
         producer = self.recording.streams[stream].producer
@@ -159,7 +158,7 @@ class TouchStreams:
 
 
 def _shown(contact: Columns) -> tuple[float, float] | None:
-    """Begin and end [s] of the contacts with a margin; None where they take half of the recording or more."""
+    """Begin and end [s] of the contacts with a margin; None if they take at least half of the recording."""
     time = contact["time"]
     if not (found := touches(time, contact["force"])):
         return None
@@ -171,7 +170,7 @@ def _shown(contact: Columns) -> tuple[float, float] | None:
 
 
 def together(*columns: Columns) -> list[Columns]:
-    """The rows of several streams at the ticks that all of them have, each tick once."""
+    """The rows of several streams at their common ticks, each tick once."""
     ticks = columns[0]["tick"]
     for other in columns[1:]:
         ticks = np.intersect1d(ticks, other["tick"])
@@ -181,7 +180,7 @@ def together(*columns: Columns) -> list[Columns]:
 
 
 def touches(time: np.ndarray, force: np.ndarray) -> list[slice]:
-    """The stretches with contact, in order: from the last sample without force to the next one without.
+    """The intervals with contact, in order: from the last sample without force to the next one without.
 
     time   [s] (n)
     force  [N] (n)  normal force; a loss of contact shorter than 50 ms does not end a touch
@@ -195,12 +194,12 @@ def touches(time: np.ndarray, force: np.ndarray) -> list[slice]:
 
 
 def millijoules(energy: float) -> str:
-    """An energy [J] with its unit, by two digits where it is less than 1 mJ; 0 below 1 nJ, which is rounding."""
+    """An energy [J] as text in mJ, with two digits below 1 mJ; 0 below 1 nJ, the rounding error."""
     if abs(energy) < 1e-9:
         return "0 mJ"
     return f"{1e3 * energy:.1f} mJ" if abs(energy) >= 1e-3 else f"{1e3 * energy:.2g} mJ"
 
 
 def work(way: np.ndarray, force: np.ndarray) -> float:
-    """Work [J] done along a way [m] by a force [N], by the trapezoidal rule: the area within a closed loop."""
+    """Work [J] of a force [N] along a path [m], by the trapezoidal rule; the enclosed area of a closed loop."""
     return float(np.sum((force[1:] + force[:-1]) / 2 * np.diff(way)))

@@ -1,4 +1,4 @@
-"""What colours a surface: how far it moved, the pressure on it, where it slides, how much it is stretched."""
+"""Colours of a surface: displacement, pressure, slip or strain."""
 
 import math
 from collections.abc import Sequence
@@ -16,9 +16,9 @@ from palpate.physics.geometry.strain import at_vertices, largest_stretch
 class Colour:
     """One kind of colour.
 
-    label  what stands beside the bar
-    scale  how many of the bar's units are one in SI
-    least  end of the bar, in SI, while a run goes on and nothing more has been seen
+    label  label of the colour bar
+    scale  factor from SI to the unit of the bar
+    least  initial end of the bar in a live view, in SI
     """
 
     name: str
@@ -39,22 +39,22 @@ COLOURS = {
 
 
 def colour(name: str) -> Colour:
-    """The colour of this name. ArgumentError: there is none."""
+    """The colour of this name. ArgumentError: no such colour."""
     if name not in COLOURS:
         raise ArgumentError(f"--colour: found {name!r}, expected one of {', '.join(COLOURS)}")
     return COLOURS[name]
 
 
 def able(surface: Surface) -> list[str]:
-    """Names of the colours that a surface can have: its body may tell no pressure or slip."""
+    """Names of the available colours of a surface: not all bodies send pressure and slip."""
     count = len(surface.nodes)
-    told = {"pressure": len(surface.pressure) == count, "slip": len(surface.slipped) == count}
-    return [name for name in COLOURS if told.get(name, True)]
+    sent = {"pressure": len(surface.pressure) == count, "slip": len(surface.slipped) == count}
+    return [name for name in COLOURS if sent.get(name, True)]
 
 
 def painted(of: Colour, mesh: Any, surface: Surface) -> np.ndarray:
-    """Values (V) of all vertices of a mesh, in SI: displacement [m], pressure [Pa], 1 where it slides, or the largest
-    principal strain of the triangles round each vertex [1]. Zero where the message says nothing."""
+    """Values (V) of all vertices of a mesh, in SI: displacement [m], pressure [Pa], slip (1: slides), or largest
+    principal strain of the triangles around each vertex [1]. Zero for vertices that are not in the message."""
     values = np.zeros(len(mesh.vertices))
     match of.name:
         case "pressure":
@@ -72,11 +72,11 @@ def painted(of: Colour, mesh: Any, surface: Surface) -> np.ndarray:
 
 
 def check(of: Colour, surfaces: Sequence[Surface], where: str) -> None:
-    """ArgumentError: one of the surfaces cannot have this colour; `where` says whose they are."""
+    """ArgumentError: a surface does not have this colour; `where`: origin of the surfaces."""
     for surface in surfaces:
         can = able(surface)
         if of.name not in can:
-            more = "; --set effects.pressure=on, where the body can" if of.name == "pressure" else ""
+            more = "; --set effects.pressure=on, if the body supports it" if of.name == "pressure" else ""
             raise ArgumentError(f"{where}: its body sends no {of.name}{more}. Available colours: {', '.join(can)}")
 
 

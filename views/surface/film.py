@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-BATCH = 100  # instants that are drawn at a time: 140 MB of pixels
+BATCH = 100  # instants drawn at a time: 140 MB of pixels
 ENDINGS = (".mp4", ".gif")
 DPI = 100
-QUICKEST = 50.0  # [1/s] of a GIF: browsers slow down one that is quicker
+QUICKEST = 50.0  # [1/s] frame rate of a GIF; browsers slow down faster ones
 
 
 class FilmFrame:
-    """The figure of one instant: surface, colour bar, time, force; `show` puts another instant into it."""
+    """The figure of one instant: surface, colour bar, time, force; `show` updates it to another instant."""
 
     def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
         from palpate.views.pictures.style import INK, deformation_bar, figure
@@ -52,14 +52,14 @@ class FilmFrame:
 
 
 def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacement"]) -> float:
-    """Draw the surface at the recorded instant nearest to a time [s]; that instant's time [s]. `of`: what colours it.
+    """Draw the surface at the recorded instant nearest to a time [s]; returns the instant's time [s]. `of`: the colour.
 
-    RecordingError, PictureError, ArgumentError: what is missing.
+    RecordingError, PictureError, ArgumentError: the picture cannot be drawn.
     """
     _check_libraries("view", "matplotlib", "pyvista")
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
-    if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant stands for its millisecond
+    if not times[0] - 1e-9 <= at <= times[-1] + 1e-3:  # the last instant represents 1 ms
         raise PictureError(f"{file}: --at {at:g} s, but it was recorded from {times[0]:.3f} s to {times[-1]:.3f} s")
     tick = int(ticks[np.abs(times - at).argmin()])
     shown = bodies_of(touch)
@@ -80,15 +80,15 @@ def film(
     tell: Callable[[str], object] = lambda text: None,
     done: Callable[[float], object] = lambda share: None,
 ) -> int:
-    """Write a film of a recording; the number of its frames.
+    """Write a film of a recording; returns the number of frames.
 
-    rate   [1/s] frames of the film
-    speed  [1] of the film's time: 0.5 is slow motion
-    of     what colours the surface
-    tell   gets a line of what is not shown
-    done   gets the share of the frames that is drawn, 0 once the input is known to be right
+    rate   [1/s] frame rate
+    speed  [1] playback speed: 0.5 is slow motion
+    of     colour of the surface
+    tell   receives a line about bodies that are not shown
+    done   receives the fraction of drawn frames; 0 after the input has been checked
 
-    RecordingError, PictureError, ArgumentError: what is missing. OSError: the file cannot be written.
+    RecordingError, PictureError, ArgumentError: the film cannot be drawn. OSError: the file cannot be written.
     """
     if target.suffix.lower() not in ENDINGS:
         raise PictureError(f"{target}: found {target.suffix or 'no ending'!r}, expected {' or '.join(ENDINGS)}")
@@ -113,7 +113,7 @@ def film(
 
 
 def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:
-    """The figure with one instant after the other; it is the same figure each time."""
+    """The figure updated to each instant; the same object each time."""
     from matplotlib import rc_context
 
     from palpate.views.pictures.style import LOOK
@@ -137,12 +137,12 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Film
 
 
 def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callable[[int], object]) -> None:
-    """A film of frames that share one figure, by the writer of matplotlib for this ending; `done` counts them."""
+    """Write frames that share one figure, with matplotlib's writer for this file type; `done` receives the count."""
     from matplotlib import rc_context
     from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 
     look: Any = {}
-    fps: Any = rate  # matplotlib's types know whole numbers alone
+    fps: Any = rate  # matplotlib's type hints allow only int
     writer: AbstractMovieWriter
     if target.suffix.lower() == ".gif":
         writer = PillowWriter(fps=min(fps, QUICKEST))
@@ -159,7 +159,7 @@ def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callabl
 
 
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
-    """Ticks and times [s] at which both contact and surface were recorded. PictureError: there are none."""
+    """Ticks and times [s] with both contact and surface. PictureError: there are none."""
     path = touch.recording.path
     stream = touch.stream_of(Surface)
     if stream is None:

@@ -1,4 +1,4 @@
-"""Which instants of a touch to show, and how the surface was deformed then."""
+"""Chooses instants of a touch, and reads the deformed surface at them."""
 
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,9 +16,9 @@ from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 from palpate.views.surface.render import RIGHT
 
-SHALLOWEST = 0.35  # Instants with less than this share of the deepest indentation show hardly anything
+SHALLOWEST = 0.35  # smallest indentation of an instant, as a fraction of the deepest
 
-PATCH = 4e-3  # [m] Around a foot point, from the nearest vertex on: whose mean displacement the drawn fingertip follows
+PATCH = 4e-3  # [m] radius of the patch around a foot point whose mean displacement moves the drawn fingertip
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Instant:
     time          [s]
     surface       message of the body
     displacement  [m] (V,3)  of every vertex of the mesh
-    tips          [m] (f,3)  lowest point of each fingertip, in the dent; not finite where the recording has none
+    tips          [m] (f,3)  lowest point of each fingertip; not finite if not recorded
     normals       [1] (f,3)  outward normal at each foot point
     forces        [N] (f,3)  on the hand
     loads         [N] (f)    normal forces
@@ -46,11 +46,11 @@ class Instant:
 
     @property
     def depth(self) -> float:
-        """[m] The greatest indentation."""
+        """The largest indentation [m]."""
         return float(self.depths.max())
 
     def title(self) -> str:
-        """Time, indentation and normal force of each finger, from left to right as the picture shows them."""
+        """Time, and indentation and normal force of each finger from left to right in the picture."""
         order = np.argsort(self.tips @ RIGHT, kind="stable")
         deep = ", ".join(f"{depth * 1e3:.1f}" for depth in self.depths[order])
         loads = ", ".join(f"{load:.2f}" for load in self.loads[order])
@@ -58,9 +58,9 @@ class Instant:
 
 
 def bodies_of(touch: TouchStreams) -> Bodies:
-    """The bodies whose meshes can be made again, each by the node that sent its surface.
+    """The bodies whose nodes can provide a mesh here.
 
-    PictureError: no surface stream, or the first one's body has no mesh, or one that cannot be made here.
+    PictureError: no stream of surfaces, or no mesh of the first body.
     """
     streams, loads = bodies(*links_of(touch.recording))
     if not streams:
@@ -88,7 +88,7 @@ def _mesh(touch: TouchStreams, stream: str) -> Mesh:
 
 
 def displaced(surface: Surface, vertices: int) -> np.ndarray:
-    """Displacement [m] (V,3) of all vertices from the sparse form. PictureError: a vertex that the mesh lacks."""
+    """Displacement [m] (V,3) of all vertices. PictureError: a vertex that is not in the mesh."""
     field = np.zeros((vertices, 3))
     if len(surface.nodes):
         if int(surface.nodes.max()) >= vertices or int(surface.nodes.min()) < 0:
@@ -98,8 +98,8 @@ def displaced(surface: Surface, vertices: int) -> np.ndarray:
 
 
 def choose(contact: Columns, count: int) -> list[int]:
-    """Ticks of instants that differ most in depth and place, in order of time: the deepest of each touch first, then
-    those farthest from all that were chosen."""
+    """Ticks of instants that differ most in depth and position, in order of time: the deepest of each touch, then
+    repeatedly the one farthest from those chosen (farthest-point sampling)."""
     slices = touches(contact["time"], contact["force"])
     if not slices:
         return []
@@ -110,7 +110,7 @@ def choose(contact: Columns, count: int) -> list[int]:
     feature = np.column_stack(
         [depth / deepest, (foot - foot[rows[0]]) / max(float(np.ptp(foot[rows], axis=0).max()), 1e-2)]
     )
-    # The way in and the way out look alike: the phase of the touch tells them apart.
+    # Loading and unloading look the same: the phase of the touch distinguishes them.
     phase = np.zeros(len(depth))
     for i, touch in enumerate(slices):
         phase[touch] = i + np.linspace(0.0, 1.0, touch.stop - touch.start)
@@ -124,7 +124,7 @@ def choose(contact: Columns, count: int) -> list[int]:
 
 
 def instants(touch: TouchStreams, shown: Bodies, count: int = 6) -> list[Instant]:
-    """Up to `count` instants.
+    """Up to `count` instants of a touch, chosen by `choose`.
 
     PictureError: no contact, surface or displacement was recorded, or it does not fit the mesh.
     """
@@ -139,7 +139,7 @@ def instants(touch: TouchStreams, shown: Bodies, count: int = 6) -> list[Instant
 
 
 def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[Instant]:
-    """The instants at these ticks, as far as both contact and surface were recorded there.
+    """The instants at those of these ticks for which both contact and surface were recorded.
 
     PictureError: no contact or surface was recorded, or it does not fit the mesh.
     """
@@ -149,7 +149,7 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
     surfaces: dict[int, Surface] = {}
     for tick in by_body[shown.streams[0]]:
         whole = shown.surface({stream: found[tick] for stream, found in by_body.items() if tick in found})
-        assert whole is not None  # it has that of the first
+        assert whole is not None  # contains the first body
         surfaces[tick] = whole
     by_finger = [_finger(each, set(surfaces)) for each in touch.fingers]
     moments = []
@@ -167,8 +167,8 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
 def dragged(vertices: np.ndarray, displacement: np.ndarray, feet: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Mean displacement [m] (f,3) along the surface of the vertices around each foot point (f,3), normals (f,3).
 
-    The contact and its load are computed at the foot point on the undeformed surface. Friction drags this point along,
-    so a fingertip that is drawn where the device is would stand next to its dent.
+    The contact and its load are computed at the foot point on the undeformed surface. Friction moves this point, so a
+    fingertip drawn at the device's position would be next to its indentation.
     """
     away = np.linalg.norm(vertices - feet[:, None], axis=2)
     around = away <= away.min(axis=1, keepdims=True) + PATCH
@@ -183,7 +183,7 @@ _ABSENT: _Row = (0.0, _NOWHERE, _NOWHERE, np.array([0.0, 0.0, 1.0]), np.zeros(3)
 
 
 def _finger(touch: TouchStreams, ticks: set[int]) -> dict[int, _Row]:
-    """Of one finger, by tick: time, foot point, tip, normal, force on the hand, normal force and indentation."""
+    """Time, foot point, tip, normal, force on the hand, normal force and indentation of a finger, by tick."""
     if touch.contact is None:
         return {}
     tips = _tips(touch)

@@ -1,4 +1,4 @@
-"""Drawing by VTK in a process of its own, and why it may fail on a machine."""
+"""Runs VTK in a subprocess, and reports why it may fail on a machine."""
 
 import contextlib
 import os
@@ -15,19 +15,19 @@ from palpate.views.errors import PictureError
 from palpate.views.surface.moments import Instant
 from palpate.views.surface.render import ball_centres
 
-PATIENCE, EACH = 60.0, 2.0  # [s] until the first picture, and more for each
+PATIENCE, EACH = 60.0, 2.0  # [s] timeout: a base value, and a share per picture
 WINDOWS = ("", "vtkOSOpenGLRenderWindow")
-"""What VTK draws into: its own choice, which is EGL where there is no display; then OSMesa."""
+"""Render windows of VTK, in order: its default, which is EGL without a display; then OSMesa."""
 CURE = "install Mesa's off-screen drawing (Debian: apt install libosmesa6, or libegl1 libgl1-mesa-dri)"
 
 
 class Rendering:
-    """Instants of a touch on the way to pixels; the process begins when this is made.
+    """Renders instants of a touch in a subprocess, which starts at once.
 
-    values   (V) of each instant, which colour the vertices
-    near     which instants are drawn from near, too
+    values   (V) colour values of the vertices, for each instant
+    near     indices of the instants that also get a close-up
     most     end of the colour scale
-    all_of   the instants whose finger and force set camera and arrows; the drawn ones if left out
+    all_of   instants whose fingers and forces determine camera and arrows; default: the rendered ones
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class Rendering:
         )
 
     def pixels(self) -> dict[str, np.ndarray]:
-        """Wait for the pictures. PictureError: this machine cannot draw them."""
+        """Wait for the pictures. PictureError: this machine cannot render them."""
         for following in (*WINDOWS[1:], None):
             try:
                 _, errors = self._process.communicate(timeout=self._patience)
@@ -95,7 +95,7 @@ class Rendering:
 
 
 def _reason(code: int, errors: str) -> str:
-    """The last line that a process said, or how it ended."""
+    """The last line of a process's output, or how it ended."""
     lines = [line.strip() for line in errors.splitlines() if line.strip()]
     if code < 0:
         return f"VTK's drawing process was ended by signal {-code}"

@@ -1,4 +1,4 @@
-"""Views of the deformed surface by pyvista, in a process of its own: a fault of the graphics driver ends it alone.
+"""Renders the deformed surface with pyvista in a subprocess, so that a crash of the graphics driver ends only that.
 
 python -m palpate.views.surface.render views.npz pixels.npz
 """
@@ -12,24 +12,24 @@ from palpate.views.pictures.style import deformation_colours
 
 SIZE = (900, 520)
 CLOSE_SIZE = (900, 640)
-FINGER_RADIUS = 6e-3  # [m] of the ball that stands for the fingertip
-ARROW = 26e-3  # [m] length of the arrow of the greatest force, on a surface large enough
-ARROW_SHARE = 0.4  # of the surface's longest side, at most
-MARGIN = 1.06  # room around the whole surface
+FINGER_RADIUS = 6e-3  # [m] of the ball that represents the fingertip
+ARROW = 26e-3  # [m] length of the arrow of the largest force, on a surface large enough
+ARROW_SHARE = 0.4  # limit of that length, as a fraction of the surface's longest side
+MARGIN = 1.06  # margin around the whole surface
 HEAD = 1.6e-3  # [m] radius of an arrow's head
-LEAST_FORCE = 0.05  # [N] smaller forces get no longer arrows
-NEAR = 0.46  # share of the height that is seen from near
-VIEW = (0.2, -0.8, 0.95)  # Direction from the surface to the camera, where the surface's normal is upwards (z)
-RIGHT = np.cross((0.0, 0.0, 1.0), VIEW) / np.hypot(*VIEW[:2])  # Direction to the right in the pictures
+LEAST_FORCE = 0.05  # [N] smallest force for the scale of the arrows
+NEAR = 0.46  # fraction of the height that a close-up shows
+VIEW = (0.2, -0.8, 0.95)  # direction from the surface to the camera; z: normal of the surface, upwards
+RIGHT = np.cross((0.0, 0.0, 1.0), VIEW) / np.hypot(*VIEW[:2])  # direction to the right in the pictures
 
 
 def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Pictures of all instants, wide (k, h, w, 3), and of some from near, close (n, h, w, 3): red, green, blue bytes.
+    """Pictures of all instants, wide (k, h, w, 3), and close-ups of some, close (n, h, w, 3), as RGB bytes.
 
-    vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V) that colour the vertices, most: end of
-    the colour scale, tips [m] (k,f,3; not finite: no finger), normals [1] (k,f,3), forces [N] (k,f,3), near (n): which
-    instants from near, balls [m] (m,3) and pulls [N] (m,3) all places of fingers and forces there that the camera
-    shall see, greatest [N] force of the longest arrow
+    vertices [m] (V,3), triangles (T,3), displacement [m] (k,V,3), values (k,V): colour values of the vertices, most:
+    end of the colour scale, tips [m] (k,f,3; not finite: no finger), normals [1] (k,f,3), forces [N] (k,f,3), near (n):
+    indices of the close-ups, balls [m] (m,3) and pulls [N] (m,3): positions and forces of fingers that must be in view,
+    greatest [N]: force of the longest arrow
     """
     import pyvista
 
@@ -57,13 +57,13 @@ def render(views: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def ball_centres(tips: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Centres [m] (m,3) of the balls that stand for the fingertip, at all finite tips [m] (k,3)."""
+    """Centres [m] (m,3) of the balls that represent the fingertip, at all finite tips [m] (k,3)."""
     balls = tips + FINGER_RADIUS * normals
     return balls[np.isfinite(balls).all(axis=1)]
 
 
 def _longest(vertices: np.ndarray) -> float:
-    """[m] of the arrow of the greatest force."""
+    """Length of the arrow of the largest force [m]."""
     return min(ARROW, ARROW_SHARE * float(np.ptp(vertices, axis=0).max()))
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from palpate.studies.search import Trial
 
 EXAMPLE = "palpate rates kidney --error '1 %'"
-PER_TICK = 2e-3  # [s] of a run and its replay at two rates
+PER_TICK = 2e-3  # [s] computing time per tick of a run and its replay at two rates
 
 
 def rates(
     graph: Graph,
     error: Annotated[
-        str, typer.Option(help="Allowed error, RMS, % of peak: of each effect's own output and of the force.")
+        str, typer.Option(help="Allowed RMS error, % of peak, of each effect's output and of the force.")
     ] = "1 %",
     sets: Sets = None,
     scene: SceneOption = None,
@@ -31,7 +31,8 @@ def rates(
         float | None, typer.Option(help="Duration of the touch that is measured.", parser=seconds, metavar="TIME")
     ] = None,
     speeds: Annotated[
-        str, typer.Option(help="Speeds of the simulated hand, over that of the graph's path; the worst counts.")
+        str,
+        typer.Option(help="Speeds of the simulated hand, as multiples of the graph's speed; the worst case counts."),
     ] = "0.5, 1, 2",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-rates.yaml.")
@@ -41,8 +42,8 @@ def rates(
     """Find the lowest update rate of each effect for a given error.
 
     The search starts at the time constant of each effect, with the hand at several speeds and on other motions. It then
-    runs the graph at each, and on motions that it has not seen, raises the rates until the error is kept, and writes a
-    launch file with the figures. If no run keeps the error, nothing is written and the exit code is 1.
+    runs the graph at these speeds and on motions outside the search, raises the rates until the error is within the
+    limit, and writes a launch file. If no rates meet the limit, nothing is written and the exit code is 1.
     """
     from palpate.physics.writable import check_file
     from palpate.studies import rates as study
@@ -64,11 +65,11 @@ def rates(
         found = study.rates(launch, share, file, done, fast)
     if as_json:
         assert found.promised is not None and found.came is not None
-        tell({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
-              "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
-              "predicted": _times(found.promised), "measured": _times(found.came),
-              "unseen": [_times(one) for one in found.unseen], "hand_m_s": found.reach,
-              "speeds": [{"speed": speed, **_times(one)} for speed, one in found.at.items()]})  # fmt: skip
+        print_json({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
+                    "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
+                    "predicted": _times(found.promised), "measured": _times(found.came),
+                    "unseen": [_times(one) for one in found.unseen], "hand_m_s": found.reach,
+                    "speeds": [{"speed": speed, **_times(one)} for speed, one in found.at.items()]})  # fmt: skip
     else:
         _print(found, file)
     if not found.kept:
@@ -97,8 +98,7 @@ def _print(found: Slowed, file: Path) -> None:
     heads = ("", "effect", ">time\nconstant", ">every", ">\nnow", ">error, RMS %\noutput", ">\nforce")
     console().print(table(heads, rows))
     if any(rate.idle for rate in found.tried):
-        idle = "idle: its output does not change on this touch, so its rate is kept; try a touch that uses it"
-        say(idle, "dim", wrap=True)
+        say("idle: its output does not change on this touch, so its rate is kept", "dim", wrap=True)
     for word, one in (("predicted", found.promised), ("measured", found.came)):
         assert one is not None
         full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
@@ -111,9 +111,9 @@ def _print(found: Slowed, file: Path) -> None:
     say(valid(found.reach), "dim", wrap=True)
     if found.kept:
         say(f"written   {file}: palpate run {file}", wrap=True)
-    else:
-        why = "a new motion missed it" if found.unseen else "the touch itself changed as the hand reacts to the force"
-        say(f"The error is not kept: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
+        return
+    why = "a new motion missed it" if found.unseen else "the touch itself changed as the hand reacts to the force"
+    say(f"The error is not kept: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
 
 
 def _percent(share: float) -> str:

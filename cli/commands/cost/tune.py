@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from palpate.studies.tune import Goal, Tuned
 
 EXAMPLE = "palpate tune kidney --budget '0.5 ms'"
-PER_TICK = 1e-3  # [s] that a body takes for a tick of the touch, the reference beside it and the start included
+PER_TICK = 1e-3  # [s] computing time per tick of the touch for one body, including the reference and the start
 
 
 def tune(
@@ -27,7 +27,7 @@ def tune(
         typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=seconds, metavar="TIME"),
     ] = None,
     error: Annotated[
-        str | None, typer.Option(help="Allowed error, RMS, % of peak: '2 % force', or of indentation or shape.")
+        str | None, typer.Option(help="Allowed RMS error, % of peak: '2 % force'; also indentation or shape.")
     ] = None,
     sets: Sets = None,
     scene: SceneOption = None,
@@ -61,10 +61,12 @@ def tune(
     with steps(title, count, silent=as_json, seconds=PER_TICK * length * loaded.rate * count) as done:
         tuned = study.tune(launch, goal, file, done)
     if as_json:
-        told = {"ok": tuned.promised is not None, "file": str(file) if tuned.promised else None,
+        data: dict[str, object] = {"ok": tuned.promised is not None, "file": str(file) if tuned.promised else None,
                 "reference": tuned.reference.overrides, "predicted": tuned.promised and _data(tuned.promised),
                 "measured": tuned.came and _data(tuned.came)}  # fmt: skip
-        tell(told | ({"why": tuned.why} if tuned.why else {}) | {"candidates": [_data(one) for one in tuned.tried]})
+        print_json(
+            data | ({"why": tuned.why} if tuned.why else {}) | {"candidates": [_data(one) for one in tuned.tried]}
+        )
     else:
         _print(tuned, goal, file)
     if tuned.promised is None:
@@ -93,11 +95,11 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
     for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
         say(f"left out {titles}: {reason}", "dim", wrap=True)
-    known = "whose own error is unknown."
+    known = "whose error is unknown."
     if tuned.estimated_error:
         known = f"plus the known error of that reference: {100 * tuned.estimated_error:.2g} %."
     say(f"Errors are differences from {title(tuned.reference)}, {known}", wrap=True)
-    here = "They are those of this graph's touch; `palpate bench accuracy` has other test cases, with other errors."
+    here = "They apply to the touch of this graph; `palpate bench accuracy` uses other test cases, with other errors."
     say(here, "dim", wrap=True)
     if tuned.promised is None or tuned.came is None:
         say(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), "yellow", wrap=True)

@@ -1,7 +1,7 @@
-"""`palpate check`: whether a graph can run, with everything that is wrong."""
+"""`palpate check`: check a graph and report all its faults."""
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
-from palpate.cli.terminal.output import console, say, tell
+from palpate.cli.terminal.output import console, print_json, say
 
 EXAMPLE = "palpate check kidney --scene frictionless"
 
@@ -24,12 +24,12 @@ def check(
     plan = run.plan()
     check_stored(plan)
     groups = run.placement(plan).groups
-    edges = [edge for own in plan.edges.values() for edge in own]
+    edges = [edge for inputs in plan.edges.values() for edge in inputs]
     held = sum(edge.loop for edge in edges)
     if as_json:
-        tell({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers), "skipped": len(plan.skipped),
-              "edges": len(edges), "loop_edges": held, "processes": len(groups), "rate": plan.graph.rate,
-              "notes": plan.graph.notes})  # fmt: skip
+        print_json({"ok": True, "nodes": len(plan.order), "observers": len(plan.observers),
+                    "skipped": len(plan.skipped), "edges": len(edges), "loop_edges": held, "processes": len(groups),
+                    "rate": plan.graph.rate, "notes": plan.graph.notes})  # fmt: skip
         return
     from rich.text import Text
 

@@ -1,4 +1,4 @@
-"""`palpate new`: a file to begin from, of any kind."""
+"""`palpate new`: write a new graph, scene, study, experiment, launch file or node."""
 
 from importlib.util import find_spec
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json
-from palpate.cli.terminal.output import tell
+from palpate.cli.terminal.output import print_json
 
 EXAMPLE = "palpate new graph mine --like kidney"
 NODE = "node"
@@ -20,28 +20,26 @@ KINDS = {
     "experiment": ("experiments", "kidney-stiffness", "palpate experiment {file} --simulate"),
     "launch": ("", "kidney", "palpate run {file}"),
 }
-"""Of each kind the folder of shipped files below graphs/, the one that is copied, and the command that uses the new."""
+"""For each kind: folder of shipped files below graphs/, default file to copy, and the command that uses the copy."""
 _LAUNCH = """\
 # One run: palpate run {file}
 graph: {graph}
-# scene: frictionless                # in place of the graph's scene
+# scene: frictionless                # instead of the graph's scene
 # place: two                         # processes; without it each node has one, `fused` means a single one
 clock: simulated                     # or real
 duration: 2 s
-record: all                          # or sources (smaller, the rest is computed again), or NAME.mcap
-# set: {{rate: 500}}                   # values as after `--set`, such as tissue.stiffness: 2e3
+record: all                          # or sources (smaller, the rest is recomputed), or NAME.mcap
+# set: {{rate: 500}}                   # values as for `--set`, such as tissue.stiffness: 2e3
 """
 
 
 def new(
     kind: Annotated[str, typer.Argument(help=f"{', '.join(KINDS)} or {NODE}.", metavar="KIND")],
-    name: Annotated[str, typer.Argument(help="Name of the file, without ending; of a node its class: MyDrag.")],
-    like: Annotated[
-        str | None, typer.Option(help="Shipped file that is copied; for a launch file the graph that it runs.")
-    ] = None,
-    takes: Annotated[str, typer.Option(help="Of a node: message type that drives it.")] = TAKES,
-    sends: Annotated[str, typer.Option(help="Of a node: message type that it sends.")] = SENDS,
-    compiled: Annotated[bool, typer.Option("--compiled", help="Of a node: its step is a compiled kernel.")] = False,
+    name: Annotated[str, typer.Argument(help="Name of the file without extension; for a node, its class: MyDrag.")],
+    like: Annotated[str | None, typer.Option(help="Shipped file to copy; for a launch file, the graph to run.")] = None,
+    takes: Annotated[str, typer.Option(help="For a node: message type that drives it.")] = TAKES,
+    sends: Annotated[str, typer.Option(help="For a node: message type that it sends.")] = SENDS,
+    compiled: Annotated[bool, typer.Option("--compiled", help="For a node: its step is a compiled kernel.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
     force: Force = False,
     as_json: Json = False,
@@ -61,13 +59,13 @@ def new(
         texts, following = _file(kind, name, like, out)
     files = _write(texts, out, force)
     if as_json:
-        tell({"ok": True, "files": [str(file) for file in files], "next": following})
+        print_json({"ok": True, "files": [str(file) for file in files], "next": following})
     else:
         typer.echo("\n".join([*map(str, files), f"Next:  {following}"]))
 
 
 def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, str], str]:
-    """Name and text of the new file, and the command that uses it. GraphError: no such name, or nothing is like it."""
+    """Name and text of the new file, and the command that uses it. GraphError: invalid name, or no file to copy."""
     from palpate.engine.faults import Fault, GraphError
     from palpate.launch.load.files import GRAPHS, find_file
     from palpate.launch.load.launchfile import find
@@ -86,7 +84,7 @@ def _file(kind: str, name: str, like: str | None, out: Path) -> tuple[dict[str, 
 
 
 def _node(name: str, takes: str, sends: str, compiled: bool, out: Path) -> tuple[dict[str, str], str]:
-    """Names and texts of a node and its test, and how it is used. GraphError: the name or a message type is wrong."""
+    """File names and texts of a node and its test, and how to use it. GraphError: invalid name or message type."""
     from palpate.engine.faults import Fault, Faults, GraphError, choices
     from palpate.launch.template import class_name, node_files
     from palpate.messages.docs import message_types

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
-from palpate.cli.terminal.output import console, tell
+from palpate.cli.terminal.output import console, print_json
 from palpate.cli.terminal.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.launch.load.bill import EffectCost
+    from palpate.launch.load.effect_costs import EffectCost
 
 EXAMPLE = "palpate plan kidney --scene frictionless"
 
@@ -34,14 +34,14 @@ def plan(
 
     Times come from the newest recording of the graph below runs/, or from the one given to --ablate.
     """
-    from palpate.launch.load.bill import bill
+    from palpate.launch.load.effect_costs import effect_costs
     from palpate.records.times import step_times
 
     run = chosen(graph, sets, scene, place, fused)
     planned = run.plan()
     times, source = step_times(planned, ablate)
     placement = run.placement(planned, times)
-    items = bill(planned, times)
+    items = effect_costs(planned, times)
     if ablate is not None:
         _prove(ablate, items, sets or [], as_json)
     if as_json:
@@ -50,7 +50,7 @@ def plan(
                   for g in placement.groups]  # fmt: skip
         addition = {"times": times, "times_from": source and str(source), "costs": [asdict(item) for item in items],
                     "notes": planned.graph.notes}  # fmt: skip
-        tell(planned.to_spec() | {"groups": groups} | addition)
+        print_json(planned.to_spec() | {"groups": groups} | addition)
     else:
         from palpate.cli.terminal import plan_tables
 
@@ -65,7 +65,7 @@ def plan(
             screen.print(f"\n{note}", style="yellow")
         if items:
             screen.print()
-            screen.print(plan_tables.bill(items, source))
+            screen.print(plan_tables.costs(items, source))
 
 
 def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate devices --json"
@@ -38,7 +38,7 @@ def _install(as_json: bool) -> None:
     except OSError as error:
         ok, text = False, f"{RULE}: {error.strerror}. Run it as root: sudo $(which palpate) devices --install-udev"
     if as_json:
-        tell({"ok": ok, "file": RULE, "text": text})
+        print_json({"ok": ok, "file": RULE, "text": text})
     else:
         say(f"Wrote {RULE}. {text}" if ok else text, "" if ok else "red", err=not ok)
     if not ok:
@@ -50,7 +50,7 @@ def _list(as_json: bool) -> None:
 
     usb_devices = list(plugged())
     if as_json:
-        tell({"ok": True, "devices": [{**asdict(f), "next": f.next_step} for f in usb_devices]})
+        print_json({"ok": True, "devices": [{**asdict(f), "next": f.next_step} for f in usb_devices]})
         return
     if not usb_devices:
         say("No known device on USB. Network devices (Inverse3, Net F/T) are not listed: give their address as `port`.",

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, tell
+from palpate.cli.terminal.output import console, print_json
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate doctor --seconds 10"
@@ -25,18 +25,18 @@ def doctor(
     """
     from rich.text import Text
 
-    from palpate.cli.machine.findings import examine
+    from palpate.cli.machine.diagnostics import examine
 
     colours = {"ok": "green", "note": "yellow", "fault": "red"}
     out = console(soft_wrap=True, quiet=as_json)
-    findings = []
-    for finding in examine(pictures=not no_pictures, seconds=seconds):
-        findings.append(finding)
-        out.print(Text.assemble((f"{finding.state:6}", colours[finding.state]), f"{finding.what:20} {finding.found}"))
-        if finding.cure:
-            out.print(Text(f"{'':27}{finding.cure}", style="dim"))
-    ok = all(finding.state != "fault" for finding in findings)
+    diagnostics = []
+    for one in examine(pictures=not no_pictures, seconds=seconds):
+        diagnostics.append(one)
+        out.print(Text.assemble((f"{one.state:6}", colours[one.state]), f"{one.what:20} {one.found}"))
+        if one.cure:
+            out.print(Text(f"{'':27}{one.cure}", style="dim"))
+    ok = all(one.state != "fault" for one in diagnostics)
     if as_json:
-        tell({"ok": ok, "diagnostics": [asdict(finding) for finding in findings]})
+        print_json({"ok": ok, "diagnostics": [asdict(one) for one in diagnostics]})
     if not ok:
         raise typer.Exit(TROUBLE)

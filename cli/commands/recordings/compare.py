@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import File, Json, NoPictures, Trust
-from palpate.cli.terminal.output import console, drawn, say, table, tell
+from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.cli.terminal.progress import ticks
 
 if TYPE_CHECKING:
@@ -55,8 +55,10 @@ def compare(
     target = out or file.with_name(f"{file.stem}-compare.png")
     paths = drawn(_draw, outcomes, target) if not no_pictures else []
     if as_json:
-        tell({"ok": True, "complete": recording.complete, "ending": recording.ending, "reference": outcomes[0].name,
-              "variants": [variant.report() for variant in outcomes], "picture": str(*paths) or None})  # fmt: skip
+        print_json({"ok": True, "complete": recording.complete, "ending": recording.ending,
+                    "reference": outcomes[0].name,
+                    "variants": [variant.report() for variant in outcomes],
+                    "picture": str(*paths) or None})  # fmt: skip
         return
     _print(outcomes)
     if recording.ending:

@@ -21,7 +21,7 @@ EXAMPLE = "palpate echo runs/kidney.mcap contact -n 5"
 def echo(
     first: Annotated[str, typer.Argument(help="Recording, or the stream of a running graph.", metavar="FILE|STREAM")],
     second: Annotated[str | None, typer.Argument(help="Stream of the recording.", metavar="[STREAM]")] = None,
-    count: Annotated[int | None, typer.Option("--count", "-n", help="Stop after that many messages.", min=1)] = None,
+    count: Annotated[int | None, typer.Option("--count", "-n", help="Stop after N messages.", min=1)] = None,
     every: Annotated[int, typer.Option(help="Only every n-th message.", min=1)] = 1,
     run: Annotated[str | None, typer.Option(help="Name of the run, if there are several.")] = None,
     trust: Trust = None,

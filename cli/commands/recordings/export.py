@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import File, Json, Trust, one_of
-from palpate.cli.terminal.output import say, tell
+from palpate.cli.terminal.output import print_json, say
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate export runs/kidney.mcap --to csv"
@@ -56,7 +56,7 @@ def export(
     written = write(recording, to, out, stream or (), every=every)
     if as_json:
         files = [str(path) for path in written]
-        tell({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
+        print_json({"ok": True, "files": files, "complete": recording.complete, "ending": recording.ending})
         return
     size = sum(path.stat().st_size for path in written)
     where = written[0] if len(written) == 1 else written[0].parent
@@ -75,7 +75,7 @@ def _recover(file: Path, out: Path | None, full: bool, as_json: bool) -> None:
     else:
         (target, counts), wrong = recover(file, out), ""
     if as_json:
-        tell({"ok": not wrong, "file": str(target), "counts": counts, "difference": wrong or None})
+        print_json({"ok": not wrong, "file": str(target), "counts": counts, "difference": wrong or None})
     else:
         say(f"{target}: {sum(counts.values())} messages of {len(counts)} streams", wrap=True)
         if wrong:

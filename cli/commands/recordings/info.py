@@ -1,15 +1,15 @@
-"""`palpate info`: what a recording holds."""
+"""`palpate info`: contents and origin of a recording."""
 
 from typing import Any
 
 from palpate.cli.terminal.options import File, Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate info runs/kidney.mcap"
 
 
 def info(file: File, as_json: Json = False) -> None:
-    """Show what a recording contains, and where it is from.
+    """Show the contents and the origin of a recording.
 
     Streams, counts, rates, losses, duration, origin, truncation.
     """
@@ -18,7 +18,7 @@ def info(file: File, as_json: Json = False) -> None:
 
     data = contents(Stored(file))
     if as_json:
-        tell(data)
+        print_json(data)
     else:
         _print(data)
 

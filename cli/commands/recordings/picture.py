@@ -1,4 +1,4 @@
-"""`palpate picture`: whatever is drawn of a recording: pictures, fields over time, the surface, a film."""
+"""`palpate picture`: draw a recording: standard pictures, fields over time, the surface, a film."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import ColourOption, File, Json, Trust, instant
-from palpate.cli.terminal.output import console, tell
+from palpate.cli.terminal.output import console, print_json
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
@@ -28,12 +28,12 @@ def picture(
     film: Annotated[bool, typer.Option("--film", help="A film of the surface, MP4 or GIF.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="File; of the standard pictures the folder. Default: next to the recording."),
+        typer.Option("-o", "--out", help="File, or folder of the standard pictures; default: next to the recording."),
     ] = None,
     over: Annotated[str | None, typer.Option(help="Field to draw over, instead of time.", metavar="FIELD")] = None,
     colour: ColourOption = "displacement",
-    rate: Annotated[float, typer.Option(help="[1/s] frames of the film.", min=1, max=60)] = 25.0,
-    speed: Annotated[float, typer.Option(help="Of the film; 0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
+    rate: Annotated[float, typer.Option(help="Frames per second of the film.", min=1, max=60)] = 25.0,
+    speed: Annotated[float, typer.Option(help="Speed of the film; 0.5 is slow motion.", min=1e-3, max=100)] = 1.0,
     trust: Trust = None,
     as_json: Json = False,
 ) -> None:
@@ -41,7 +41,7 @@ def picture(
 
     Without options: the standard pictures of all streams. With FIELD...: these fields over time or --over another
     field. With --at: the surface under the finger at one instant. With --film: the surface as a film. Exit code 1 if
-    there was nothing that could be drawn.
+    there was nothing to draw.
     """
     if sum((bool(names), at is not None, film)) > 1:
         raise typer.BadParameter("FIELD..., --at and --film are different pictures: use one of them")
@@ -64,12 +64,12 @@ def picture(
             raise typer.BadParameter(f"found {out}, expected a folder for the standard pictures", param_hint="--out")
         made = draw(file, out or file.parent, console=None if as_json else console())
     if as_json:
-        tell({"ok": bool(made), "pictures": [str(path) for path in made]})
+        print_json({"ok": bool(made), "pictures": [str(path) for path in made]})
     else:
         for path in made:
             typer.echo(f"{path}{note}")
         if not made:
-            typer.echo(f"{file}: nothing that could be drawn", err=True)
+            typer.echo(f"{file}: nothing to draw", err=True)
     if not made:
         raise typer.Exit(TROUBLE)
 
@@ -93,11 +93,11 @@ def _instant(file: Path, at: float, colour: str, target: Path) -> str:
 
 
 def _film(file: Path, target: Path, rate: float, speed: float, colour: str, silent: bool) -> str:
-    from palpate.cli.terminal.progress import Stages
+    from palpate.cli.terminal.progress import StageBars
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import film
 
-    with Stages(console(stderr=True), silent) as stages:
+    with StageBars(console(stderr=True), silent) as stages:
         begun = cache(lambda: stages.begin("film", "drawing frames"))
 
         def drawn(share: float) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import File, Json, Sets, Trust
-from palpate.cli.terminal.output import tell
+from palpate.cli.terminal.output import print_json
 from palpate.cli.terminal.progress import ticks
 from palpate.physics.errors import TROUBLE
 
@@ -49,7 +49,7 @@ def replay(
     The recorded device drives the recorded graph, another graph, or with --only a part of it.
     --check computes every message of every node again from exactly the inputs that it names, and prints the first
     difference. Exit code 1 if there is one. Bytes are compared if the recording was computed with the same
-    versions and instructions, else numbers within 1e-6, and it says so.
+    versions and instructions; otherwise numbers are compared within 1e-6, with a warning.
     """
     from palpate.records.changed import changed
     from palpate.records.reader import Recording
@@ -79,7 +79,7 @@ def replay(
             while loop:
                 player.run()
         if as_json:
-            tell(as_data(player))
+            print_json(as_data(player))
         else:
             summary(player)
 
@@ -95,7 +95,7 @@ def _check(recording: Recording, plan: Plan, given: float | None, as_json: bool)
     with ticks("checking", silent=as_json) as show:
         report = verify(recording, plan, tolerance=tolerance, show=show)
     if as_json:
-        tell({**report.to_spec(), "tolerance": tolerance, "computed_otherwise": elsewhere})
+        print_json({**report.to_spec(), "tolerance": tolerance, "computed_otherwise": elsewhere})
     else:
         checked(recording, report, tolerance, elsewhere)
     if not report.ok:

@@ -1,4 +1,4 @@
-"""`palpate run`: one run of a graph, seen live, recorded, and drawn."""
+"""`palpate run`: run a graph with a live view, a recording and pictures."""
 
 import contextlib
 from pathlib import Path
@@ -64,11 +64,11 @@ def run(
     from palpate.launch.run.forkserver import ForkServer
 
     with contextlib.ExitStack() as ending:
-        forkserver = None if fused and clock != "real" else ForkServer()  # it imports while the graph is read
+        forkserver = None if fused and clock != "real" else ForkServer()  # imports while the graph is loaded
         if forkserver is not None:
             ending.callback(forkserver.close)
         launch = options.chosen(graph, sets, scene, place, fused)
-        launch, organ_notes = options.with_own_organ(launch, organ, unit, repair, silent=as_json)
+        launch, organ_notes = options.with_organ_file(launch, organ, unit, repair, silent=as_json)
         options.one_of("clock", clock, "simulated", "real")
         launch = launch.but(clock=clock, duration=duration, pace=pace)
         launch = options.reconnecting(launch) if reconnect else launch

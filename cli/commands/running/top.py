@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate.messages import Health
 
 EXAMPLE = "palpate top --once"
-GLANCE = 0.25  # [s] between two reports that count at most: each node sends five a second, unless the machine stalls
+LONGEST_GAP = 0.25  # [s] counted at most between two reports: a node sends five a second, unless the machine stalls
 
 
 def top(
@@ -36,7 +36,7 @@ def top(
     live_run = find(run)
     rows: dict[str, Row] = {}
     left = 1.0 if once or as_json else None
-    looked = time.monotonic()
+    latest = time.monotonic()
     view = Live(console=console(), refresh_per_second=4, transient=left is not None)
     try:
         with view if left is None else contextlib.nullcontext():
@@ -46,7 +46,7 @@ def top(
                 if left is None:
                     view.update(_table(live_run.name, rows))
                     continue
-                left, looked = left - min(moment - looked, GLANCE), moment
+                left, latest = left - min(moment - latest, LONGEST_GAP), moment
                 if left < 0.0:
                     break
     except KeyboardInterrupt:
@@ -54,22 +54,22 @@ def top(
     if not rows:
         raise RunError(f"run {live_run.name} has ended")
     if as_json:
-        from palpate.cli.terminal.output import tell
+        from palpate.cli.terminal.output import print_json
 
-        tell({"run": live_run.name, "nodes": {name: row.data() for name, row in rows.items()}})
+        print_json({"run": live_run.name, "nodes": {name: row.data() for name, row in rows.items()}})
     elif left is not None:
         console().print(_table(live_run.name, rows))
 
 
 class Row:
-    """What is known of one node: its last report, and its rate between reports."""
+    """One node: its last report, and its rate between reports."""
 
     def __init__(self) -> None:
         self.last: Health | None = None
         self.then = self.rate = 0.0
 
     def take(self, message: Health, moment: float) -> None:
-        """A new report. The rate [Hz] is measured over half a second at least, since reports come in bursts."""
+        """Add a report. The rate [Hz] is measured over at least 0.5 s, since reports arrive in bursts."""
         if self.last is None or message.steps < self.last.steps:
             self.steps, self.then = message.steps, moment
         elif moment - self.then > 0.5:
@@ -94,11 +94,11 @@ def _table(run: str, rows: dict[str, Row]) -> Any:
               "late", "lost", "held", "asleep", "")  # fmt: skip
     cells = []
     for name, row in rows.items():
-        it = row.last
-        assert it is not None
-        durations = [Text(f"{value * 1e6:.1f}") for value in (it.median, it.p99, it.longest, it.age)]
-        counts = troubles(it.late, it.lost, it.held)
-        figures = [Text(str(it.tick)), Text(f"{row.rate:.0f}"), *durations, *counts, Text(str(it.asleep))]
-        cells.append([Text(name), *figures, Text("" if it.state == "ready" else it.state, style="red")])
+        last = row.last
+        assert last is not None
+        durations = [Text(f"{value * 1e6:.1f}") for value in (last.median, last.p99, last.longest, last.age)]
+        counts = troubles(last.late, last.lost, last.held)
+        figures = [Text(str(last.tick)), Text(f"{row.rate:.0f}"), *durations, *counts, Text(str(last.asleep))]
+        cells.append([Text(name), *figures, Text("" if last.state == "ready" else last.state, style="red")])
     spare = ("asleep", "longest\n[us]", "p50\n[us]", "held", "answer\n[us]", "tick")
     return Group(Text(f"run {run}", style="italic"), Fitted(titles, cells, spare))

@@ -27,14 +27,14 @@ def touch(
         bool, typer.Option("--no-record", help="Keep no recordings unless the page requests it.")
     ] = False,
     record_only: Annotated[
-        str, typer.Option(help="sources: what suffices to compute the rest when the file is read; all: every message.")
+        str, typer.Option(help="sources: only what cannot be recomputed; all: every message.")
     ] = "sources",
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the recordings.")] = None,
 ) -> None:
     """Touch a graph with the mouse, on a page in the browser.
 
     A simulated hand replaces the device and follows the pointer of the page. The graph runs on the real clock in
-    processes of its own. Ctrl-C ends it. Exit code 1 if a node failed or a recording is incomplete.
+    separate processes. Ctrl-C ends it. Exit code 1 if a node failed or a recording is incomplete.
     """
     from palpate.views.page import check
 
@@ -43,7 +43,7 @@ def touch(
     from palpate.views.page.session import Session
 
     folder = out or Path("runs") / f"touch-{datetime.datetime.now():%Y%m%d-%H%M%S}"
-    launch, _ = options.with_own_organ(
+    launch, _ = options.with_organ_file(
         options.chosen(graph, None if organ is None else sets, scene), organ, unit, repair
     )
     session = Session(launch, folder, list(sets or []), record_only)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets
-from palpate.cli.terminal.output import console, drawn, say, table, tell
+from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.cli.terminal.progress import steps
 
 if TYPE_CHECKING:
@@ -29,10 +29,10 @@ def experiment(
     ] = None,
     session: Annotated[int | None, typer.Option(help="Number of the session; default: the last one.", min=1)] = None,
     out: Annotated[Path | None, typer.Option("-o", "--out", help="Default: runs/experiments/EXPERIMENT.")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a session without asking.")] = False,
-    simulate: Annotated[bool, typer.Option("--simulate", help="The experiment's `observer:` takes part.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Resume a session without asking.")] = False,
+    simulate: Annotated[bool, typer.Option("--simulate", help="Simulate the `observer:` of the experiment.")] = False,
     observer: Annotated[Path | None, typer.Option(help="Simulate the observer of this file (.yaml).")] = None,
-    analyse: Annotated[Path | None, typer.Option(help="Folder of data: print and draw what they say.")] = None,
+    analyse: Annotated[Path | None, typer.Option(help="Folder of data to analyse: print and draw the results.")] = None,
     sets: Sets = None,
     port: Port = 0,
     host: Host = "127.0.0.1",
@@ -51,11 +51,11 @@ def experiment(
         raise typer.BadParameter("expected an EXPERIMENT, such as kidney-stiffness, or --analyse FOLDER")
     from palpate.studies.psychophysics.opening import opened
 
-    with opened(file, out, participant, session, list(sets or []), resume, _sure) as sitting:
-        told = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
-        for note in [*sitting.notes, told]:
+    with opened(file, out, participant, session, list(sets or []), resume, _confirm) as sitting:
+        place = f"sub-{sitting.participant} ses-{sitting.session:02d}: {sitting.table.path}"
+        for note in [*sitting.notes, place]:
             say(note, err=True)
-        with contextlib.suppress(KeyboardInterrupt):  # what was answered is told first
+        with contextlib.suppress(KeyboardInterrupt):  # print the answers so far, then raise it again below
             if simulate or observer is not None:
                 total = 0 if sitting.trial is None else sitting.trial.total
                 with steps(f"experiment {file}", total, silent=as_json, timed=False) as done:
@@ -68,8 +68,8 @@ def experiment(
                 page.check()
         count = len(sitting.table.rows)
     if as_json:
-        tell({"ok": sitting.ended, "folder": str(sitting.folder), "participant": sitting.participant,
-              "session": sitting.session, "trials": count, "table": str(sitting.table.path)})  # fmt: skip
+        print_json({"ok": sitting.ended, "folder": str(sitting.folder), "participant": sitting.participant,
+                    "session": sitting.session, "trials": count, "table": str(sitting.table.path)})  # fmt: skip
     else:
         what = f"over: palpate experiment --analyse {sitting.folder}" if sitting.ended else "the same command resumes"
         say(f"{count} trials; {what}")
@@ -77,7 +77,7 @@ def experiment(
         raise KeyboardInterrupt
 
 
-def _sure(text: str) -> bool | None:
+def _confirm(text: str) -> bool | None:
     return typer.confirm(text, err=True) if sys.stdin.isatty() else None
 
 
@@ -87,7 +87,7 @@ def _analyse(folder: Path, as_json: bool) -> None:
     outcomes = analyse(folder)
     files = [*save(outcomes, folder), *_pictures(outcomes, folder)]
     if as_json:
-        tell({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
+        print_json({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
     rows = [
         [one.participant, one.block, str(one.trials), f"{name}{_rate(one.at)}{one.units(name)}", *_shown(number)]

@@ -1,4 +1,4 @@
-"""`palpate study`: one graph at many points, on the cores of this machine."""
+"""`palpate study`: run one graph at many parameter points, in parallel."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
 
@@ -27,14 +27,14 @@ def study(
     workers: Annotated[int | None, typer.Option(help="Processes here; default: one per core.", min=1)] = None,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Compute points again that failed before.")] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Recompute points that failed before.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Compute more than 100,000 points.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run one graph at many points, with sensitivities.
 
-    Keeps numbers, curves or recordings of each. Computes the points that the folder does not have yet. Ctrl-C keeps
-    what is done; the same command resumes. Exit code 1 if points failed, 130 after Ctrl-C.
+    Stores numbers, curves or recordings of each point. Skips points that the folder already has, so that the same
+    command resumes after Ctrl-C. Exit code 1 if points failed, 130 after Ctrl-C.
     """
     from palpate.studies.sweeps.file import find, load
 
@@ -42,7 +42,7 @@ def study(
     found = load(path, sensitivity, samples)
     folder, left = out or Path("runs", "studies", path.stem), len(found)
 
-    def told(text: str) -> None:
+    def report(text: str) -> None:
         if not as_json:
             say(text, err=True)
 
@@ -54,7 +54,7 @@ def study(
             left = remain
 
         try:
-            found.run(folder, workers=workers, retry=retry, yes=yes, told=told, done=each)
+            found.run(folder, workers=workers, retry=retry, yes=yes, told=report, done=each)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"
@@ -73,8 +73,8 @@ def _print(found: Study, folder: Path, as_json: bool) -> None:
     indices = None if found.sensitivity is None or failed else found.indices()
     if as_json:
         shown = [{k: v for k, v in row.items() if k not in ("base", "slot")} for row in rows]
-        told = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
-        tell(told | ({} if indices is None else {"indices": indices.to_dict("records")}))
+        data = {"ok": not failed, "folder": str(folder), "failed": len(failed), "points": shown}
+        print_json(data | ({} if indices is None else {"indices": indices.to_dict("records")}))
         return
     if indices is None:
         units = {one.text: f">{one.text} [{one.unit}]" for one in found.numbers}

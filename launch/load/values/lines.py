@@ -1,4 +1,4 @@
-"""A mapping of YAML checked against a struct: types, units and limits by msgspec, told with the field's description."""
+"""Checks a YAML mapping against a struct: types, units and limits by msgspec, errors with the field's description."""
 
 import typing
 from collections.abc import Iterator
@@ -15,18 +15,18 @@ Line = TypeVar("Line", bound=msgspec.Struct)
 
 
 def quantity(unit: str, least: float, most: float) -> msgspec.Meta:
-    """The mark of a field that is a number of this unit, or a text with another unit of the same dimension."""
+    """Annotation of a field that is a number in this unit, or a text with another unit of the same dimension."""
     return msgspec.Meta(
         ge=least, le=most, description=f"a number above 0, from {least:g} to {most:g}", extra={"unit": unit}
     )
 
 
 def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", **about: str) -> Line | None:
-    """The struct that a mapping says. Each key that it does not have, each value that does not fit and each missing
-    value is a fault with its place; the field keeps its default then. None: a field without default has no value.
+    """The struct of a mapping. Each unknown key, invalid value and missing value is a fault with its place; the field
+    then keeps its default. None: a field without default has no value.
 
-    within  what the mapping is, "group 'loop'", where the place does not say it
-    about   node or port that the faults are about
+    within  name of the mapping, "group 'loop'", if the place does not say it
+    about   node or port for the faults
     """
     known = _fields(kind)
     missing = {key: None for key, field in known.items() if field.required and key not in line.data}
@@ -61,7 +61,7 @@ def _fields(kind: type[msgspec.Struct]) -> dict[str, msgspec.structs.FieldInfo]:
 
 
 def _marks(hint: Any) -> Iterator[msgspec.Meta]:
-    """The marks of a type that have a description, the outermost first."""
+    """The annotations of a type that have a description, the outermost first."""
     parts = typing.get_args(hint)
     yield from (part for part in parts if isinstance(part, msgspec.Meta) and part.description)
     for part in parts:
@@ -69,7 +69,7 @@ def _marks(hint: Any) -> Iterator[msgspec.Meta]:
 
 
 def _words(hint: Any) -> tuple[str, ...]:
-    """The words that a type may be; none where it is no Literal."""
+    """The words of a Literal type; otherwise empty."""
     parts = typing.get_args(hint)
     if typing.get_origin(hint) is typing.Literal:
         return parts

@@ -1,4 +1,4 @@
-"""The texts that `--set` takes: from values as Python code gives them, and back."""
+"""Overrides, the texts of `--set`: from Python values, and back to settings."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ from palpate.launch.load.values.source import YamlSource, parse
 from palpate.nodes.base import SettingError
 from palpate.physics.errors import ArgumentError
 
-LONG = 80  # letters of what Python says in a fault
+LONG = 80  # longest Python text quoted in a fault
 
 
 def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
@@ -35,18 +35,18 @@ def of_nodes(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[str]:
 
 
 def of_keywords(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[Override]:
-    """The same of the keywords of `palpate.run`; faults are told in their words. ArgumentError, GraphError."""
-    for path, text, said in _parts(nodes):
-        value = parse(text, said)
-        yield Override(tuple(path.split(".")), YamlSource(value.data, {(): Location(said)}), keyword=True)
+    """Overrides of the keywords of `palpate.run`; faults quote the Python text. ArgumentError, GraphError."""
+    for path, text, python in _parts(nodes):
+        value = parse(text, python)
+        yield Override(tuple(path.split(".")), YamlSource(value.data, {(): Location(python)}), keyword=True)
 
 
 def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, str, str]]:
-    """Of each value its path and its text as of `--set`, and how Python says both."""
+    """Path and text for `--set` of each value, and the Python text of both."""
     for name, what in nodes.items():
         if name in TOP:
-            said = what if isinstance(what, str) else _text(name, what)
-            raise ArgumentError(f"{name}: no node has this name; expected sets=['{name}={said}']")
+            text = what if isinstance(what, str) else _text(name, what)
+            raise ArgumentError(f"{name}: no node has this name; expected sets=['{name}={text}']")
         if isinstance(what, str):
             yield f"{name}.use", what, f"{name}={what!r}"
         elif isinstance(what, Mapping):
@@ -64,13 +64,12 @@ def _parts(nodes: Mapping[str, str | Mapping[str, Any]]) -> Iterator[tuple[str, 
 
 
 def shortened(text: str) -> str:
-    """A text as it fits in a line."""
     line = " ".join(text.split())
     return line if len(line) <= LONG else f"{line[: LONG - 4]} ..."
 
 
 def _text(name: str, value: Any) -> str:
-    """A value as it stands after `--set`: texts with units as they are, all else as JSON, which YAML reads."""
+    """A value as text for `--set`: texts unchanged, all else as JSON, which is valid YAML."""
     if isinstance(value, str):
         return value
     try:
@@ -82,7 +81,7 @@ def _text(name: str, value: Any) -> str:
 
 
 def settings_of(sets: list[str]) -> dict[str, Any]:
-    """Values by name of the texts "name=value". SettingError: another text, or a value that is no YAML."""
+    """Values by name, from texts "name=value". SettingError: another text, or a value that is not YAML."""
     settings = {}
     for text in sets:
         name, sign, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""The settings of one node: class default, then what the scene offers by `with:`, then the node's own line."""
+"""The settings of one node, in order of precedence: the node's line, values of the scene in `with:`, class default."""
 
 import contextlib
 import math
@@ -21,12 +21,12 @@ from palpate.launch.load.wiring import unknown
 from palpate.nodes.base import Calibrated, Node, Setting, SettingError, settings
 from palpate.nodes.base import convert as check
 
-FIXED = ("effects", "wanted")  # what a scene says of the graph as a whole
+FIXED = ("effects", "wanted")  # keys of a scene that concern the graph as a whole
 
 
 @dataclass(frozen=True)
 class Offer:
-    """One key that a `with:` offers to one node; `taken` where it is a setting that the node's own line leaves open."""
+    """One key that a `with:` offers to one node; `taken`: the node has this setting and its line does not set it."""
 
     path: str
     key: str
@@ -38,25 +38,25 @@ class Offer:
 
 
 def resolve(
-    name: str, cls: type[Node], line: YamlSource, own: list[str], scene: Scene, offers: list[Offer], faults: Faults
+    name: str, cls: type[Node], line: YamlSource, set_keys: list[str], scene: Scene, offers: list[Offer], faults: Faults
 ) -> dict[str, Any]:
-    """All settings of a node as plain data in SI units, checked; what is wrong becomes faults.
+    """All settings of a node as plain data in SI units, checked.
 
-    line    the node's line of the graph file
-    own     keys of the line that are settings
-    offers  gets what `with:` offers, for `check_offers`
+    line      the node's line of the graph file
+    set_keys  keys of the line that are settings
+    offers    receives the keys that `with:` offers, for `check_offers`
     """
     known = settings(cls)
     given: dict[str, tuple[Any, Location]] = {}
     for mapping, path in _offered(name, line, scene, faults):
         for key, value in mapping.items():
             if value is None:
-                continue  # taken away from what another scene says
+                continue  # removed by a scene that extends another
             place = scene.source.place(*path.split("."), key) if path else line.place("with", key)
-            offers.append(Offer(path, key, value, name, cls, place, key in known and key not in own))
+            offers.append(Offer(path, key, value, name, cls, place, key in known and key not in set_keys))
             if key in known:
                 given[key] = (value, place)
-    for key in own:
+    for key in set_keys:
         if key in known:
             given[key] = (line.data[key], line.place(key))
         else:
@@ -87,7 +87,7 @@ def resolve(
 
 
 def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str], faults: Faults) -> Any:
-    """The value of one setting in its unit, as plain data; what is wrong becomes a fault."""
+    """The value of one setting in its unit, as plain data; None and a fault if it is invalid."""
     try:
         value = in_si(setting.type, value, setting.unit)
         _finite(value)
@@ -100,7 +100,7 @@ def _checked(setting: Setting, value: Any, place: Location, about: dict[str, str
 
 
 def _offered(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[tuple[dict[str, Any], str]]:
-    """The mappings that `with:` names: value, path in the scene ("" for one written in place)."""
+    """The mappings in `with:`: value and path in the scene ("" if written inline)."""
     given = line.data.get("with")
     mappings = []
     for item in given if isinstance(given, list) else [] if given is None else [given]:
@@ -117,12 +117,11 @@ def _offered(name: str, line: YamlSource, scene: Scene, faults: Faults) -> list[
 
 
 def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
-    """A fault for each key of a `with:` mapping that nobody has as a setting.
+    """A fault for each key of a `with:` mapping that is not a setting of any class.
 
-    A model takes what it has and leaves the rest to the models that it may be swapped for; so a key is known when a
-    class of the node's module, another taker of the same mapping, a `when:` or `$path`, or a shipped class has it.
-    A truth value is also known as an effect of the scene that no node of this graph asks for, unless it looks like a
-    setting that is not spelled right.
+    A model ignores keys of the models that may replace it; so a key is known if a class of the node's module, another
+    user of the same mapping, a `when:` or `$path`, or a shipped class has it. A truth value may also be an effect of
+    the scene that no node of this graph reads, unless it resembles the name of a setting.
     """
     taken: set[tuple[str, str]] = set()
     names: dict[type[Node], dict[str, Setting]] = {}
@@ -152,10 +151,10 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
 def check_taken(
     offers: list[Offer], changes: Iterable[tuple[str, YamlSource]], scene: Scene, faults: Faults
 ) -> tuple[str, ...]:
-    """A fault for each value of the scene that was set from outside and reaches no node; lines that say which other
-    values of the scene the classes in use leave out.
+    """A fault for each value of the scene that the user has set and no node uses; notes on other values of the scene
+    that the classes in use ignore.
 
-    changes  dotted paths in the scene and what was set there
+    changes  dotted paths in the scene and the new values
     """
     offered = {offer.path for offer in offers}
     read = [path for path in scene.used if path not in offered]
@@ -168,7 +167,7 @@ def check_taken(
 
     for path, value in [leaf for change in changes for leaf in _leaves(*change)]:
         if path.partition(".")[0] in FIXED or not scene.has(path) or reaches(path):
-            continue  # that the scene has no such path was told before
+            continue  # an unknown path was reported before
         lost = [offer for offer in offers if f"{path}.".startswith(f"{offer.path}.{offer.key}.")]
         cure = " ".join(_instead(offer) for offer in lost) or "No node reads it."
         faults.add(f"{path!r} of the scene reaches no node of this graph", cure, value.place())
@@ -185,12 +184,12 @@ def check_taken(
     return tuple(f"{about}{', '.join(keys)}" for (_, about), keys in left.items())
 
 
-def uncalibrated(name: str, cls: type[Node], own: list[str], offers: list[Offer]) -> Iterator[str]:
-    """A line that says which settings of a node hold for another tissue, as neither its line nor the scene gives them.
+def uncalibrated(name: str, cls: type[Node], set_keys: list[str], offers: list[Offer]) -> Iterator[str]:
+    """Notes on settings of a node that keep defaults calibrated for another tissue.
 
-    own  keys of its line
+    set_keys  settings in its line
     """
-    given = {*own, *(offer.key for offer in offers if offer.node == name)}
+    given = {*set_keys, *(offer.key for offer in offers if offer.node == name)}
     left: dict[Calibrated, list[str]] = {}
     for setting in settings(cls).values():
         if setting.name not in given and (mark := _calibrated(setting)):
@@ -203,7 +202,7 @@ def uncalibrated(name: str, cls: type[Node], own: list[str], offers: list[Offer]
 
 
 def _calibrated(setting: Setting) -> Calibrated | None:
-    """The mark of a setting that holds for one tissue."""
+    """The mark of a setting that is calibrated for one tissue."""
     return next((mark for mark in setting.marks if isinstance(mark, Calibrated)), None)
 
 
@@ -216,7 +215,7 @@ def _leaves(path: str, value: YamlSource) -> Iterator[tuple[str, YamlSource]]:
 
 
 def _instead(offer: Offer) -> str:
-    """What to set in place of a value of the scene that a node does not take."""
+    """What to set instead of a value of the scene that a node does not use."""
     name = f"{offer.node!r} ({offer.cls.__name__})"
     if offer.key in settings(offer.cls):
         return f"The line of {name} gives {offer.key!r} itself: set {offer.node}.{offer.key}."
@@ -225,7 +224,7 @@ def _instead(offer: Offer) -> str:
 
 
 def _closest(key: str, cls: type[Node]) -> str:
-    """The setting of a class that is in the same unit as another class's `key`, and shares a word with it."""
+    """The setting of a class with the same unit as another class's `key` and a word in common."""
     mine, other = settings(cls), _family(cls)[0].get(key)
     same = [name for name, setting in mine.items() if other is None or setting.unit == other.unit]
     words = [name for name in same if set(name.split("_")) & set(key.split("_"))]
@@ -233,7 +232,7 @@ def _closest(key: str, cls: type[Node]) -> str:
 
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
-    """The settings of all node classes of a class's module, or of its folder, and whether all of them could be seen."""
+    """The settings of all node classes in a class's module or folder, and whether all of them could be imported."""
     names = dict(settings(cls))
     modules = [cls.__module__]
     if cls.__module__.startswith(SHIPPED):
@@ -246,7 +245,7 @@ def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
             seen = False
             continue
         for other in others:
-            with contextlib.suppress(TypeError, NameError):  # a neighbour that is not well formed has no say
+            with contextlib.suppress(TypeError, NameError):  # ignore malformed classes
                 names |= settings(other)
     return names, seen
 
@@ -275,7 +274,7 @@ def in_si(hint: Any, value: Any, unit: str) -> Any:
 
 
 def _field_in_si(struct: type[msgspec.Struct], key: str, value: Any) -> Any:
-    """A field of a setting that is a struct; it has a unit of its own, or takes plain values only."""
+    """A field of a setting that is a struct; without a unit it takes plain values only."""
     hint = _hints(struct).get(key)
     unit = next((m for m in getattr(hint, "__metadata__", ()) if isinstance(m, str)), None)
     return value if unit is None else in_si(hint, value, unit)
@@ -287,12 +286,12 @@ def _hints(struct: type[msgspec.Struct]) -> dict[str, Any]:
 
 
 def _whole(value: float, options: list[Any]) -> float | int:
-    """2e3 is a whole number where the setting takes no other."""
+    """Convert 2e3 to an int if the setting takes no floats."""
     return int(value) if float not in options and value.is_integer() else value
 
 
 def _options(hint: Any) -> list[Any]:
-    """The alternatives of a type, marks taken off."""
+    """The alternatives of a union type, without annotations."""
     if typing.get_origin(hint) is Annotated:
         return _options(typing.get_args(hint)[0])
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
@@ -301,7 +300,7 @@ def _options(hint: Any) -> list[Any]:
 
 
 def _plain(value: Any) -> Any:
-    """The value as JSON would give it back."""
+    """The value as plain data, as after a round trip through JSON."""
     value = msgspec.to_builtins(value)
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
@@ -309,7 +308,7 @@ def _plain(value: Any) -> Any:
 
 
 def _finite(value: Any) -> None:
-    """UnitError: a number that is infinite or none. A default may be infinite: leave the setting out."""
+    """UnitError: an infinite number or NaN. Only defaults may be infinite."""
     if isinstance(value, float) and not math.isfinite(value):
         raise UnitError(f"found {value}; expected a finite number")
     for item in value if isinstance(value, list | tuple) else value.values() if isinstance(value, dict) else ():

@@ -1,7 +1,7 @@
-"""YAML as plain data that remembers where each key was written.
+"""YAML as plain data with the position of each key.
 
-Scalars are read by the rules of YAML 1.2 where those of 1.1 surprise: `2e3` is a number. `on`, `off`, `yes` and `no`
-stay truth values. A key that stands twice, a merge key and a tag are faults, never silent.
+Numbers follow YAML 1.2: `2e3` is a number. `on`, `off`, `yes` and `no` are truth values, as in YAML 1.1. Duplicate
+keys, merge keys and tags are errors.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ _WORDS = {
     "": None, "~": None, "null": None, "true": True, "yes": True, "on": True, "false": False, "no": False, "off": False,
     ".inf": math.inf, "+.inf": math.inf, "-.inf": -math.inf, ".nan": math.nan,
 }  # fmt: skip
-_TOO_MANY = 20_000  # entries: aliases may multiply those that are written
+_TOO_MANY = 20_000  # entries, since aliases can multiply them
 
 
 @dataclass
 class YamlSource:
-    """Plain data and the place of each key; a place is found by the keys that lead to it."""
+    """Plain data, and the place of each value by the keys that lead to it."""
 
     data: Any = None
     places: dict[Keys, Location] = field(default_factory=dict)
 
     def place(self, *keys: Any) -> Location:
-        """Where the value under these keys was written, or the nearest thing around it."""
+        """Where the value under these keys, or the nearest mapping around it, was written."""
         for end in range(len(keys), -1, -1):
             if keys[:end] in self.places:
                 return self.places[keys[:end]]
         return Location()
 
     def sub(self, *keys: Any) -> YamlSource:
-        """The part under these keys; empty data where there is none."""
+        """The part under these keys; data None if there is none."""
         data = self.data
         for key in keys:
             data = data.get(key) if isinstance(data, dict) else None
@@ -54,7 +54,7 @@ class YamlSource:
         return YamlSource(data, places)
 
     def put(self, keys: Keys, value: YamlSource) -> None:
-        """Set the value under these keys, making mappings on the way."""
+        """Set the value under these keys; creates missing mappings."""
         data = self.data
         for depth, key in enumerate(keys[:-1]):
             if not isinstance(data.get(key), dict):
@@ -66,7 +66,7 @@ class YamlSource:
         self.places.update({keys + k: p for k, p in value.places.items()})
 
     def drop(self, keys: Keys) -> None:
-        """Forget the places under these keys; the order of the data stays."""
+        """Remove the places under these keys."""
         n = len(keys)
         self.places = {k: p for k, p in self.places.items() if k[:n] != keys}
 
@@ -81,7 +81,7 @@ def read(path: Path) -> YamlSource:
 
 
 def parse(text: str | bytes, file: str) -> YamlSource:
-    """The data of a YAML text with places; `file` is what the places call it."""
+    """The data of a YAML text with places; `file`: its name in the places."""
     try:
         root = _compose(text)
         source = YamlSource(None, {(): Location(file, 1, 1)})
@@ -111,7 +111,7 @@ def _unreadable(text: str | bytes, error: yaml.YAMLError, file: str) -> Fault:
 
 
 def merge(base: YamlSource, top: YamlSource) -> YamlSource:
-    """`top` laid over `base`, mapping by mapping; null in `top` takes away what stands in `base`."""
+    """`top` merged over `base`, recursively; null in `top` removes a key of `base`."""
     if not (isinstance(base.data, dict) and isinstance(top.data, dict)):
         return top
     merged = YamlSource(dict(base.data), dict(base.places))
@@ -128,7 +128,7 @@ def merge(base: YamlSource, top: YamlSource) -> YamlSource:
 
 
 def _compose(text: str | bytes) -> yaml.Node | None:
-    """By libyaml, six times as fast; what it refuses is told by the scanner in Python, which says it better."""
+    """Parse with libyaml, which is 6 × as fast; on an error parse again in Python for its better message."""
     if hasattr(yaml, "CSafeLoader"):
         with contextlib.suppress(yaml.YAMLError):
             return yaml.compose(text, Loader=yaml.CSafeLoader)
@@ -168,7 +168,7 @@ class _Builder:
                 raise GraphError([Fault("merge keys (<<) are not read", "Use `extends:`.", place)])
             if name in mapping:
                 first = self.places[(*keys, name)].line
-                raise GraphError([Fault(f"{name!r} stands twice, first on line {first}", "Remove one.", place)])
+                raise GraphError([Fault(f"duplicate key {name!r}, first on line {first}", "Remove one.", place)])
             self.places[(*keys, name)] = place
             mapping[name] = self.build(value, (*keys, name), inside)
         return mapping

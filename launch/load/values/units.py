@@ -81,9 +81,9 @@ _TOKEN = re.compile(
 
 
 def convert(text: str, unit: str) -> float:
-    """The number of `unit` that a quantity is; a number without unit counts as one of `unit`.
+    """A quantity as a number of `unit`; a number without a unit is in `unit`.
 
-    UnitError: not a quantity, an unknown unit, or another dimension; says which was found and which expected.
+    UnitError: not a quantity, an unknown unit, or another dimension.
     """
     number, symbols = split(text, unit)
     if not symbols:
@@ -104,8 +104,7 @@ def convert(text: str, unit: str) -> float:
 
 
 def split(text: str, wanted: str = "m") -> tuple[Fraction, str]:
-    """The number and the unit's text of a quantity. UnitError: it does not begin with a finite number; says what a
-    number of the unit `wanted` looks like."""
+    """Number and unit text of a quantity. UnitError: no finite number; gives an example in the unit `wanted`."""
     match = _NUMBER.fullmatch(text)
     if match is None:
         example = {"m": "6 mm", "s": "20 ms", "1": ""}.get(wanted, f"6 {wanted}")
@@ -119,7 +118,7 @@ def split(text: str, wanted: str = "m") -> tuple[Fraction, str]:
 
 
 def is_quantity(text: str) -> bool:
-    """Whether a text is a number, with a unit that is known or with none."""
+    """Whether a text is a number with a known unit or without one."""
     try:
         parse(split(text)[1] or "1")
     except UnitError:
@@ -129,7 +128,7 @@ def is_quantity(text: str) -> bool:
 
 @lru_cache(maxsize=256)
 def parse(text: str) -> Unit:
-    """The unit that a text names. UnitError: names the part that is not understood."""
+    """The unit of a text. UnitError: names the part that is not understood."""
     if text.count("(") > 3:
         raise UnitError(f"unit {text!r}: too many brackets")
     tokens = []
@@ -197,7 +196,7 @@ def _power(text: str, digits: str) -> Fraction:
 
 
 def symbol(name: str) -> Unit:
-    """The unit of one symbol, with or without prefix. UnitError: unknown; lists what is known."""
+    """The unit of one symbol, with or without prefix. UnitError: unknown; lists the known ones."""
     if name in _PLAIN or name in _PREFIXED:
         return _PLAIN.get(name) or _PREFIXED[name]
     if name[0] in _PREFIX and name[1:] in _PREFIXED:
@@ -207,7 +206,7 @@ def symbol(name: str) -> Unit:
 
 
 def describe(unit: Unit) -> str:
-    """The dimension in words, "a length", or by its base units where it has no name."""
+    """The dimension in words, "a length", or in base units if it has no name."""
     for known, words in _NAMES.items():
         if known.dimension == unit.dimension:
             return words

@@ -1,11 +1,11 @@
-"""Where the sockets of the runs on this machine lie: files in a folder that only their user can enter.
+"""Addresses of the sockets of runs on this machine: files in a folder that only their user can enter.
 
     FOLDER/RUN/control  FOLDER/RUN/reports           of the launcher
-    FOLDER/RUN/GROUP.force  FOLDER/RUN/GROUP.observers   of each worker: for nodes, and for programs that look on
-    FOLDER/RUN/GROUP.members                             for the run's own observers
+    FOLDER/RUN/GROUP.force  FOLDER/RUN/GROUP.observers   of each worker: for nodes, and for external programs
+    FOLDER/RUN/GROUP.members                             for the observers of the run
 
 FOLDER is `palpate` in the user's runtime folder (XDG_RUNTIME_DIR), else /tmp/palpate-UID. The launcher holds a lock in
-the folder of its run while it lives, so that what was left by one that was killed can be told from what is in use.
+the folder of its run, so that stale folders of killed launchers can be recognised.
 """
 
 import contextlib
@@ -18,14 +18,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote, unquote
 
-LONGEST = 100  # [bytes] of the path of a socket; the kernel takes 107
+LONGEST = 100  # [bytes] path of a socket; the kernel's limit is 107
 _LOCK = "lock"
 
 
 def folder() -> Path:
-    """The folder of all runs of this user; it is made where there is none.
+    """The folder of all runs of this user, created if missing.
 
-    PermissionError: somebody else owns it, or can enter it.
+    PermissionError: another user owns it or can enter it.
     """
     runtime = os.environ.get("XDG_RUNTIME_DIR", "")
     here = runtime and len(runtime) < 40 and os.access(runtime, os.W_OK | os.X_OK)
@@ -35,8 +35,8 @@ def folder() -> Path:
     status = path.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise PermissionError(
-            f"{path}: the sockets of a run belong into a folder of this user (uid {os.getuid()}) that nobody else can "
-            f"enter; found one of uid {status.st_uid} with mode {stat.S_IMODE(status.st_mode):o}. "
+            f"{path}: the sockets of a run need a folder that belongs to this user (uid {os.getuid()}) and that nobody "
+            f"else can enter; found one of uid {status.st_uid} with mode {stat.S_IMODE(status.st_mode):o}. "
             "Remove it, or set XDG_RUNTIME_DIR."
         )
     return path
@@ -51,29 +51,28 @@ def endpoint(run: str, name: str, outlet: str = "") -> str:
 
 
 class RunFolder:
-    """The folder of one run, made and locked; `close` removes it. Folders that dead launchers have left are removed."""
+    """The folder of one run, created and locked; `close` removes it. Stale folders of dead launchers are removed."""
 
     def __init__(self, run: str) -> None:
         here = folder()
-        import fcntl  # POSIX; this module is imported where there is none, too
+        import fcntl  # POSIX only; the module itself must be importable elsewhere
 
         for old in here.iterdir():
             if not _in_use(old):
                 shutil.rmtree(old, ignore_errors=True)
-        # It is locked before others can see it: a launcher that starts meanwhile would remove it.
+        # Lock it before it is visible: another launcher that starts now would remove it.
         made = Path(tempfile.mkdtemp(prefix=f"{here.name}-", dir=here.parent))
         self._lock = os.open(made / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
         fcntl.flock(self._lock, fcntl.LOCK_EX)
         self.path = made.rename(here / run)
 
     def close(self) -> None:
-        """Remove the folder with the sockets in it."""
         shutil.rmtree(self.path, ignore_errors=True)
         os.close(self._lock)
 
 
 def runs() -> Iterator[tuple[str, list[str]]]:
-    """Runs that go on, the newest last, and the groups whose outlets for observers are there."""
+    """Active runs, the newest last, and their groups with an outlet for observers."""
     with contextlib.suppress(FileNotFoundError):
         for path in sorted(folder().iterdir(), key=lambda file: file.stat().st_ctime):
             if _in_use(path):

@@ -1,4 +1,4 @@
-"""The observers of one worker, a logger or a viewer: they get messages as they travel, and how the nodes are doing."""
+"""The observers of one worker (loggers, viewers): they receive encoded messages and the health of the nodes."""
 
 from collections.abc import Callable
 
@@ -14,7 +14,7 @@ from palpate.nodes.base import Observer, Stream
 class Audience:
     """The observers of a worker.
 
-    leave  called with each group that has said that it sends no more: it waits until nobody listens
+    leave  called with each group that sent its end-of-stream marker: it waits until nobody listens
     """
 
     def __init__(self, job: Job, leave: Callable[[str], None] | None) -> None:
@@ -26,12 +26,12 @@ class Audience:
                 raise NodeError(given.name, "use", f"{given.cls} is not an observer")
             self.slots.append(ObserverSlot(given, node))
         self.begun: list[ObserverSlot] = []
-        self.foreign = 0  # frames that were dropped because they are no messages of this run's
-        self.ended: set[str] = set()  # groups that have said that they send no more
-        self.lost: set[str] = set()  # groups that have ended and could not say so
+        self.foreign = 0  # dropped frames that do not belong to this run
+        self.ended: set[str] = set()  # groups that sent their end-of-stream marker
+        self.lost: set[str] = set()  # groups that ended without one
 
     def start(self, slot: ObserverSlot, outputs: dict[str, Output]) -> None:
-        """Start one of them; `outputs` are those of this worker, by stream. NodeError: it raised."""
+        """Start one observer; `outputs`: the outputs of this worker, by stream. NodeError: it raised."""
         streams = tuple(
             Stream(stream, load_class(given.type), given.producer, given.every)
             for stream, given in slot.streams.items()
@@ -47,7 +47,7 @@ class Audience:
                 outputs[stream].listeners.append(slot)
 
     def hear(self, data: bytes) -> int:
-        """Take a frame of another worker. Returns its tick, -1 where it has none. NodeError: an observer raised."""
+        """Handle a frame of another worker. Returns its tick, or -1 if it has none. NodeError: an observer raised."""
         topic, _, payload = data.partition(b"\0")
         stream = topic.decode(errors="replace")
         try:
@@ -70,12 +70,11 @@ class Audience:
         return tick
 
     def tell(self, report: Health) -> None:
-        """How a node is doing."""
         for slot in self.begun:
             slot.node.health(report)
 
     def has_all(self, last: int | None) -> bool:
-        """Whether every stream has brought its last message; on the real clock nobody knows which that is."""
+        """Whether the last message of every stream has arrived; unknown (False) on the real clock."""
         if last is None or self.job.clock == "real":
             return False
         return all(

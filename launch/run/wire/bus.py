@@ -1,14 +1,14 @@
-"""The sockets of a worker process: orders in, reports out, and outlets for nodes, for loggers and for other programs.
+"""The sockets of a worker process: orders in, reports out, and outlets for nodes, for observers and for other programs.
 
 A frame of ZeroMQ is the stream's name, a zero byte, and the message as one msgpack map. The outlets are publishers, so
-that any program can subscribe by the stream's name. Nodes on the same machine are reached without libzmq and its
-threads (`outlet`, `inlet`). The run's own observers, and programs that look on, have an outlet each: frames for them
-are kept back and sent in bursts, because waking a second reader costs 60-100 us, which the force path must not pay.
+any program can subscribe by the stream's name. Nodes on the same machine are reached without libzmq and its threads
+(`outlet`, `inlet`). The observers of the run and external programs have an outlet each: their frames are buffered and
+sent in bursts, because waking a second reader costs 60-100 us, which is too long on the force path.
 
-On the simulated clock an outlet waits when one of the run's workers is slow; on the real clock it drops, and the reader
-counts. Programs that look on are never waited for: what they lose is counted here. libzmq cannot tell readers apart, so
-on the simulated clock nobody else can find its outlet once the run's own have. It is closed when its readers have taken
-all: what a connection holds when its other end closes is lost to a reader that had no room for it.
+On the simulated clock an outlet waits for slow workers of the run; on the real clock it drops messages, and the reader
+counts them. It never waits for external programs; their losses are counted here. libzmq cannot distinguish readers, so
+on the simulated clock the address of its outlet is removed once the readers of the run are connected. The outlet is
+closed when its readers have received everything: ZeroMQ would discard frames for which a reader had no buffer.
 """
 
 import contextlib
@@ -28,15 +28,14 @@ from palpate.launch.run.wire.outlet import Outlet, Sender
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.physics.errors import RunError
 
-HEALTH = "!health"  # stream of each outlet for observers on which its worker tells how the nodes are doing
+HEALTH = "!health"  # stream of each outlet for observers with the health of the nodes
 END = "!end"
-"""Stream of each outlet for observers on which its worker says last that it sends no more; the payload is its group."""
+"""End-of-stream marker of each outlet for observers; the payload is the group."""
 LONGEST_ORDER = 1 << 26  # [bytes]
-LINK_TIME = 1_000_000_000  # [ns] that a worker waits on the real clock for a writer that is there and says nothing
+LINK_TIME = 1_000_000_000  # [ns] timeout on the real clock for a writer that accepts the connection and stays silent
 
 
 def frame(stream: str, payload: bytes) -> bytes:
-    """The frame of a message on a stream."""
     return stream.encode() + b"\0" + payload
 
 
@@ -54,10 +53,10 @@ class Bus:
     run, group  names of the run and of the worker
     control     endpoint of the launcher's control publisher
     reports     endpoint where the launcher takes reports
-    real        whether it is the real clock: nobody waits for a slow reader
-    external    streams that the nodes of other groups read, and those groups
-    key         secures the outlets where they are bound to TCP as well; None: nothing is secured
-    guarded     the launcher's sockets are secured by the key
+    real        whether it is the real clock: no waiting for slow readers
+    external    streams that other groups read, and those groups
+    key         encrypts outlets on TCP; None: no encryption
+    guarded     whether the launcher's sockets are encrypted with the key
     """
 
     def __init__(
@@ -84,13 +83,13 @@ class Bus:
             connect(socket, address, key if guarded else None)
         for topic in (f"~{group}", "~*"):
             self._control.subscribe(topic.encode() + b"\0")
-        self._ordered = True  # whether orders may have come
+        self._ordered = True  # whether orders may be waiting
         self._watch.add(int(self._control.get(zmq.FD)), self._note_order)
         self._outlet = Outlet(group, self._external, real, self._watch)
-        self._far: zmq.Socket | None = None  # where nodes on other machines read
+        self._far: zmq.Socket | None = None  # for nodes on other machines
         self._far_readers: Counter[bytes] = Counter()
-        self._public = Outlet(group, {}, real, self._watch)  # for programs that look on
-        # What the outlets hold is delivered, however long it takes: the launcher ends those who never read it.
+        self._public = Outlet(group, {}, real, self._watch)  # for external programs
+        # Delivery has no timeout: the launcher kills readers that hang.
         self._observers = self._publisher()
         self._observed = self._socket(zmq.SUB, 0)
         self._observed.set(zmq.RCVHWM, HIGH_WATER)
@@ -112,7 +111,7 @@ class Bus:
 
     def _publisher(self) -> zmq.Socket:
         socket = self._socket(zmq.XPUB, -1)
-        socket.set(zmq.XPUB_VERBOSER, 1)  # each one who comes or goes is told
+        socket.set(zmq.XPUB_VERBOSER, 1)  # report every subscription and cancellation
         socket.set(zmq.SNDHWM, HIGH_WATER)
         socket.set(zmq.MAXMSGSIZE, 1024)  # subscriptions only
         if not self.real:
@@ -121,9 +120,9 @@ class Bus:
         return socket
 
     def bind(self, host: str | None) -> dict[str, list[str]]:
-        """Bind all outlets locally and, where a host is given (`address` or `address:port`), those of the run there.
+        """Bind all outlets locally and, with a host (`address` or `address:port`), those of the run on TCP.
 
-        Returns the endpoints of these by outlet. RunError: somebody else has that port.
+        Returns the endpoints by outlet. RunError: the port is in use.
         """
         if host and self.key is not None:
             self._keeper = Authenticator(self.context, self.key)
@@ -155,14 +154,13 @@ class Bus:
     # -- with the launcher ---------------------------------------------------------------------------------------
 
     def report(self, report: Report) -> None:
-        """Tell the launcher."""
         self._reports.send(msgspec.msgpack.encode(Addressed(self.group, report)))  # type: ignore[arg-type]
 
     def _note_order(self) -> None:
         self._ordered = True
 
     def order(self, wait: int = 0) -> Order | None:
-        """The launcher's next order; None where none comes within so many milliseconds, or has been swept up."""
+        """The launcher's next order; None if none arrives within `wait` [ms], or was seen by `sweep` for 0."""
         while (wait or self._ordered) and self._control.poll(wait):
             self._ordered = True
             try:
@@ -176,13 +174,13 @@ class Bus:
 
     @property
     def foreign(self) -> int:
-        """Frames and readers that were refused because they are none of this run's."""
+        """Number of refused frames and readers that do not belong to this run."""
         others = (self._outlet, self._public, *self._inlets.values())
         return self._foreign + sum(other.foreign for other in others)
 
     def sweep(self, wait: int = 0) -> list[Inlet | TcpInlet]:
-        """Look at all sockets at once, for so many milliseconds: readers are served, and orders are there to be taken.
-        Returns the inlets that may have something, valid until the next sweep."""
+        """Poll all sockets for `wait` [ms]: serve readers and note waiting orders. Returns the inlets that may have
+        messages, valid until the next call."""
         self._ready.clear()
         self._watch.poll(wait)
         self._outlet.tend()
@@ -195,7 +193,6 @@ class Bus:
     # -- streams of other groups ---------------------------------------------------------------------------------
 
     def inlet(self, stream: str) -> Inlet | TcpInlet:
-        """Where the nodes here read a stream of another group."""
         if stream not in self._inlets:
             self._inlets[stream] = Inlet(stream, self.group, self._watch, self._ready.append, self._apart)
         return self._inlets[stream]
@@ -217,17 +214,17 @@ class Bus:
         connect(self._observed, address, key)
         self._sources[group] = address
         for stream in streams:
-            if stream not in self._overhears:  # each time is counted where it is sent
+            if stream not in self._overhears:  # the sender counts every subscription
                 self._overhears.add(stream)
                 self._observed.subscribe(stream.encode() + b"\0")
 
     def ended(self, group: str) -> None:
-        """The last frame of a group that is observed here was taken: so it may close."""
+        """The last frame of an observed group was received: disconnect, so that it can close."""
         if group in self._sources:
             self._observed.disconnect(self._sources.pop(group))
 
     def overheard(self, wait: bool) -> bytes | None:
-        """The next frame for the observers here; None where none has come, or none comes in time."""
+        """The next frame for the observers here; None if there is none, with `wait` after `POLL_INTERVAL`."""
         try:
             return self._observed.recv(0 if wait else zmq.NOBLOCK)
         except zmq.Again:
@@ -236,17 +233,16 @@ class Bus:
     # -- streams of this group -----------------------------------------------------------------------------------
 
     def sender(self, stream: str, holds: Callable[[], None]) -> Sender:
-        """Where a stream is sent to nodes of other groups.
+        """The sender of a stream to nodes of other groups.
 
-        holds  called again and again while a reader has no room, on the simulated clock
+        holds  called repeatedly while a reader's buffer is full, on the simulated clock
         """
         return self._outlet.sender(stream, self._far, holds)
 
     def wait_linked(self, observers: dict[str, int], poll: Callable[[], object]) -> None:
-        """Wait until each stream has its readers, at the outlet for nodes and at that for observers, and until the
-        nodes here have their writers.
+        """Wait until all readers of all streams and all writers of the nodes here are connected.
 
-        poll  called again and again meanwhile (it may raise)
+        poll  called repeatedly meanwhile (it may raise)
         """
         missing = {stream.encode() + b"\0": count for stream, count in observers.items() if count}
         until = now() + LINK_TIME
@@ -267,7 +263,7 @@ class Bus:
                     missing[note[1:]] -= 1
             self._count_far()
             for inlet in self.sweep(POLL_INTERVAL):
-                inlet.take()  # what was sent to a predecessor is nothing for this one
+                inlet.take()  # discard messages for the previous worker of this group
             poll()
         for number in wakes:
             self._watch.remove(number)
@@ -275,7 +271,7 @@ class Bus:
             os.unlink(endpoint(self.run, self.group, "members").removeprefix("ipc://"))
 
     def _subscriptions(self, socket: zmq.Socket) -> Iterable[bytes]:
-        """Who has come or gone at a publisher."""
+        """New subscriptions and cancellations at a publisher."""
         while int(socket.get(zmq.EVENTS)) & zmq.POLLIN:
             yield socket.recv()
 
@@ -285,11 +281,11 @@ class Bus:
                 self._far_readers[note[1:]] += 1 if note[:1] == b"\x01" else -1
 
     def sends(self, streams: Iterable[str]) -> None:
-        """The streams that observers can listen to here."""
+        """Set the streams that observers can subscribe to here."""
         self._topics = tuple(stream.encode() + b"\0" for stream in (*streams, HEALTH, END))
 
     def _listener(self, note: bytes) -> None:
-        """An observer comes or goes. A subscription is a prefix; one that fits no stream is not kept."""
+        """Count a subscription or cancellation of an observer. It is a prefix; one that fits no stream is ignored."""
         if note[:1] not in (b"\x00", b"\x01"):
             self._foreign += 1
             return
@@ -302,7 +298,7 @@ class Bus:
             self.listeners.pop(note[1:], None)
 
     def heard(self, stream: str) -> bool:
-        """Whether anybody looks on at this stream."""
+        """Whether an observer or external program reads this stream."""
         return self._observed_by_members(stream) or self._public.heard(stream.encode() + b"\0")
 
     def _observed_by_members(self, stream: str) -> bool:
@@ -310,13 +306,13 @@ class Bus:
         return any(topic.startswith(listener) for listener in self.listeners)
 
     def keep(self, data: bytes) -> None:
-        """Keep a frame for the observers; `flush` sends it."""
+        """Buffer a frame for the observers; `flush` sends it."""
         self._kept.append(data)
 
     def flush(self, holds: Callable[[], None]) -> None:
-        """Send the kept frames.
+        """Send the buffered frames.
 
-        holds  called again and again while an observer of the run has no room, on the simulated clock
+        holds  called repeatedly while the buffer of an observer of the run is full, on the simulated clock
         """
         kept, self._kept = self._kept, []
         self._public.publish(kept)
@@ -333,7 +329,7 @@ class Bus:
                         raise
 
     def listened(self) -> bool:
-        """Learn which observers have come and gone; returns whether one has."""
+        """Update the subscriptions of observers; returns whether one has changed."""
         changed, self._public.changed = self._public.changed, False
         for note in self._subscriptions(self._observers):
             changed = True
@@ -341,11 +337,11 @@ class Bus:
         return changed
 
     def _wait_taken(self, end: bytes) -> None:
-        """Wait until all have taken what libzmq holds: nodes far away close their inlets, observers leave at the end.
-        What was sent to nodes on this machine is the system's, and is theirs when this worker is gone.
+        """Wait until libzmq has delivered everything: remote nodes close their inlets, observers disconnect. Messages
+        to nodes on this machine are in kernel buffers, which outlive this worker.
 
-        end  the last frame. It is sent again and again: while a connection that was full has not yet been found to have
-             room, libzmq leaves it out without a word, whatever `XPUB_NODROP` says
+        end  the end-of-stream marker. It is sent repeatedly, because libzmq silently skips a connection that was full
+             until it has found room there; `XPUB_NODROP` does not cover this case
         """
         while self._observed_by_members(END):
             if self._observers.poll(POLL_INTERVAL):
@@ -359,14 +355,14 @@ class Bus:
                 self._count_far()
 
     def end(self, clean_exit: bool) -> None:
-        """The last reports: what there is to say of the readers, and that all is sent. What comes later may be missed,
-        as the launcher does not wait for a worker that is done."""
+        """Send the last reports: notes on the readers, and that all nodes have ended. The launcher does not wait for
+        later ones."""
         for text in (*self._outlet.notes(), *self._public.notes()):
             self.report(Note(text))
         self.report(NodesEnded(clean_exit))
 
     def close(self, clean_exit: bool) -> None:
-        """Deliver what is under way and close; after an clean_exit end say that this was all."""
+        """Deliver buffered frames and close. After a clean exit, send the end-of-stream marker."""
         for inlet in self._inlets.values():
             inlet.close()
         self._observed.close(linger=0)
@@ -389,4 +385,4 @@ class Bus:
 
 
 def _wait() -> None:
-    """An observer without room is alive, or is ended by the launcher."""
+    """Keep waiting for an observer whose buffer is full: the launcher kills those that hang."""

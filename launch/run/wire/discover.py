@@ -1,4 +1,4 @@
-"""Listening to a run that goes on, from another process: which runs there are, and what they send."""
+"""Reads the streams of an active run from another process."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -17,22 +17,22 @@ from palpate.physics.errors import PalpateError, RunError
 
 @dataclass
 class Running:
-    """A run that goes on: its name, and its groups of nodes (workers)."""
+    """An active run: its name and the groups of its workers."""
 
     name: str
     groups: list[str] = field(default_factory=list)
 
 
 def running() -> list[Running]:
-    """The runs of this user on this machine whose nodes have processes of their own, the newest last.
+    """The active runs of this user on this machine, the newest last.
 
-    A run that is fused in one process on simulated time has no sockets and cannot be seen.
+    A run that is fused in one process on simulated time has no sockets and is not listed.
     """
     return [Running(name, groups) for name, groups in runs() if groups]
 
 
 def find(name: str | None = None) -> Running:
-    """The run of this name, or the only one. RunError: there is none, or there are several and none was named."""
+    """The run of this name, or the only one. RunError: no such run, or several without a name."""
     live_runs = running()
     if name is not None:
         live_runs = [run for run in live_runs if run.name.startswith(name)]
@@ -46,7 +46,7 @@ def find(name: str | None = None) -> Running:
 
 
 def hear(run: Running, streams: list[str]) -> Iterator[tuple[str, bytes]]:
-    """Stream and payload of each message that a run sends on these streams, as they come, until it has ended."""
+    """Stream and payload of each message of these streams of a run, until the run has ended."""
     with zmq.Context() as context, context.socket(zmq.SUB) as socket:
         socket.set(zmq.LINGER, 0)
         socket.set(zmq.RCVHWM, HIGH_WATER)
@@ -67,7 +67,7 @@ def alive(run: Running) -> bool:
 
 
 def messages_of(stream: str, run: str | None) -> Iterator[Message]:
-    """The messages of a stream of a run, their type being known by the fields that they have.
+    """The messages of a stream of a run; their type is found by their fields.
 
     RunError: no such run or stream. PalpateError: a message of no known type.
     """
@@ -81,7 +81,7 @@ def messages_of(stream: str, run: str | None) -> Iterator[Message]:
             kind = kind or _type_of(payload)
             yield unpack(payload, kind)
         elif not heard:
-            # Each node reports five times a second: after some reports a stream of no node is known to be none.
+            # Each node reports five times a second: after five reports of one node all nodes are known.
             source = msgspec.msgpack.decode(payload)["source"]
             reports[source] = reports.get(source, 0) + 1
             if reports[source] > 5 and stream.partition(".")[0] not in reports:
@@ -89,11 +89,11 @@ def messages_of(stream: str, run: str | None) -> Iterator[Message]:
 
 
 def _type_of(payload: bytes) -> type[Message]:
-    """The message type whose fields a message on the wire has."""
+    """The message type with the fields of an encoded message."""
     names = set(msgspec.msgpack.decode(payload))
     for kind in message_types().values():
         if set(kind.__struct_fields__) == names:
             return kind
     if names >= set(Message.__struct_fields__):
-        return Message  # of a type of the user's own: its header, at least
-    raise PalpateError(f"a message with the fields {', '.join(sorted(names))} is of no type that is known here")
+        return Message  # a custom type: at least its header
+    raise PalpateError(f"a message with the fields {', '.join(sorted(names))} has an unknown type")

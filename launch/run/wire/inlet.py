@@ -1,9 +1,9 @@
-"""Where the nodes of a worker read a stream of another group: one inlet a stream.
+"""Inlets: the nodes of a worker read each stream of another group through one inlet.
 
-A reader is woken by the stream that it waits for and by no other: what comes early on another one wakes nobody.
+A separate socket per stream means that only the awaited stream wakes a reader.
 
-Inlet     from a worker on this machine: ZMTP over a Unix socket, read by the thread that computes, one call a message
-TcpInlet  from a worker on another one: libzmq's subscriber
+Inlet     from a worker on this machine: ZMTP over a Unix socket, read by the computing thread, one call per message
+TcpInlet  from a worker on another machine: libzmq's subscriber
 """
 
 from __future__ import annotations
@@ -21,44 +21,43 @@ from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.launch.run.wire import zmtp
 from palpate.launch.run.wire.watch import SocketPoller
 
-CHUNK = 1 << 16  # [bytes] that are read in one call
+CHUNK = 1 << 16  # [bytes] read in one call
 LONGEST_MESSAGE = 1 << 28  # [bytes]
 LONGEST_FRAME = LONGEST_MESSAGE + 1024  # [bytes] with the name of its stream
-RETRY = 5_000_000  # [ns] between two attempts to reach a writer
-HIGH_WATER = 20_000  # frames that libzmq holds for a slow reader
+RETRY = 5_000_000  # [ns] between two attempts to connect
+HIGH_WATER = 20_000  # frames that libzmq buffers for a slow reader
 
 
 class Inlet:
     """Reads one stream of a worker on this machine.
 
-    group  the worker's own name
-    watch  where the socket is watched
-    ready  called when the watch finds something to read
-    apart  holds the inlet while it has no writer
+    group  name of the worker that reads
+    watch  poller of the socket
+    ready  called when there is something to read
+    apart  the set of inlets without a connection
     """
 
     def __init__(
         self, stream: str, group: str, watch: SocketPoller, ready: Callable[[Inlet], None], apart: set[Inlet]
     ) -> None:
         self.stream = stream
-        self.linked = False  # whether the writer is there and has been sent the subscription
+        self.linked = False  # whether the subscription was sent
         self.foreign = 0  # frames, and writers, that were refused
         self._topic = stream.encode() + b"\0"
         self._group, self._watch, self._ready, self._apart = group, watch, ready, apart
         self._path = ""
         self._socket: socket.socket | None = None
         self._tried = -RETRY
-        self._many = False  # whether what comes next belongs to a message of several frames
-        self._between = False  # whether what comes next is the beginning of a frame
+        self._many = False  # whether the next frame belongs to a multipart message
+        self._between = False  # whether the next byte begins a frame
 
     def connect(self, path: str) -> None:
-        """Read from the outlet that listens there, whenever it does."""
+        """Connect to the outlet at this path, and retry while nobody listens."""
         self._path = path
         self._apart.add(self)
         self.reach()
 
     def reach(self) -> None:
-        """Try to reach the writer, where there is no connection."""
         if now() - self._tried < RETRY:
             return
         self._tried = now()
@@ -68,7 +67,7 @@ class Inlet:
             end.setblocking(False)
             end.connect(self._path)
             end.send(zmtp.GREETING + connection.ready)
-        except OSError:  # nobody listens, or not any more
+        except OSError:  # nobody listens
             end.close()
             return
         end.setblocking(True)
@@ -80,14 +79,14 @@ class Inlet:
         self._watch.add(end.fileno(), lambda: self._ready(self))
 
     def wait(self) -> list[bytes]:
-        """The payloads that come next; none where none comes in about `POLL_INTERVAL`."""
+        """The next payloads; empty if none arrives within about `POLL_INTERVAL`."""
         if self._socket is None:
             time.sleep(POLL_INTERVAL * 1e-3)
             return []
         return self._read(0)
 
     def wait_until(self, deadline: int) -> list[bytes]:
-        """The payloads that come next; none where none comes before the deadline [ns]."""
+        """The next payloads; empty if none arrives before the deadline [ns]."""
         left = max(0, deadline - now()) * 1e-9
         if self._socket is None:
             time.sleep(left)
@@ -95,7 +94,6 @@ class Inlet:
         return self._read(socket.MSG_DONTWAIT) if select.select([self._socket], [], [], left)[0] else []
 
     def take(self) -> list[bytes]:
-        """The payloads that have come."""
         return [] if self._socket is None else self._read(socket.MSG_DONTWAIT)
 
     def _read(self, flags: int) -> list[bytes]:
@@ -105,11 +103,11 @@ class Inlet:
             return []
         except OSError:
             data = b""
-        if not data:  # the writer is gone; what it sent before was read
+        if not data:  # the writer has closed the connection; everything before was read
             self._drop()
             return []
         if data[0] == 0 and len(data) == 2 + data[1] and data.startswith(self._topic, 2) and self._between:
-            return [data[2 + len(self._topic) :]]  # one short message, as mostly
+            return [data[2 + len(self._topic) :]]  # fast path: exactly one short message
         try:
             return self._payloads(data)
         except zmtp.ZmtpError:
@@ -118,7 +116,7 @@ class Inlet:
             return []
 
     def _payloads(self, data: bytes) -> list[bytes]:
-        """The payloads that these bytes complete. ZmtpError: it is no ZMTP."""
+        """The payloads that these bytes complete. ZmtpError: not ZMTP."""
         payloads = []
         for kind, body in self._connection.feed(data):
             if kind == 0 and body.startswith(self._topic) and not self._many:
@@ -141,7 +139,7 @@ class Inlet:
         self.linked = True
 
     def _other(self, kind: int, body: bytes) -> None:
-        """A command, another stream, or a message of several frames, which is none of palpate's."""
+        """Handle a command; count other streams and multipart messages as foreign."""
         assert self._socket is not None
         answer = zmtp.pong(kind, body)
         if answer is not None:
@@ -153,7 +151,7 @@ class Inlet:
 
     @property
     def awaits_writer(self) -> bool:
-        """Whether there is a writer to be reached or to become ready."""
+        """Whether the connection to the writer is not ready yet."""
         return bool(self._path) and not self.linked
 
     def _drop(self) -> None:
@@ -183,18 +181,17 @@ class TcpInlet:
         socket.subscribe(topic)
 
     def wait(self) -> list[bytes]:
-        """The payload that comes next; none where none comes in `POLL_INTERVAL`."""
+        """The next payload; empty if none arrives within `POLL_INTERVAL`."""
         try:
             return [self.socket.recv()[self._skip :]]
         except zmq.Again:
             return []
 
     def wait_until(self, deadline: int) -> list[bytes]:
-        """The payload that comes next; none where none comes before the deadline [ns], rounded up to 1 ms."""
+        """The next payload; empty if none arrives before the deadline [ns], rounded up to 1 ms."""
         return self.take() if self.socket.poll(max(1, -((now() - deadline) // 1_000_000))) else []
 
     def take(self) -> list[bytes]:
-        """The payloads that have come."""
         payloads = []
         with contextlib.suppress(zmq.Again):
             while True:

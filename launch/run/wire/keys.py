@@ -1,8 +1,7 @@
-"""Keys that secure what goes over TCP: ZeroMQ's CURVE, with one pair of keys for all machines of a rig.
+"""Encryption and authentication of TCP connections: ZeroMQ's CURVE, with one key pair for all machines of a rig.
 
-Who holds the key file takes part in runs, hears their streams and sends into them; nobody else does, and nobody on
-the way reads or changes a frame. A run whose groups are all on this machine makes a key of its own, which it tells to
-nobody else.
+Everyone with the key file can take part in runs, read their streams and send messages; nobody else can, and frames
+cannot be read or changed on the network. A run on one machine makes a temporary key.
 """
 
 from __future__ import annotations
@@ -20,19 +19,18 @@ from zmq.auth.thread import ThreadAuthenticator
 
 from palpate.physics.errors import RunError
 
-NAME = "rig"  # name of the key that is taken where none is named
+NAME = "rig"  # default name of a key
 
 
 @dataclass(frozen=True)
 class Key:
-    """A pair of keys, as 40 characters of Z85 each."""
+    """A key pair, 40 characters of Z85 each."""
 
     public: str
     secret: str
 
     @classmethod
     def make(cls) -> Key:
-        """A new pair."""
         public, secret = zmq.curve_keypair()
         return cls(public.decode(), secret.decode())
 
@@ -47,16 +45,16 @@ class Key:
 
 
 def connect(socket: zmq.Socket, address: str, key: Key | None) -> None:
-    """Connect a socket to an address that a key secures, or none; a socket may have connections of both kinds."""
+    """Connect a socket, encrypted with a key or not; a socket may have connections of both kinds."""
     if key is not None:
         key.secure(socket, server=False)
     else:
-        socket.set(zmq.CURVE_SERVER, 0)  # back to no security for the connections from now on
+        socket.set(zmq.CURVE_SERVER, 0)  # no encryption for connections from now on
     socket.connect(address)
 
 
 class Authenticator:
-    """Lets nobody in at the sockets of a context who does not hold the key."""
+    """Refuses connections to the sockets of a context without the key."""
 
     def __init__(self, context: zmq.Context, key: Key) -> None:
         self._key = key.public.encode()
@@ -69,37 +67,36 @@ class Authenticator:
         return key == self._key
 
     def close(self) -> None:
-        """End its thread."""
         self._thread.stop()
 
 
 def folder() -> Path:
-    """Where the keys of this user lie."""
+    """The folder of this user's keys."""
     return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "palpate" / "keys"
 
 
 def path_of(name: str) -> Path:
-    """File of a key. RunError: no name for one."""
+    """File of a key. RunError: invalid name."""
     if not re.fullmatch(r"[A-Za-z0-9_.-]+", name) or name.startswith("."):
         raise RunError(f"key {name!r}: expected a name of letters, digits, '-', '_' and '.'")
     return folder() / f"{name}.json"
 
 
 def make(name: str = NAME) -> Path:
-    """A new key in a file that only this user can read. RunError: there is one of that name."""
+    """Write a new key to a file that only this user can read. RunError: it exists."""
     path, key = path_of(name), Key.make()
     path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     try:
         number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        raise RunError(f"key {name!r}: {path} is there already; remove it first, or take another name") from None
+        raise RunError(f"key {name!r}: {path} exists; remove it first, or use another name") from None
     with os.fdopen(number, "wb") as file:
         file.write(msgspec.json.encode(key) + b"\n")
     return path
 
 
 def load(name: str = NAME) -> Key:
-    """The key of this name. RunError: there is none, others can read it, or it is damaged."""
+    """The key of this name. RunError: it is missing, readable by others, or damaged."""
     path = path_of(name)
     try:
         if path.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):

@@ -1,11 +1,11 @@
-"""Where nodes of other groups read what a worker sends: ZMTP over a Unix socket, and libzmq to other machines.
+"""Outlets: a worker sends its streams to nodes of other groups, by ZMTP over a Unix socket, and by libzmq over TCP.
 
-A message is written by the thread that computes, one call a reader. Any ZeroMQ program of the same user may read, too.
+The computing thread writes each message, one call per reader. Any ZeroMQ program of the same user can subscribe, too.
 
-A reader that has no room holds the sender back on the simulated clock, and loses the message on the real one. A frame
-that the system has taken in part is finished before the next; only whole ones are dropped, and counted. Who is no
-worker of the run holds nobody back: programs that only look on have an outlet of their own, which queues for each as
-much as `QUEUE`. However many come and go, on the real clock one of them is served in each look at the sockets.
+A reader with a full buffer blocks the sender on the simulated clock, and loses the message on the real clock. A partly
+sent frame is completed before the next; only whole frames are dropped, and counted. External programs never block the
+sender: they have a separate outlet with a queue of `QUEUE` bytes each. On the real clock only one connection request or
+command is handled per poll of the sockets, however many clients connect.
 """
 
 from __future__ import annotations
@@ -26,24 +26,23 @@ from palpate.engine.clock import POLL_INTERVAL, now
 from palpate.launch.run.wire.watch import SocketPoller
 from palpate.launch.run.wire.zmtp import GREETING, GROUP, SUBSCRIBERS, Connection, ZmtpError, pong, subscription
 
-ROOM = 1 << 20  # [bytes] that wait for a reader, with the kernel's own for each frame; the system may permit less
-QUEUE = 4 << 20  # [bytes] that are queued for a reader which looks on
-LONGEST_COMMAND = 1024  # [bytes] of what a reader may send at once
-FAREWELL = 200_000_000  # [ns] for readers to take what is queued for them
-MOST_BUFFERS = 1000  # of one call; the system takes 1024
+ROOM = 1 << 20  # [bytes] send buffer of a reader, kernel overhead included; the system may limit it
+QUEUE = 4 << 20  # [bytes] queue of an external program
+LONGEST_COMMAND = 1024  # [bytes] longest command of a reader
+FAREWELL = 200_000_000  # [ns] timeout for delivering queued frames at the end
+MOST_BUFFERS = 1000  # in one call; the kernel's limit is 1024
 _NOW = socket.MSG_DONTWAIT
-_SHORT = tuple(bytes((0, size)) for size in range(256))  # how a frame of a message begins, by its size
+_SHORT = tuple(bytes((0, size)) for size in range(256))  # headers of short frames, by size
 
 
 def _framed(data: bytes) -> bytes:
-    """A message as a frame."""
     size = len(data)
     return (_SHORT[size] if size <= 255 else b"\2" + size.to_bytes(8, "big")) + data
 
 
 class ReaderConnection:
-    """A connection to a reader. `rest` is what is still to be sent: of a frame that was sent in part, and for one that
-    looks on the frames behind it, `queued` bytes in all."""
+    """A connection to a reader. `rest`: data still to be sent, `queued` bytes in all: the end of a partly sent frame,
+    and for external programs the frames after it."""
 
     def __init__(self, end: socket.socket, group: str) -> None:
         self.end = end
@@ -57,11 +56,11 @@ class ReaderConnection:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Name for messages to the user."""
         return f"group {self.group!r}" if self.group else f"process {self.pid}"
 
     def write(self, data: bytes) -> int:
-        """Send a frame; returns how many of its bytes were taken. OSError: the reader is gone."""
+        """Send a frame; returns the number of bytes sent. OSError: the reader is gone."""
         if self.rest and not self.finish():
             return 0
         try:
@@ -73,13 +72,11 @@ class ReaderConnection:
         return sent
 
     def keep(self, data: bytes | memoryview) -> None:
-        """Send this later."""
         self.rest.append(data)
         self.queued += len(data)
 
     def finish(self) -> bool:
-        """Send of what is left as much as there is room for; returns whether nothing is left. OSError: the reader is
-        gone."""
+        """Send queued data as far as possible; returns whether the queue is empty. OSError: the reader is gone."""
         try:
             sent = self.end.sendmsg(islice(self.rest, MOST_BUFFERS), (), _NOW)
         except BlockingIOError:
@@ -95,19 +92,18 @@ class ReaderConnection:
 class Sender:
     """Sends one stream.
 
-    far    where readers on other machines hear it; None: there are none
-    holds  called again and again while a reader has no room, to look round (it may raise)
+    far    publisher for readers on other machines; None: there are none
+    holds  called repeatedly while a reader's buffer is full (it may raise)
     """
 
     def __init__(self, outlet: Outlet, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> None:
         self.topic = stream.encode() + b"\0"
         self.readers: tuple[ReaderConnection, ...] = ()
         self._outlet, self._holds = outlet, holds
-        # The plain send of the binding, without the layer that looks for multipart and tracking options.
+        # The binding's basic send, without the overhead for multipart and tracking options.
         self._far = None if far is None else zmq.backend.Socket.send.__get__(far)
 
     def send(self, payload: bytes) -> None:
-        """Send one message to all readers."""
         topic = self.topic
         data = _framed(topic + payload)
         size = len(data)
@@ -132,17 +128,17 @@ class Sender:
 
 
 class Outlet:
-    """Listens for readers and knows what each of them reads.
+    """Accepts readers and tracks their subscriptions.
 
     group     name of the worker
     external  streams that it sends, and the groups that read each
-    real      whether it is the real clock: nobody waits for a slow reader
-    watch     where the sockets are watched
+    real      whether it is the real clock: no waiting for slow readers
+    watch     poller of the sockets
     """
 
     def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: SocketPoller) -> None:
         self.foreign = 0  # readers that were refused
-        self.changed = False  # whether a reader has come, gone, or subscribed to something else
+        self.changed = False  # whether subscriptions have changed
         self._group, self._external, self._real, self._outer = group, external, real, watch
         self._watch = SocketPoller()
         watch.add(self._watch.fileno(), partial(self._watch.poll, most=1 if real else 64))
@@ -154,32 +150,29 @@ class Outlet:
         self._notes: Counter[str] = Counter()
 
     def bind(self, path: str) -> None:
-        """Listen there. OSError: that cannot be."""
+        """Listen at a path. OSError: not possible."""
         with contextlib.suppress(FileNotFoundError):
-            os.unlink(path)  # a predecessor's
+            os.unlink(path)  # of a previous worker
         self._listener.bind(path)
         self._listener.listen(64)
         self._listener.setblocking(False)
         self._watch.add(self._listener.fileno(), self._accept)
 
     def sender(self, stream: str, far: zmq.Socket | None, holds: Callable[[], None]) -> Sender:
-        """Where a stream is sent."""
         self._senders.append(Sender(self, stream, far, holds))
         self._sort()
         return self._senders[-1]
 
     def linked(self, stream: str) -> int:
-        """How many groups read a stream here."""
         topic = stream.encode() + b"\0"
         return len({reader.group for reader in self._readers if reader.group and reader.topics[topic]})
 
     def heard(self, topic: bytes) -> bool:
-        """Whether anybody reads a stream here."""
         return any(topic.startswith(tuple(reader.topics)) for reader in self._readers)
 
     def publish(self, messages: Sequence[bytes]) -> None:
-        """Send messages, each after the name of its stream and a zero byte, to all who look on: one call for each. What
-        does not fit into the reader's queue is dropped."""
+        """Send messages, each with its stream name and a zero byte in front, to all subscribers: one call per reader.
+        Messages that do not fit into a reader's queue are dropped."""
         for reader in tuple(self._readers):
             topics = tuple(reader.topics)
             for data in messages:
@@ -197,7 +190,7 @@ class Outlet:
     def _accept(self) -> None:
         try:
             end = self._listener.accept()[0]
-        except OSError:  # who came has gone again, or there are no descriptors left
+        except OSError:  # the client has disconnected, or there are no file descriptors left
             return
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM)
         reader = ReaderConnection(end, self._group)
@@ -207,7 +200,7 @@ class Outlet:
             reader.write(GREETING)
 
     def _serve(self, reader: ReaderConnection) -> None:
-        """Take what a reader has sent: who it is, and what it wants to read."""
+        """Read the handshake and the subscriptions of a reader."""
         try:
             data = reader.end.recv(4096, _NOW)
         except BlockingIOError:
@@ -234,8 +227,8 @@ class Outlet:
     def _handle_frame(self, reader: ReaderConnection, flags: int, body: bytes) -> None:
         wanted = subscription(flags, body)
         if wanted is not None:
-            comes, topic = wanted
-            reader.topics[topic] += 1 if comes else -1
+            subscribes, topic = wanted
+            reader.topics[topic] += 1 if subscribes else -1
             if reader.topics[topic] <= 0:
                 del reader.topics[topic]
             self._sort()
@@ -245,7 +238,7 @@ class Outlet:
             self.foreign += 1
 
     def _sort(self) -> None:
-        """Who reads which stream. A subscription is the beginning of the name of one, or of several."""
+        """Update the readers of each sender. A subscription is a prefix of one or several stream names."""
         self.changed = True
         for sender in self._senders:
             sender.readers = tuple(
@@ -258,7 +251,6 @@ class Outlet:
         self.drop(reader)
 
     def drop(self, reader: ReaderConnection) -> None:
-        """A reader is gone, or has to go."""
         if reader not in self._readers:
             return
         del self._readers[reader]
@@ -268,10 +260,10 @@ class Outlet:
         reader.end.close()
         self._sort()
 
-    # -- time and room -------------------------------------------------------------------------------------------
+    # -- full buffers --------------------------------------------------------------------------------------------
 
     def crowded(self, reader: ReaderConnection, data: bytes, sent: int, holds: Callable[[], None]) -> None:
-        """A reader has taken so many bytes of a frame and has no room for the rest."""
+        """The buffer of a reader is full after `sent` bytes of a frame: wait, or drop the frame if none was sent."""
         if sent:
             reader.keep(memoryview(data)[sent:])
         room = None
@@ -296,7 +288,7 @@ class Outlet:
             holds()
 
     def tend(self) -> None:
-        """Go on with what could not be finished."""
+        """Continue sending queued data."""
         for reader in tuple(self._unfinished):
             try:
                 if reader.finish():
@@ -307,18 +299,18 @@ class Outlet:
     def _count(self, reader: ReaderConnection) -> None:
         if reader.dropped:
             self._notes[
-                f"{reader.dropped} messages of group {self._group!r} were dropped: {reader.name} had no room"
+                f"{reader.dropped} messages of group {self._group!r} were dropped: the buffer of {reader.name} was full"
             ] += 1
             reader.dropped = 0
 
     def notes(self) -> list[str]:
-        """What there is to say of the readers, once all is sent."""
+        """Notes on dropped messages and refused readers, after the last message."""
         for reader in self._readers:
             self._count(reader)
         return [text if count == 1 else f"{text} ({count} times)" for text, count in self._notes.items()]
 
     def close(self) -> None:
-        """Close; what was sent is delivered by the system, and what is queued as far as readers take it at once."""
+        """Close. The kernel delivers data already sent; queued data is sent within `FAREWELL`."""
         until = now() + FAREWELL
         while self._unfinished and now() < until:
             select.select([], [reader.end for reader in self._unfinished], [], FAREWELL * 1e-9)

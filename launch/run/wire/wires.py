@@ -1,6 +1,6 @@
-"""The launcher's wires to its workers, and who among them has to hear whom.
+"""The launcher's control channel to its workers, and the streams that workers read from one another.
 
-Orders go out, reports come in, and which workers hear their orders already is known.
+Orders go out, reports come in. Subscriptions show which workers already receive orders.
 """
 
 from collections import Counter
@@ -19,17 +19,17 @@ LONGEST_REPORT = 1 << 26  # [bytes]
 
 
 class ControlChannel:
-    """Sockets of the launcher of a run, and the folder that holds those of the run.
+    """Sockets of the launcher of a run, and the folder of all sockets of the run.
 
     control, reports  local addresses that workers connect to
-    address           where workers on other machines find them as well: `tcp://host:port`, reports at port + 1
-    key               secures them there; None: nothing does
+    address           TCP address for workers on other machines: `tcp://host:port`, reports at port + 1
+    key               encrypts TCP; None: no encryption
 
     OSError: that address cannot be bound.
     """
 
     def __init__(self, run: str, jobs: Mapping[str, Job], address: str | None, key: Key | None) -> None:
-        self.foreign = 0  # frames that were dropped because they are no reports of this run's workers
+        self.foreign = 0  # dropped frames that are not reports of this run's workers
         self._folder = RunFolder(run)
         self.control, self.reports = endpoint(run, "control"), endpoint(run, "reports")
         guard = key if address else None
@@ -58,24 +58,23 @@ class ControlChannel:
         self._expected = dict.fromkeys(jobs, 0)
 
     def register(self, poller: zmq.Poller) -> None:
-        """Wake this poller when there is something to take."""
+        """Wake this poller on reports and subscriptions."""
         poller.register(self._told, zmq.POLLIN)
         poller.register(self._orders, zmq.POLLIN)
 
     def tell(self, group: str, order: Order) -> None:
-        """Send an order to the worker of a group; `*` is all of them."""
+        """Send an order to the worker of a group; `*`: to all."""
         self._orders.send(frame(f"~{group}", msgspec.json.encode(order)))
 
     def expect(self, group: str) -> None:
-        """One more worker of this group is on its way."""
         self._expected[group] += 1
 
     def hears(self, group: str) -> bool:
-        """Whether the worker of a group hears what it is told; what it is told before is lost."""
+        """Whether the worker of a group has subscribed; earlier orders would be lost."""
         return self._subscribed[group] >= self._expected[group]
 
     def new(self) -> Iterator[str]:
-        """Groups whose workers have begun to hear since the last call."""
+        """Groups whose workers have subscribed since the last call."""
         while self._orders.poll(0):
             note = self._orders.recv()
             group = note[2:-1].decode(errors="replace")
@@ -86,11 +85,11 @@ class ControlChannel:
                 self.foreign += 1
 
     def reported(self, wait: int = 0) -> bool:
-        """Whether something has come to where workers report, or comes within so many milliseconds."""
+        """Whether a report is waiting, or arrives within `wait` [ms]."""
         return bool(self._told.poll(wait))
 
     def report(self) -> Addressed | None:
-        """Take what has come; None where it is no report of a worker of this run."""
+        """The next report; None if it is not from a worker of this run."""
         try:
             addressed = REPORTS.decode(self._told.recv())
         except (msgspec.MsgspecError, ValueError):
@@ -101,7 +100,7 @@ class ControlChannel:
         return addressed
 
     def close(self, linger: int) -> None:
-        """Close; orders under way get so many milliseconds."""
+        """Close; buffered orders have `linger` [ms] to be delivered."""
         if self._keeper is not None:
             self._keeper.close()
         self._context.destroy(linger=linger)
@@ -109,7 +108,7 @@ class ControlChannel:
 
 
 def heard(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[str]]]:
-    """What a worker reads from the others: group, outlet and streams."""
+    """The streams that a worker reads from each of the others: group, outlet and streams."""
     reads = {given.stream for node in job.nodes for given in node.inputs}
     observes = {stream for observer in job.observers for stream in observer.streams}
     for other, theirs in others.items():
@@ -123,20 +122,20 @@ def heard(job: Job, others: Mapping[str, Job]) -> Iterator[tuple[str, str, list[
 
 
 def listeners(job: Job, others: Mapping[str, Job]) -> dict[str, int]:
-    """How many of the others observe each stream of a worker."""
+    """Number of other workers that observe each stream of a worker."""
     observed = Counter(
         stream
         for theirs in others.values()
         for stream in {stream for observer in theirs.observers for stream in observer.streams}
     )
-    own = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
+    counts = {stream: observed[stream] for node in job.nodes for stream in node.streams if observed[stream]}
     if any(node.streams for node in job.nodes):
-        own[HEALTH] = own[END] = sum(bool(theirs.observers) for theirs in others.values())
-    return own
+        counts[HEALTH] = counts[END] = sum(bool(theirs.observers) for theirs in others.values())
+    return counts
 
 
 def blocked_by(jobs: Collection[Job], dead: set[str]) -> set[str]:
-    """Nodes that cannot go on without the dead ones, directly or through others."""
+    """Nodes that cannot run without the dead ones, directly or through others."""
     blocked: set[str] = set()
     while True:
         gone = dead | blocked

@@ -1,8 +1,8 @@
 """ZMTP 3.1, the wire protocol of ZeroMQ (RFC 23 and 37), without sockets: bytes in, frames out.
 
 A connection is a greeting of 64 bytes, a READY command with properties, and frames: messages and commands. A frame is a
-byte of flags, its length in one byte or in eight, and its body. Of the security mechanisms there is NULL alone: these
-connections do not leave the machine, and the folder of their sockets is their user's alone.
+byte of flags, its length in one byte or in eight, and its body. The only security mechanism is NULL: these connections
+do not leave the machine, and only their user can enter the folder of their sockets.
 
 Subscriptions come as commands (3.1) or as messages that begin with a byte 1 or 0 (3.0, and libzmq's XSUB).
 """
@@ -20,11 +20,10 @@ Frame = tuple[int, bytes]  # flags, without LONG, and body
 
 
 class ZmtpError(ValueError):
-    """What a peer sent is not ZMTP 3 as it is spoken here."""
+    """A peer does not follow ZMTP 3 as supported here."""
 
 
 def frame(body: bytes, flags: int = 0) -> bytes:
-    """A frame on the wire."""
     size = len(body)
     if size < 256:
         return bytes((flags, size)) + body
@@ -32,7 +31,6 @@ def frame(body: bytes, flags: int = 0) -> bytes:
 
 
 def command(name: bytes, data: bytes = b"") -> bytes:
-    """A command as a frame."""
     return frame(bytes((len(name),)) + name + data, COMMAND)
 
 
@@ -45,13 +43,12 @@ def split_command(body: bytes) -> tuple[bytes, bytes]:
 
 
 def ready(properties: Mapping[bytes, bytes]) -> bytes:
-    """The READY command with these properties."""
     named = (bytes((len(name),)) + name + len(value).to_bytes(4, "big") + value for name, value in properties.items())
     return command(b"READY", b"".join(named))
 
 
 def properties(data: bytes) -> dict[bytes, bytes]:
-    """The properties of a READY command, their names in lower case. ZmtpError: they are cut off."""
+    """The properties of a READY command, with names in lower case. ZmtpError: truncated."""
     found = {}
     while data:
         name, data = data[1 : 1 + data[0]], data[1 + data[0] :]
@@ -63,7 +60,7 @@ def properties(data: bytes) -> dict[bytes, bytes]:
 
 
 def subscription(flags: int, body: bytes) -> tuple[bool, bytes] | None:
-    """What a frame subscribes to (True) or cancels (False); None for other frames. ZmtpError: a bad command."""
+    """A subscription (True) or cancellation (False) and its topic; None for other frames. ZmtpError: a bad command."""
     if flags == COMMAND:
         name, topic = split_command(body)
         return (name == b"SUBSCRIBE", topic) if name in (b"SUBSCRIBE", b"CANCEL") else None
@@ -81,9 +78,9 @@ def pong(flags: int, body: bytes) -> bytes | None:
 
 
 class Decoder:
-    """Cuts a stream of bytes into frames.
+    """Splits a stream of bytes into frames.
 
-    longest  [bytes] body that is taken: the length of a longer one is refused before any of it is kept
+    longest  [bytes] limit of a frame's body: a longer one is refused before it is buffered
     """
 
     def __init__(self, longest: int) -> None:
@@ -92,7 +89,7 @@ class Decoder:
         self._needs = 0
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that these bytes complete. ZmtpError: flags that do not exist, or a length that is refused."""
+        """The frames that these bytes complete. ZmtpError: unknown flags, or too long a frame."""
         if self.rest:
             self.rest += data
             if len(self.rest) < self._needs:
@@ -124,17 +121,17 @@ class Decoder:
 
 
 class Connection:
-    """One end of a connection, from its first byte.
+    """One end of a connection, including the handshake.
 
     kind     socket type of this end
-    peers    socket types that it speaks with
-    longest  as of `Decoder`
-    group    of the worker whose end this is
+    peers    accepted socket types of the peer
+    longest  see `Decoder`
+    group    name of the worker at this end
     """
 
     def __init__(self, kind: bytes, peers: tuple[bytes, ...], longest: int, group: str) -> None:
         self.ready = ready({b"Socket-Type": kind, b"X-Group": group.encode()})
-        """What this end sends after its greeting; one that was connected to, when the other end is ready."""
+        """The READY command. A client sends it after its greeting, a server when the client is ready."""
         self.peer: dict[bytes, bytes] | None = None  # properties of the other end, once it is ready
         self.minor = 0  # its ZMTP version is 3.minor or later
         self._peers = peers
@@ -142,7 +139,7 @@ class Connection:
         self._greeting = b""
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that these bytes complete; none before the other end is ready. ZmtpError: it is not understood."""
+        """The frames that these bytes complete; none before the handshake is complete. ZmtpError: not understood."""
         if self.peer is not None:
             return self.decoder.feed(data)
         need = len(GREETING) - len(self._greeting)
@@ -172,15 +169,15 @@ class Connection:
             self.peer = found
 
     def _check_greeting(self) -> None:
-        """As far as it has come. The eight bytes within the signature mean nothing."""
-        said = self._greeting
-        if said[0] != GREETING[0] or (len(said) > 9 and said[9] != GREETING[9]):
+        """Check the part received so far. The eight bytes within the signature are ignored."""
+        received = self._greeting
+        if received[0] != GREETING[0] or (len(received) > 9 and received[9] != GREETING[9]):
             raise ZmtpError("no ZMTP of version 2 or later")
-        if len(said) > 10 and said[10] < 3:
-            raise ZmtpError(f"ZMTP {'2.0' if said[10] else '1.0'}, expected 3.0 or later")
-        if len(said) < len(GREETING):
+        if len(received) > 10 and received[10] < 3:
+            raise ZmtpError(f"ZMTP {'2.0' if received[10] else '1.0'}, expected 3.0 or later")
+        if len(received) < len(GREETING):
             return
-        mechanism = said[12:32]
+        mechanism = received[12:32]
         if mechanism != MECHANISM:
             raise ZmtpError(f"mechanism {mechanism.rstrip(bytes(1)).decode(errors='replace')}, expected NULL")
-        self.minor = said[11] if said[10] == 3 else 1
+        self.minor = received[11] if received[10] == 3 else 1

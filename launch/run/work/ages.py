@@ -1,4 +1,4 @@
-"""How long an input may be held on the real clock; `real` says how these ages make up the time to a device at rest."""
+"""How long an input may be held on the real clock; `real` derives from these ages the time until the device stops."""
 
 from palpate.engine.job import Job
 from palpate.engine.slot import Input, Slot

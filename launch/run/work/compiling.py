@@ -1,5 +1,4 @@
-"""The first run on a machine compiles the kernels, and later ones load them: what takes a while is told, and uses two
-cores."""
+"""Reports the compilation of kernels in the first run on a machine, and spreads it over two cores."""
 
 import contextlib
 import mmap
@@ -14,10 +13,10 @@ from typing import Any, NoReturn
 
 @contextmanager
 def compiling(report: Callable[[int], None], others: Sequence[Callable[[], object]] = ()) -> Iterator[None]:
-    """Call `report` whenever a kernel is about to be compiled, with how many there were so far. Not for what the cache
-    holds, and not in a process that has not imported numba yet.
+    """Call `report` before each compilation of a kernel, with the number so far. Cached kernels do not count. No effect
+    in a process that has not imported numba.
 
-    others  calls that compile, too: a second process makes them from the first kernel on, and leaves them on disk
+    others  calls that also compile: a second process runs them from the first compilation on and fills the disk cache
     """
     if "numba" not in sys.modules:
         yield
@@ -27,7 +26,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
     class Compiled(event.Listener):  # type: ignore[misc]
         count = 0
         helper: int | None = None
-        helped = mmap.mmap(-1, 1)  # how many the second process has compiled
+        helped = mmap.mmap(-1, 1)  # number compiled by the second process
 
         def on_start(self, event: Any) -> None:
             if self.helper is None and others and hasattr(os, "fork") and len(os.sched_getaffinity(0)) > 1:
@@ -54,7 +53,7 @@ def compiling(report: Callable[[int], None], others: Sequence[Callable[[], objec
 
 
 def _fork() -> int:
-    with warnings.catch_warnings():  # of threads: that of the screen, on which the new process writes nothing
+    with warnings.catch_warnings():  # about threads: only the live view has one, and the child does not use it
         warnings.simplefilter("ignore", DeprecationWarning)
         return os.fork()
 

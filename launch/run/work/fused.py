@@ -1,4 +1,4 @@
-"""A whole graph in one process, this one: plain calls, no sockets; for debuggers, tests, sweeps and speed."""
+"""Runs a whole graph in this process, without sockets; for debuggers, tests, sweeps and speed."""
 
 import contextlib
 import faulthandler
@@ -35,15 +35,15 @@ def run_fused(
     starting: Callable[[str, int], None] = lambda node, kernels: None,
     printed: Callable[[str], None] = lambda _: None,
 ) -> Result:
-    """Run a job whose nodes and observers are all in it.
+    """Run a job that contains all nodes and observers of a graph.
 
-    show      called about five times a second with what is known so far
-    starting  called with the node that is started, and how many kernels were compiled so far
-    patience  [s] that a node's call may take before it counts as hung; None: for ever, for a debugger
-    printed   called with a line when a start is being stopped
+    show      called about five times a second with the result so far
+    starting  called with the node that is started, and the number of kernels compiled so far
+    patience  [s] longest call of a node before it counts as hung; None: no limit, for a debugger
+    printed   called with a line when the start is interrupted
 
-    A node's fault ends the run and is in the result. Ctrl-C or SIGTERM ends it at the end of the tick, a second one
-    at once.
+    The failure of a node ends the run and is in the result. Ctrl-C or SIGTERM ends the run after the tick, a second
+    one immediately.
     """
     result = Result()
     begun = time.monotonic()
@@ -72,7 +72,7 @@ def run_fused(
         assert worker is not None
         worker.stopping = True
 
-    with crashes_told(), interrupts(interrupted):
+    with crash_traceback(), interrupts(interrupted):
         try:
             worker = Worker(job, None, report)
             with watched(None if patience is None else START_PATIENCE):
@@ -85,7 +85,7 @@ def run_fused(
                     run(worker, now())
             finally:
                 result.wall = time.monotonic() - started
-                with watched(patience, START_PATIENCE):  # a long recording goes to a slow disk
+                with watched(patience, START_PATIENCE):  # writing a long recording to a slow disk takes time
                     worker.stop()
         except (NodeError, KeyboardInterrupt) as error:
             if result.interrupted and hasattr(signal, "setitimer"):
@@ -108,15 +108,14 @@ NODES = str(Path(palpate.nodes.__file__ or "").parent)
 
 
 def _note(result: Result, error: NodeError | KeyboardInterrupt) -> None:
-    """A second Ctrl-C shows up as an error of the node that was running; it is nobody's fault."""
+    """Add a failure to the result, except a second Ctrl-C, which raises in the node that is running."""
     if isinstance(error, NodeError) and not (result.interrupted and isinstance(error.cause, KeyboardInterrupt)):
         result.deaths.append(death(error))
 
 
 def death(fault: NodeError) -> Death:
-    """A fault as the result tells it."""
     cause = fault.cause
-    if isinstance(cause, MemoryError):  # whoever asks last is not to blame
+    if isinstance(cause, MemoryError):  # not necessarily the fault of the node that ran
         during = f"while node {fault.node!r} had its turn ({fault.where})"
         return Death("", "process", f"there was no memory left {during}: {cause or 'MemoryError'}")
     if isinstance(cause, BaseException):
@@ -125,20 +124,20 @@ def death(fault: NodeError) -> Death:
 
 
 def _trace(cause: BaseException) -> str:
-    """The traceback from the node's own code on; none where no line of it is the node's, as for a NaN that it sent, and
-    for what the system refuses to a node of ours, as the message says it all."""
-    own = cause.__traceback__
-    while own is not None and own.tb_frame.f_code.co_filename.startswith(OURS):
-        own = own.tb_next
-    told = isinstance(cause, OSError | PalpateError)
-    if own is None or (told and own.tb_frame.f_code.co_filename.startswith(NODES)):
+    """The traceback from the node's code on. Empty if no line of it is in the node, as for a NaN that it sent, and for
+    system errors in shipped nodes, whose message suffices."""
+    inner = cause.__traceback__
+    while inner is not None and inner.tb_frame.f_code.co_filename.startswith(OURS):
+        inner = inner.tb_next
+    expected = isinstance(cause, OSError | PalpateError)
+    if inner is None or (expected and inner.tb_frame.f_code.co_filename.startswith(NODES)):
         return ""
-    return "".join(traceback.format_exception(type(cause), cause, own))
+    return "".join(traceback.format_exception(type(cause), cause, inner))
 
 
 @contextlib.contextmanager
-def crashes_told() -> Iterator[None]:
-    """While the block runs, a crash in compiled code prints where it was."""
+def crash_traceback() -> Iterator[None]:
+    """Print a traceback if compiled code crashes while the block runs."""
     if sys.__stderr__ is None or faulthandler.is_enabled():
         yield
         return

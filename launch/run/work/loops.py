@@ -1,4 +1,4 @@
-"""Which loop a worker runs: on the simulated clock, on the real one, or for observers alone."""
+"""Runs the loop of a worker: on the simulated clock, on the real one, or only for observers."""
 
 import gc
 
@@ -12,13 +12,13 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
     """Run all ticks.
 
     origin   [ns] time of tick 0 on the machine's monotonic clock
-    senders  the groups whose nodes the observers here listen to
+    senders  the groups that the observers here read
 
     NodeError: a node failed.
     """
     worker.begin(origin)
     collects = gc.isenabled()
-    freezes = worker.bus is None and not gc.get_freeze_count()  # else the fork server, or the user, has done so
+    freezes = worker.bus is None and not gc.get_freeze_count()  # otherwise the fork server or the user has done so
     if worker.job.clock == "real":
         gc.collect()
         gc.disable()
@@ -42,7 +42,7 @@ def run(worker: Worker, origin: int, senders: set[str] = frozenset()) -> None:  
 
 
 def _run_to_stop(worker: Worker, origin: int) -> None:
-    """Run on the real clock. EndedError: told to quit; told to stop, the observers here still hear the others."""
+    """Run on the real clock. After `Stop` the observers continue; EndedError: `Quit` was ordered."""
     try:
         run_real(worker, origin)
     except EndedError:
@@ -50,22 +50,22 @@ def _run_to_stop(worker: Worker, origin: int) -> None:
             raise
 
 
-QUIET = 500_000_000  # [ns] without a frame after which nothing more of senders that were killed is under way
+QUIET = 500_000_000  # [ns] without a frame after which killed senders have no more frames in transit
 
 
 def observe(worker: Worker, senders: set[str]) -> None:
-    """Hand messages to the observers until all streams have come to their end: each has brought its last message, or
-    all senders have said that they send no more. Those that were killed could not say so: after them the end is where
-    no more frames come. On the real clock it is there, too, for observers next to nodes.
+    """Pass messages to the observers until all streams have ended: the last message of each has arrived, or all senders
+    have sent their end-of-stream marker. Killed senders send none: then the end is `QUIET` without a frame, as on the
+    real clock for observers that share a process with nodes.
 
-    senders  the groups whose nodes the observers listen to
+    senders  the groups that the observers read
     """
     audience, silence = worker.audience, Silence()
     while not audience.has_all(worker.last):
         if worker.overhear(wait=True):
             silence.heard()
         elif silence.look() > QUIET and worker.slots and worker.job.clock == "real":
-            return  # others may wait for the end of the nodes here, and so say nothing more
+            return  # other groups may wait for the end of the nodes here, and so send no marker
         elif worker.stopping or audience.ended >= senders:
             left = senders - audience.ended
             if left <= audience.lost and (not left or silence.look() > QUIET):

@@ -1,4 +1,4 @@
-"""The life of a worker process, from its job to its last report."""
+"""The main function of a worker process, from its job to its last report."""
 
 import contextlib
 import faulthandler
@@ -27,15 +27,15 @@ from palpate.physics.errors import RunError
 def serve(start: reports.Start, alone: bool = False) -> int:
     """Run a job: build, report ready, connect, report linked, wait for the start, run, report the end.
 
-    alone  end when nothing is heard of the launcher, and by Ctrl-C, for a worker that is not its child
+    alone  the worker is not a child of the launcher: end on Ctrl-C, and without heartbeats of the launcher
 
-    Returns the exit code: 0, or 1 after a fault, which has been reported with its traceback.
+    Returns the exit code: 0, or 1 after a failure, which is reported with its traceback.
     """
     if not alone:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launcher decides when to stop
-    faulthandler.enable(file=2, all_threads=False)  # a crash in compiled code tells where
+    faulthandler.enable(file=2, all_threads=False)  # prints a traceback if compiled code crashes
     faulthandler.register(signal.SIGUSR1, file=2, all_threads=False)
-    os.register_at_fork(after_in_child=die_with_parent)  # what a node forks ends with it
+    os.register_at_fork(after_in_child=die_with_parent)  # children of a node end with it
     job = start.job
     real = job.clock == "real"
     bus = Bus(start.run, job.group, start.control, start.reports, real, job.external, start.key, start.guarded)
@@ -54,14 +54,14 @@ def serve(start: reports.Start, alone: bool = False) -> int:
         return 0
     except (NodeError, RunError, KeyboardInterrupt) as error:
         text = str(error) or "stopped by its user"
-        told = death(error) if isinstance(error, NodeError) else Death("", "process", text)
-        bus.report(reports.NodeFault(told.node, told.where, told.text, told.trace))
+        failure = death(error) if isinstance(error, NodeError) else Death("", "process", text)
+        bus.report(reports.NodeFault(failure.node, failure.where, failure.text, failure.trace))
         _stop_rest(worker)
         if isinstance(error, KeyboardInterrupt):
             raise
         return 1
     except Exception as error:
-        # What the system refuses is told in a line.
+        # System errors need no traceback.
         trace = "" if isinstance(error, OSError) else traceback.format_exc()
         bus.report(reports.NodeFault("", "process", f"{type(error).__name__}: {error}", trace))
         return 1
@@ -71,8 +71,8 @@ def serve(start: reports.Start, alone: bool = False) -> int:
 
 
 def _link(bus: Bus) -> tuple[int, set[str]]:
-    """Connect to the other workers when told where they are; the time of tick 0, and the groups that the observers here
-    hear. Ended: it was told to stop before."""
+    """Connect to the other workers and wait for the start. Returns the time of tick 0 [ns] and the groups that the
+    observers here read. EndedError: the run ended before."""
     senders: set[str] = set()
 
     def poll(wait: int = 0) -> reports.Order | None:
@@ -94,27 +94,27 @@ def _link(bus: Bus) -> tuple[int, set[str]]:
 
 
 def _stop_rest(worker: Worker | None) -> None:
-    """After a fault the other nodes still get their stop; a second fault there would hide the first."""
+    """Stop the other nodes after a failure; print a second failure, so that it does not replace the first."""
     if worker is not None:
         try:
             worker.stop()
         except NodeError as error:
-            print(f"after the fault, too: {error}", file=sys.stderr)
+            print(f"a second failure while stopping: {error}", file=sys.stderr)
 
 
 MISMATCH = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL
 REFUSED = MISMATCH | zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
-NO_RETRY = 3  # refusals; fewer may come from a launcher that ends while a worker connects
+NO_RETRY = 3  # refusals after which to give up; a launcher that ends during the handshake causes fewer
 
 
 def join(address: str, group: str, patience: float, key: Key | None = None) -> int:
-    """Be the worker of this group for a launcher elsewhere; returns the exit code.
+    """Run a group as a worker of a launcher on another machine; returns the exit code.
 
     address   of the launcher, `tcp://host:port`
-    patience  [s] to wait for it
-    key       that secures the run; None: nothing does
+    patience  [s] to wait for the launcher
+    key       encrypts the run; None: no encryption
 
-    RunError: no launcher answered there, or its key is another one.
+    RunError: no launcher answers, or it has a different key.
     """
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     orders_at, reports_at = f"tcp://{host}:{port}", f"tcp://{host}:{int(port) + 1}"
@@ -136,9 +136,7 @@ def join(address: str, group: str, patience: float, key: Key | None = None) -> i
             while faults.poll(0):
                 refusals += NO_RETRY if recv_monitor_message(faults)["event"] == MISMATCH else 1
             if refusals >= NO_RETRY:
-                raise RunError(
-                    f"{address} refuses the connection: its key is another one, or only one side is encrypted"
-                )
+                raise RunError(f"{address} refuses the connection: its key is different, or only one side is encrypted")
             if heard.poll(250):
                 take = _take(heard.recv())
                 if take is not None:

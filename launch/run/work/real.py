@@ -1,23 +1,23 @@
-"""The loop on the real clock: the paced node keeps the time, the others follow the arrival of their driving input.
+"""The loop on the real clock: the paced node keeps the time, the others run when their driving input arrives.
 
-A node waits up to one period for inputs of the same tick from the force path and holds the newest message of all
+A node waits up to one period for inputs of the same tick from the force path, and holds the newest message of all
 others; the header's `used` records which. A tick that could not begin within its period is left out and counted.
 
-An input that is older than a stated age counts as absent, whoever is to blame: `HELD` for a node, `RELEASED` for a
-paced one, or three periods of the sender where these are longer. Time for which the node itself did not step does not
-count, but for hardware. So a node that stops is without effect on the device after less than 20 ms, at 1 kHz:
+Inputs expire: after `HELD` without a new message (`RELEASED` for a paced node; three periods of the sender if longer)
+an input is missing. Time in which the node itself did not step does not count, except for hardware. So at 1 kHz
+the device is free of a node that stops after less than 20 ms:
 
-* Those that it drives fall silent at once, for a step runs on a new driving message only, and all that are left do not
-  depend on it but by inputs that they hold.
-* Who can do without such an input does so after `HELD`, and says what is so (no tissue: no force) with fresh messages.
-* Who cannot falls silent then, and the next one begins to hold its last message. All such inputs of the graph, n of
-  them, share `HELD`: each is held for HELD / n (`Job.links`).
-* The device holds the last torque of those who fell silent for `RELEASED`: n (HELD / n) + RELEASED = 16 ms; then it
-  falls to zero in 4 ms. Where the others go on, the controller takes the force away in 4 ms after `HELD`.
+* Nodes that it drives stop at once, since a step needs a new driving message. The other nodes depend on it only
+  through held inputs.
+* A node for which the input is optional continues without it after `HELD` (no tissue: no force).
+* A node for which the input is required stops after `HELD`, and its readers begin to hold its last message. All n such
+  inputs of the graph share `HELD`: each is held for HELD / n (`Job.links`).
+* The device holds the last torque for `RELEASED`: n (HELD / n) + RELEASED = 16 ms; then the torque ramps to zero in
+  4 ms. If only an optional input is missing, the controller ramps the force down within 4 ms after `HELD`.
 
-On a machine too busy for its loop, the same ages take the torque away: a loop that is more than `RELEASED` late is an
-outage to hardware, while a simulated device stood still with the rest and goes on with the torque that it had. What
-comes back after an outage comes in from zero (nodes/base/absence.py).
+On an overloaded machine the same ages remove the torque: for hardware a delay above `RELEASED` is an outage, whereas a
+simulated device was stopped together with the loop and continues with its last torque. After an outage the force ramps
+up from zero (nodes/base/absence.py).
 """
 
 from palpate.engine.clock import now, sleep_until
@@ -30,7 +30,7 @@ from palpate.messages import Message
 
 
 def run_real(worker: Worker, origin: int) -> None:
-    """Run until the worker's last tick or until it is stopped. `origin` [ns]: when tick 0 is."""
+    """Run until the worker's last tick or until it is stopped. `origin` [ns]: time of tick 0."""
     paced = next((slot for slot in worker.slots if slot.node.paced), None)
     lead = paced or worker.slots[0]
     clock = _RealClock(worker, lead, origin)
@@ -41,7 +41,7 @@ def run_real(worker: Worker, origin: int) -> None:
 
 
 class _RealClock:
-    """Runs the nodes of a worker in real time. `lead`: the node whose input, or clock, begins a tick."""
+    """Runs the nodes of a worker in real time. `lead`: the node whose input or clock starts a tick."""
 
     def __init__(self, worker: Worker, lead: Slot, origin: int) -> None:
         self.worker, self.lead, self.origin, self.rate = worker, lead, origin, worker.job.rate
@@ -49,7 +49,7 @@ class _RealClock:
         self.at = self.deadline = 0
 
     def run(self, tick: int, at: int) -> None:
-        """Run the nodes that step at this tick, and what is due after it."""
+        """Run the nodes that step at this tick, then orders and housekeeping."""
         worker = self.worker
         worker.tick, self.at = tick, at
         self.deadline = now() + self.period
@@ -58,8 +58,8 @@ class _RealClock:
         worker.housekeep()
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
-        """The inputs of a step, see `_gather`. A node that lacks one tries again at the next tick; a run of its divisor
-        is lost once."""
+        """The inputs of a step, see `_gather`. A node that lacks one retries at the next tick; each run of its divisor
+        is counted as lost once."""
         messages = _gather(self.worker, slot, tick, self.deadline, slot is self.lead)
         if messages is None:
             slot.health.lost += tick // slot.every != slot.missed
@@ -67,7 +67,7 @@ class _RealClock:
         return messages
 
     def sent(self, slot: Slot, tick: int) -> None:
-        """Send the answers at once, and count how late they are."""
+        """Send the outputs, and record their latency."""
         slot.due = next_run(tick, slot.every)
         self.worker.send(slot)
         age = max(0, now() - self.origin - self.at)
@@ -77,12 +77,12 @@ class _RealClock:
 
 def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, int] | None:
     """Wait for the next tick of the clock; returns tick and time. Ticks whose whole period has passed are left out,
-    but for the last one of the run."""
+    except the last one of the run."""
     tick = worker.tick + 1
     late = sleep_until(origin + round(tick * period))
     if late > period:
         skipped = int(late // period) if worker.last is None else min(int(late // period), worker.last - tick)
-        if worker.tick >= 0:  # a worker that was started again begins where the run is
+        if worker.tick >= 0:  # a restarted worker begins at the current tick
             lead.health.late += skipped
         tick += skipped
     if worker.stopping:
@@ -92,15 +92,15 @@ def _pace(worker: Worker, lead: Slot, origin: int, period: float) -> tuple[int, 
 
 
 def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
-    """Wait for the next driving message; of several that wait, the newest counts. Each run of the node's divisor whose
-    messages are passed over is lost; messages between two runs are not."""
+    """Wait for the next driving message and use the newest. Skipped messages for a run of the node's divisor count as
+    lost; messages between two runs do not."""
     port = lead.inputs[0]
     while port.dead or lead.blocked or not port.queue:
         if port.feed is None or port.dead:
             worker.pause()
         else:
             worker.wait(port.feed)
-            if lead.blocked:  # its input comes on, and so nobody else looks whether it is wanted again
+            if lead.blocked:  # its input still arrives, so `wait` alone would not poll the sockets
                 worker.drain()
             worker.check_orders()
         if worker.stopping:
@@ -118,12 +118,12 @@ def _follow(worker: Worker, lead: Slot) -> tuple[int, int] | None:
 
 
 def _runs(slot: Slot, port: Input) -> int:
-    """Number of runs that the messages which wait are for: ticks of one period of the divisor are for the same run."""
+    """Number of runs of the node's divisor for which messages wait; ticks of one period belong to the same run."""
     return len({message.tick // slot.every for message in port.queue if message.tick >= slot.due})
 
 
 def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool) -> list[Message | None] | None:
-    """The inputs of a step; None when one that it cannot do without has not come in time."""
+    """The inputs of a step; None if a required one did not arrive in time."""
     messages: list[Message | None] = []
     for port in slot.inputs:
         if port.inside:
@@ -145,7 +145,7 @@ def _gather(worker: Worker, slot: Slot, tick: int, deadline: int, leading: bool)
 
 
 def _silent(worker: Worker, slot: Slot, port: Input, tick: int) -> bool:
-    """Whether the sender of an input that the node can do without has stopped: then it is not waited for."""
+    """Whether the sender of an optional input has stopped, so that waiting for it is useless."""
     if not port.port.optional or port.dead:
         return False
     message = port.newest(tick - 1 if port.loop else tick)
@@ -158,14 +158,13 @@ def _expired(worker: Worker, slot: Slot, port: Input, message: Message, tick: in
 
 
 def _slept(slot: Slot, tick: int) -> int:
-    """Ticks for which the node itself did not step. They do not make its inputs old: who stood still together with it,
-    as a whole loop does on a machine that stalls, has said all that there was to say. Hardware counts them: it went on
-    meanwhile, and is without torque."""
+    """Ticks in which the node itself did not step. They do not age its inputs: if the whole loop stalls, the last
+    messages are still current. For hardware they count, since it keeps moving during a stall."""
     return max(0, tick - slot.due) if slot.due and not slot.node.hardware else 0
 
 
 def _pick(worker: Worker, port: Input, tick: int, deadline: int, waits: bool) -> Message | None:
-    """The message of this tick, waited for until the deadline, or the newest one before it."""
+    """The message of this tick, if it arrives before the deadline; otherwise the newest one before it."""
     if port.dead:
         return None
     message = port.newest(tick - 1 if port.loop else tick)

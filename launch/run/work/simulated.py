@@ -1,7 +1,7 @@
 """The loop on the simulated clock: as fast as the machine allows, or paced.
 
-Each node waits for exactly the messages that the rules of `schedule` name, so that the answer does not depend on the
-placement. Every worker runs its nodes in the graph's order, which excludes deadlock.
+Each node waits for exactly the messages that `schedule` defines, so that the result does not depend on the placement.
+Every worker runs its nodes in the graph's order, which excludes deadlocks.
 """
 
 from palpate.engine.clock import now, sleep_until
@@ -13,11 +13,11 @@ from palpate.launch.run.reports import Paused
 from palpate.launch.run.work.worker import EndedError, Worker
 from palpate.messages import Message
 
-BLOCK = 20_000_000  # [ns] that ticks which are run at once may take: Ctrl-C waits for them
+BLOCK = 20_000_000  # [ns] time limit of a block of ticks, since Ctrl-C takes effect after it
 
 
 def run_simulated(worker: Worker, origin: int) -> None:
-    """Run the ticks from 0 to the worker's last. `origin` [ns]: when tick 0 is, where the run is paced."""
+    """Run the ticks from 0 to the worker's last. `origin` [ns]: time of tick 0, for a paced run."""
     rate, pace, clock = worker.job.rate, worker.job.pace, SimulatedClock(worker)
     lead = next((slot for slot in worker.slots if slot.node.paced), None)
     tick, begun = 0, now()
@@ -36,14 +36,14 @@ def run_simulated(worker: Worker, origin: int) -> None:
 
 
 class SimulatedClock:
-    """Runs the nodes of a worker on simulated time: each input is waited for."""
+    """Runs the nodes of a worker on simulated time and waits for each input."""
 
     def __init__(self, worker: Worker) -> None:
         self.worker, self.rate, self.at = worker, worker.job.rate, 0
-        self.most = 64  # ticks that are run at once
+        self.most = 64  # ticks in a block
 
     def ahead(self, tick: int) -> int:
-        """How many ticks can be run at once from this one on: more than one where all nodes are one segment."""
+        """Number of ticks that can run as one block: more than one if all nodes form one segment."""
         worker = self.worker
         (part, *others) = worker.parts
         if others or not isinstance(part, Segment) or not part.alone():
@@ -51,7 +51,7 @@ class SimulatedClock:
         return self.most if worker.last is None else max(1, min(worker.last - tick + 1, self.most))
 
     def run(self, tick: int, ticks: int = 1) -> None:
-        """Run the nodes that step at these ticks, and what is due after the last one."""
+        """Run the nodes that step at these ticks, then housekeeping."""
         worker, last = self.worker, tick + ticks - 1
         worker.tick = last
         self.at = nanoseconds(last, self.rate)
@@ -66,7 +66,7 @@ class SimulatedClock:
         worker.housekeep()
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None] | None:
-        """The messages that a step uses, each waited for; None: the node has been blocked meanwhile."""
+        """Wait for the messages of a step; None: the node was blocked meanwhile."""
         messages: list[Message | None] = [None] * len(slot.inputs)
         for place, port in slot.awaited:
             need = port.need(tick)
@@ -75,7 +75,6 @@ class SimulatedClock:
         return None if slot.blocked else messages
 
     def sent(self, slot: Slot, tick: int) -> None:
-        """Send the answers that somebody takes."""
         if slot.every > 1:
             slot.due = next_run(tick, slot.every)
         if tick >= slot.sends:
@@ -83,7 +82,7 @@ class SimulatedClock:
 
 
 def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None:
-    """The message of tick `need`; None where its sender is gone, or the node is not to step."""
+    """Wait for the message of tick `need`; None: its sender has died, or the node is blocked."""
     assert port.feed is not None
     try:
         while True:
@@ -104,7 +103,7 @@ def _await(worker: Worker, slot: Slot, port: Input, need: int) -> Message | None
 
 
 def _agree_on_the_end(worker: Worker, tick: int) -> None:
-    """Every paced worker tells where it is and waits; the launcher names the last tick, the largest of these."""
+    """Report this tick and wait for the launcher to set the last one: the largest tick of all paced workers."""
     worker.stopping = False
     worker.last = tick if worker.bus is None else None
     worker.report(Paused(tick))

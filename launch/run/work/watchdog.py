@@ -1,4 +1,4 @@
-"""Ends a node that hangs where no launcher watches: in a run that is one process."""
+"""Watchdog for nodes that hang in a run without a launcher, in one process."""
 
 import contextlib
 import faulthandler
@@ -10,9 +10,9 @@ from types import FrameType
 from palpate.engine.slot import ObserverSlot, Slot
 from palpate.launch.run.work.worker import Worker
 
-LAST = 60.0  # [s] at least until the process ends, a time that cannot be told from that of a machine that stands still
+LAST = 60.0  # [s] lower bound of the time until the process is killed, since a stalled machine looks like a hang
 START_PATIENCE = 120.0  # [s] for a node's `start`: it may compile kernels or build a basis
-GLANCES = 8  # looks in the time that a node is given
+CHECKS = 8  # checks within the patience
 
 
 class HangError(Exception):
@@ -21,39 +21,38 @@ class HangError(Exception):
 
 @contextlib.contextmanager
 def watched(patience: float | None, last: float | None = None) -> Iterator[None]:
-    """A node's call that takes longer than `patience` [s] while the block runs gets `HangError` raised inside it.
-    None: nothing is watched.
+    """Raise `HangError` inside a node's call that takes longer than `patience` [s] while the block runs. None: no
+    watchdog.
 
-    A timer's signal looks at the call that runs, so that the loop itself pays nothing. Each look counts a quarter of
-    the patience at most, so that a machine that stands still is no hang. Compiled code that never returns, or a call of
-    the system that waits for a disk, lets no handler run: then the process ends after `last` [s], where it is left out
-    `LAST` or twice the patience if that is longer, after telling on standard error where it was. Outside the main
-    thread nothing is watched, nor where the system has no such timer.
+    A timer signal checks the running call, so that the loop has no overhead. Each check counts at most a quarter of the
+    patience, so that a stalled machine is not a hang. Compiled code that never returns, or a system call that waits for
+    a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default: `LAST` or twice
+    the patience, whichever is longer). No effect outside the main thread and on systems without such a timer.
     """
     before: object = None
-    spent, looked = 0.0, time.monotonic()
+    spent, checked = 0.0, time.monotonic()
     end = max(2.0 * (patience or 0.0), LAST) if last is None else last
 
     def check(_: int, frame: FrameType | None) -> None:
-        nonlocal before, spent, looked
-        with contextlib.suppress(OSError, ValueError):  # a standard error that is no file
+        nonlocal before, spent, checked
+        with contextlib.suppress(OSError, ValueError):  # standard error is not a file
             faulthandler.dump_traceback_later(end, exit=True)
         moment, here = time.monotonic(), _running(frame)
-        spent += min(moment - looked, 2.0 * (patience or 0.0) / GLANCES)
-        looked = moment
+        spent += min(moment - checked, 2.0 * (patience or 0.0) / CHECKS)
+        checked = moment
         if here is None or here != before:
             before, spent = here, 0.0
         elif patience is not None and spent >= patience:
             raise HangError(f"no sign of life for {patience:.3g} s")
 
     known = None
-    if patience is not None and hasattr(signal, "setitimer"):  # else not POSIX: nothing is watched
+    if patience is not None and hasattr(signal, "setitimer"):  # POSIX only
         with contextlib.suppress(ValueError):
             known = signal.signal(signal.SIGALRM, check)
     if known is None or patience is None:
         yield
         return
-    left, _ = signal.setitimer(signal.ITIMER_REAL, patience / GLANCES, patience / GLANCES)
+    left, _ = signal.setitimer(signal.ITIMER_REAL, patience / CHECKS, patience / CHECKS)
     try:
         yield
     finally:
@@ -64,7 +63,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
 
 
 def _running(frame: FrameType | None) -> object:
-    """Which node's call is under way, and which call of it; None between two."""
+    """The running node and the number of its call; None between two calls."""
     while frame is not None:
         if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__):
             slot = frame.f_locals["self"]

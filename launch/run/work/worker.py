@@ -1,6 +1,6 @@
-"""What one worker process holds: its nodes, the ways between them and to others, its observers, its reports.
+"""One worker: its nodes, their connections to one another and to other workers, its observers and reports.
 
-The loops over the ticks are apart, one for each clock: `simulated`, `real`; `observe` serves observers alone.
+The loops over the ticks are in `simulated` and `real`, one for each clock; `loops.observe` serves only observers.
 """
 
 import contextlib
@@ -24,23 +24,23 @@ from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Node
 
 BURST = 16  # ticks between two bursts to the observers
-OVERHEARD = 1000  # frames for observers that are taken in a row while nodes wait for their turn
-ORPHANED = 5_000_000_000  # [ns] of its own attention without a word of the launcher
-LOOK = 5_000_000  # [ns] between two looks at orders and readers while messages come
-REPORT = 200_000_000  # [ns] between two signs of life
+OVERHEARD = 1000  # frames for observers handled in a row before the nodes run again
+ORPHANED = 5_000_000_000  # [ns] without an order of the launcher, time without scheduling excluded
+LOOK = 5_000_000  # [ns] between two polls of orders and readers while messages arrive
+REPORT = 200_000_000  # [ns] between two heartbeats
 
 
 class EndedError(Exception):
-    """The last tick has been run, or the launcher has told the worker to stop."""
+    """The last tick was run, or the launcher ordered the end."""
 
 
 class Worker:
     """The nodes of one group.
 
-    job     what to run
-    bus     sockets to the other workers; None when all nodes are here
+    job     its nodes and observers
+    bus     sockets to the other workers; None: all nodes are here
     report  takes a report for the launcher
-    alone   started by hand: it ends when nothing is heard of the launcher any more
+    alone   started by hand: it ends without heartbeats of the launcher
     """
 
     def __init__(self, job: Job, bus: Bus | None, report: Callable[[Report], None], alone: bool = False) -> None:
@@ -52,7 +52,7 @@ class Worker:
             slot.wire(self.outputs)
             self._feed(slot)
         self.parts: list[Slot | Segment] = list(self.slots)
-        """What runs, in order: once it has begun, compiled nodes that follow one another are a segment."""
+        """What runs, in order: after the start, consecutive compiled nodes are merged into segments."""
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
         self.stopping = False
@@ -60,9 +60,9 @@ class Worker:
         self.tick = -1
         self.foreign = 0
         self.awaits: tuple[str, int] | None = None
-        """Stream and tick of the message that it waits for, once that takes longer than a look round."""
+        """Stream and tick of the message that it waits for, from the first `POLL_INTERVAL` on."""
         self._since = 0
-        self._reported = self._looked = 0
+        self._reported = self._polled = 0
         self._launcher = Silence()
         self._burst = job.phase % BURST
         self._started: list[tuple[str, Node]] = []
@@ -90,9 +90,9 @@ class Worker:
             names.append(name)
             self._start(name, node, start)
 
-        ours = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
+        shipped = [slot.start for slot in self.slots if type(slot.node).__module__.startswith("palpate.nodes.")
                 and not (slot.node.hardware or slot.node.sink)]  # fmt: skip
-        others = [*ours[1:2], *ours[:1:-1]]  # the next one, then from the back, until both meet
+        others = [*shipped[1:2], *shipped[:1:-1]]  # the second process: the next node, then from the last backwards
         with compiling(lambda count: self.report(Starting(names[-1], count)), others):
             for slot in self.slots:
                 self.report(Starting(slot.name))
@@ -111,22 +111,22 @@ class Worker:
                 slot.sends = 0 if slot.period else sys.maxsize
 
     def _start(self, name: str, node: Node, start: Callable[[], None]) -> None:
-        """Start one of them; what fails gives back at once what it has opened, as far as it came."""
+        """Start one node or observer; if it fails, stop it, so that it releases its resources."""
         try:
             start()
         except BaseException:
-            with contextlib.suppress(BaseException):  # SystemExit, too, which would take the place of the fault
+            with contextlib.suppress(BaseException):  # also SystemExit, which would replace the fault
                 node.stop()
             raise
         self._started.append((name, node))
 
     @property
     def started(self) -> int:
-        """Number of nodes that were started and not stopped yet."""
+        """Number of running nodes and observers."""
         return len(self._started)
 
     def stop(self) -> None:
-        """Stop all nodes that were started, the last one first. The first fault is raised when all have stopped."""
+        """Stop all started nodes, the last one first, then raise the first fault."""
         fault = None
         for observer in self.audience.begun:
             try:
@@ -144,7 +144,7 @@ class Worker:
             raise fault
 
     def begin(self, origin: int) -> None:
-        """The run begins: who listens, and how the nodes are doing at its beginning. `origin` [ns]: when tick 0 is."""
+        """Prepare tick 0: senders, subscriptions, and the first health reports. `origin` [ns]: time of tick 0."""
         if self.bus is not None:
             for feed in self.feeds.values():
                 feed.inlet = self.bus.inlet(feed.stream)
@@ -160,11 +160,11 @@ class Worker:
             observer.node.begun(origin)
         if self._real:
             self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
-            self.tick = max(self.tick, self._since - 1)  # messages from before it began are not its own to answer
+            self.tick = max(self.tick, self._since - 1)  # ignore messages from before a restart
         self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
 
     def finish(self) -> None:
-        """The run has ended: send what is left. Observers first: the last report counts all their messages."""
+        """Send buffered frames and the last report; observers first, so that the report counts all their messages."""
         self._flush()
         self.sign_of_life()
         self._flush()
@@ -172,7 +172,7 @@ class Worker:
     # -- messages ------------------------------------------------------------------------------------------------
 
     def send(self, slot: Slot) -> None:
-        """Send what a step has set; a segment delivers the answers of its nodes itself."""
+        """Send the outputs of a step; a segment delivers those of its nodes itself."""
         if slot.joined:
             return
         if slot.period > 1:
@@ -186,15 +186,15 @@ class Worker:
                 continue
             try:
                 payload = pack(message)
-            except Exception as error:  # a type of the user's own may hold anything
+            except Exception as error:  # a custom type may contain anything
                 raise NodeError(slot.name, f"step at tick {message.tick}", error) from error
             self._deliver_answer(output, message.tick, payload)
 
     def _deliver_answer(self, output: Output, tick: int, payload: bytes) -> None:
-        """Give the wire form of an answer to those who take it."""
+        """Pass an encoded message to its readers."""
         for observer in output.listeners:
             observer.pending.append((output.stream, tick, payload))
-            if self._real:  # a burst would take too long between two ticks
+            if self._real:  # a burst would delay the next tick
                 observer.take()
         if self.bus is None:
             return
@@ -207,8 +207,8 @@ class Worker:
             self.bus.keep(output.topic + payload)
 
     def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
-        """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one came.
-        Where none comes the worker polls its sockets."""
+        """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one
+        arrived. Otherwise poll all sockets."""
         payloads = feed.inlet.wait() if deadline is None else feed.inlet.wait_until(deadline)
         if not payloads:
             self.poll()
@@ -218,7 +218,7 @@ class Worker:
         return True
 
     def drain(self) -> None:
-        """Take all that has come."""
+        """Read all received messages."""
         if self.bus is not None:
             for inlet in self.bus.sweep():
                 feed = self.feeds[inlet.stream]
@@ -236,16 +236,16 @@ class Worker:
             port.put(message, arrived)
 
     def _refuse(self, feed: RemoteStream, payload: bytes) -> None:
-        """What came is not what the stream sends."""
+        """Handle a message that is not of the stream's type."""
         try:
             unpack(payload, feed.kind)
         except MessageError as error:
-            if not self._real:  # somebody would wait for this message for ever
+            if not self._real:  # a node would wait for this message forever
                 raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
             self.foreign += 1
 
     def overhear(self, wait: bool) -> bool:
-        """Hand one frame of another worker to the observers here; returns whether there was one."""
+        """Pass one frame of another worker to the observers here; returns whether there was one."""
         assert self.bus is not None
         data = self.bus.overheard(wait)
         if data is None:
@@ -255,11 +255,11 @@ class Worker:
             self.tick = max(self.tick, tick)
         return True
 
-    # -- looking round -------------------------------------------------------------------------------------------
+    # -- polling -------------------------------------------------------------------------------------------------
 
     def poll(self) -> None:
-        """While nothing can go on: what has come meanwhile, orders, and a sign of life. Ended: it was told to quit."""
-        # A sender that is held back here may be what the awaited message depends on.
+        """While no node can run: read messages and orders, and send heartbeats. EndedError: `Quit` was ordered."""
+        # Read all streams: the awaited message may depend on a sender that this worker blocks.
         self.drain()
         self.check_orders()
         self._overhear_some()
@@ -268,19 +268,19 @@ class Worker:
             self.sign_of_life()
 
     def pause(self) -> None:
-        """Wait for an order, for a while."""
+        """Wait up to `POLL_INTERVAL` for an order."""
         self.check_orders(POLL_INTERVAL)
         self.poll()
 
     def check_orders(self, wait: int = 0) -> None:
-        """Do what the launcher has ordered, or orders within so many milliseconds. Ended: to quit."""
+        """Execute the orders that have arrived or arrive within `wait` [ms]. EndedError: `Quit`."""
         if self.bus is None:
             return
         while (order := self.bus.order(wait)) is not None:
             self._launcher.heard()
             wait = 0
             match order:
-                case Stop():  # observers go on until all senders are gone
+                case Stop():  # observers continue until all senders have ended
                     self.stopping = self.stopping or bool(self.slots)
                 case Close(lost):
                     self.stopping = True
@@ -297,7 +297,7 @@ class Worker:
             raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 
     def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:
-        """These nodes are gone, or back again: their streams end. Nodes that cannot do without them fall silent."""
+        """End the streams of dead nodes, or resume those of restarted ones; block or unblock nodes that need them."""
         for slot in self.slots:
             if slot.name in blocked:
                 slot.blocked = not back
@@ -319,15 +319,15 @@ class Worker:
     # -- housekeeping --------------------------------------------------------------------------------------------
 
     def housekeep(self) -> None:
-        """After a tick: in bursts, what observers and the launcher get; Ended: the launcher has told to quit."""
+        """After a tick: every `BURST` ticks send to observers and launcher. EndedError: `Quit` was ordered."""
         self._burst += 1
         moment = now()
-        due = moment - self._reported > REPORT  # slow nodes, too, have to give signs of life
+        due = moment - self._reported > REPORT  # slow nodes must send heartbeats, too
         if self._burst < BURST and not due:
             return
         self._burst = 0
-        if moment - self._looked > LOOK:
-            self._looked = moment
+        if moment - self._polled > LOOK:
+            self._polled = moment
             if self.slots:
                 if self.bus is not None:
                     self.bus.sweep()
@@ -343,10 +343,10 @@ class Worker:
         for observer in self.audience.begun:
             observer.take()
         if self.bus is not None:
-            self.bus.flush(self.heed_while_full)
+            self.bus.flush(self._poll_while_full)
 
-    def heed_while_full(self) -> None:
-        """While observers have no room: orders and signs of life."""
+    def _poll_while_full(self) -> None:
+        """While the buffers of observers are full: handle orders and send heartbeats."""
         if self.bus is not None:
             self.bus.sweep()
         self.check_orders()
@@ -362,7 +362,7 @@ class Worker:
                     part.listen()
 
     def sign_of_life(self) -> None:
-        """Tell the launcher and the observers how the nodes are doing."""
+        """Send the health of the nodes to launcher and observers."""
         self._reported = now()
         for part in self.parts:
             if isinstance(part, Segment):
@@ -377,7 +377,7 @@ class Worker:
         self._pass_notes()
 
     def _tell_observers(self, nodes: dict[str, Counters]) -> None:
-        """How the nodes here are doing, to the observers here and elsewhere."""
+        """Send the health of the nodes to the observers here and in other workers."""
         far = self.bus is not None and self.bus.heard(HEALTH)
         if not far and not self.audience.begun:
             return

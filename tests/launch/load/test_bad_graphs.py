@@ -164,7 +164,7 @@ BAD = {
         "  second: {use: graph_nodes.Press, in: {proximity: near, body: tissue}}\n  motor:",
         [
             "whole.yaml:14: node 'second', input 'body'",
-            "reads the body 'tissue', which the load of 'contact' presses, not its own",
+            "reads the body 'tissue', on which only 'contact' presses",
             "`tissue: {in: {load: [spread, spread-2]}}` with `spread-2: {in: {contact: second}}`, a contact.Joint",
         ],
     ),
@@ -173,12 +173,12 @@ BAD = {
         "body: other}}\n  second: {use: graph_nodes.Press, in: {proximity: near}}\n"
         "  load:  {use: graph_nodes.Spread, in: {contact: second}}\n"
         "  other: {use: graph_nodes.Spring, in: {load: load}}",
-        ["whole.yaml:9: node 'contact', input 'body'", "'other', which the load of 'second' presses"],
+        ["whole.yaml:9: node 'contact', input 'body'", "'other', on which only 'second' presses"],
     ),
     "a body whose contact does not hear it": (
         ", body: tissue",
         "",
-        ["node 'tissue': gets the load of 'contact', which does not hear how", "`in: {body: tissue}`"],
+        ["node 'tissue': gets the load of 'contact', which does not read its Surface", "`in: {body: tissue}`"],
     ),
     "two senders for an input that takes one": (
         "{load: spread}",
@@ -192,8 +192,8 @@ BAD = {
         "  load:  {use: graph_nodes.Spread, in: {contact: second}}\n"
         "  organ: {use: graph_nodes.Spring, in: {load: load}}\n  motor:",
         [
-            "whole.yaml:14: node 'second': its force reaches no controller: 'control' hears 'contact'",
-            "`in: {contact: second}`, add it to the others by a contact.Sum if it is the same finger, or take it out",
+            "whole.yaml:14: node 'second': its force reaches no controller: 'control' reads 'contact'",
+            "`in: {contact: second}`, add it to the others by a contact.Sum if it is the same finger, or remove it",
         ],
     ),
     "unknown field of a recording": (
@@ -218,8 +218,8 @@ BAD = {
         "scene: kidny\nold:\n  tissue",
         ["'kidny' not found", "Did you mean 'kidney'"],
     ),
-    "twice the same node": ("  near: ", "  log: {}\n  near: ", ["'log' stands twice", "line 8"]),
-    "twice the same input": ("body: tissue", "proximity: near", ["'proximity' stands twice"]),
+    "twice the same node": ("  near: ", "  log: {}\n  near: ", ["duplicate key 'log'", "line 8"]),
+    "twice the same input": ("body: tissue", "proximity: near", ["duplicate key 'proximity'"]),
     "not yaml": ("nodes:", "nodes: [", ["not YAML", "column"]),
     "a tab": ("  near:", "\tnear:", ["whole.yaml:8", "column 1", "not YAML"]),
     "a tag": ("h0: 3e-3", "h0: !secret 3", ["tag '!secret'"]),

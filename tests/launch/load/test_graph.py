@@ -179,8 +179,8 @@ def test_a_fault_of_a_class_that_was_put_into_a_line_is_told_where_it_was_put(wh
     with pytest.raises(GraphError) as error:
         load(own)
     told = str(error.value)
-    assert "own.yaml:3: node 'near', input 'pose': unknown; it is from the line of the class before" in told
-    assert "whole.yaml:8)" in told and "Without it: `in: {pose: null}`." in told
+    assert "own.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in told
+    assert "whole.yaml:8)" in told and "To remove it: `in: {pose: null}`." in told
     assert "own.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in told
     whole.write_text(whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, count: 2}"))
     with pytest.raises(GraphError, match=r"own\.yaml:3: node 'near', setting 'count': unknown; .*whole\.yaml:8\)"):

@@ -155,8 +155,8 @@ def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
     [
         (200.0, "m", r"in m it is 2e\+05 mm across.*--unit mm \(200 mm across\)"),
         (0.2, "mm", r"in mm it is 0.2 mm across.*--unit m \(200 mm across\)"),
-        (11.0, None, r"fits? several: --unit cm \(110 mm across\) or --unit mm \(11 mm across\)"),
-        (5e4, None, "an organ in no unit"),
+        (11.0, None, r"several are plausible: --unit cm \(110 mm across\) or --unit mm \(11 mm across\)"),
+        (5e4, None, "implausible in every unit"),
         (200.0, "inch", "'inch', expected one of m, cm, mm"),
     ],
 )

@@ -114,7 +114,7 @@ def test_who_falls_behind_loses_messages_that_are_counted_and_holds_nobody_up(bu
         (note,) = bus._public.notes()
         lost = int(note.split()[0])
         assert 0 < lost < count
-        assert note == f"{lost} messages of group 'one' were dropped: process {process.pid} had no room"
+        assert note == f"{lost} messages of group 'one' were dropped: the buffer of process {process.pid} was full"
 
 
 def test_only_whole_messages_are_lost_and_the_others_come_in_order(bus):

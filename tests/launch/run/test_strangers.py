@@ -65,7 +65,7 @@ def test_frames_that_are_no_reports_are_dropped_and_counted(tmp_path):
     result = run(tmp_path, send, len(sent))
     assert result.ok, result.deaths
     assert result.foreign == len(sent)
-    assert any(f"{len(sent)} frames that are none of this run's were dropped" in note for note in result.notes)
+    assert any(f"{len(sent)} frames that do not belong to this run were dropped" in note for note in result.notes)
 
 
 def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_path):

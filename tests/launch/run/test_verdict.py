@@ -81,5 +81,5 @@ def test_a_run_goes_on_without_an_effect_that_died_and_says_so(tmp_path):
     outcome = execute(launch, watch=watch)
     (death,) = outcome.result.deaths
     assert death.node == "drag" and not outcome.ok
-    assert "drag failed; the run went on without" in outcome.result.notes
+    assert "drag failed; the run continued without" in outcome.result.notes
     assert outcome.result.interrupted and counted[-1] > counted[0] + 300, counted

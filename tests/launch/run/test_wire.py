@@ -190,7 +190,7 @@ def test_on_the_real_clock_what_has_no_room_is_dropped_whole_and_counted(tmp_pat
     writer.send(b"after")
     assert reader.next() == b"after"
     assert writer.outlet.notes() == [
-        f"{len(sent) - len(heard)} messages of group 'here' were dropped: group 'there' had no room"
+        f"{len(sent) - len(heard)} messages of group 'here' were dropped: the buffer of group 'there' was full"
     ]
 
 
@@ -377,7 +377,7 @@ def test_a_stranger_who_stops_reading_loses_messages_and_holds_nobody_back(ends)
     end.close()
     writer.serve(lambda: len(writer.outlet._readers) == 1)
     assert writer.outlet.notes() == [
-        f"{dropped} messages of group 'here' were dropped: process {os.getpid()} had no room"
+        f"{dropped} messages of group 'here' were dropped: the buffer of process {os.getpid()} was full"
     ]
 
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
-from palpate.launch.run.screen import tell
+from palpate.launch.run.screen import print_death
 from palpate.launch.testing import FakeBus
 from palpate.messages import Proximity, Surface
 from palpate.nodes.base import InputError, SettingError
@@ -59,7 +59,7 @@ def test_a_run_ends_and_names_the_body_without_a_traceback(place):
     assert death.node == "tissue" and "'contact'" in death.where
     assert "Surface of 'tissue' at tick 19: stiffness [N/m^n]: found -5.0, expected a finite number > 0" in death.text
     console = Console(record=True, width=200)
-    tell(death, console)
+    print_death(death, console)
     assert "Traceback" not in console.export_text()
 
 

@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.fill import recover
-from palpate.records.format.mcap_file import Broken, Records, messages
+from palpate.records.format.mcap_file import Broken, McapRecords, messages
 from palpate.records.format.mcap_writer import CHUNK_SIZE, McapWriter
 from palpate.records.reader import Recording
 
@@ -152,10 +152,10 @@ def test_a_file_cut_off_at_any_byte_is_read_up_to_its_last_whole_chunk(tmp_path)
         path.write_bytes(data[:end])
         found: Rows = []
         with path.open("rb") as file, pytest.raises(Broken) as broken:
-            for record in Records(file):
+            for record in McapRecords(file):
                 if isinstance(record, bytes):
                     found += messages(record)
-            Records(file).indexed()
+            McapRecords(file).indexed()
         assert broken.value.cut and found == whole_before(data, end)
 
 
@@ -214,7 +214,7 @@ def test_nothing_follows_what_a_full_disk_refused(tmp_path):
         writer.close()
     assert path.stat().st_size == Full.room and taken < 200
     with path.open("rb") as opened:
-        ticks = [tick for _, chunk in Records(opened).chunks() for _, tick, _, _ in messages(chunk)]
+        ticks = [tick for _, chunk in McapRecords(opened).chunks() for _, tick, _, _ in messages(chunk)]
     assert ticks == list(range(len(ticks))) and len(ticks) >= 40
 
 
@@ -236,5 +236,5 @@ def test_the_file_is_whole_before_it_is_closed(tmp_path: Path):
             writer.add_message(1, tick, tick, b"x")
             writer.flush()
             with path.open("rb") as opened:
-                assert [t for _, c in Records(opened).chunks() for _, t, _, _ in messages(c)] == [*range(tick + 1)]
+                assert [t for _, c in McapRecords(opened).chunks() for _, t, _, _ in messages(c)] == [*range(tick + 1)]
         writer.finish()

@@ -1,6 +1,6 @@
-"""Pictures of one run of the fingertip, or of two side by side: force, strain, isostrain volumes, tactile flow.
+"""Pictures of one run of the FE fingertip, or of two side by side: force, strain, isostrain volumes, tactile flow.
 
-They show what Figures 3 to 5 of the paper show. Needs the extra `view`.
+They correspond to Figures 3 to 5 of the paper. Needs the extra `view`.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = {"steel": NORMAL, "silicone": FRICTION}
-LEVELS = np.linspace(0.02, 0.5, 25)  # Equivalent strains of the isostrain pictures
-SHEET = 0.06  # Least strain of the sheet of volumes, that the flat rest is seen beside
-LINES = (0.05, 0.1, 0.2, 0.3)  # Isostrain lines that the flow is drawn on
-TOP = 0.7  # [N] End of the force axes where the runs go far beyond the paper's forces
+LEVELS = np.linspace(0.02, 0.5, 25)  # equivalent strains of the isostrain pictures
+SHEET = 0.06  # lowest strain in the 3-D plot of volumes; volumes at lower strains would hide the rest
+LINES = (0.05, 0.1, 0.2, 0.3)  # isostrain lines with arrows of the flow
+TOP = 0.7  # [N] limit of the force axes
 
 
 def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
-    """Draw runs, one per plate ("steel", "silicone"), into a folder: force.png, strain.png, and where the runs reach
-    the paper's forces isostrain.png and flow.png.
+    """Draw runs, one per plate ("steel", "silicone"), into a folder: force.png, strain.png, and if the runs reach the
+    paper's forces isostrain.png and flow.png.
 
-    ModuleNotFoundError: no matplotlib. ArgumentError: a run that cannot be read.
+    ModuleNotFoundError: no matplotlib. ArgumentError: a run cannot be read.
     """
     from matplotlib import rc_context
 
@@ -118,7 +118,7 @@ def isostrain(runs: dict[str, PressRun]) -> Figure:
 
 
 def flows(runs: dict[str, PressRun]) -> Figure:
-    """Isostrain lines in the plane of symmetry midway between the paper's two forces, and how fast they move."""
+    """Isostrain lines in the plane of symmetry midway between the paper's two forces, and their velocity."""
     from matplotlib.collections import LineCollection
 
     title = f"Tactile flow from {LOW:g} to {HIGH:g} N"
@@ -149,7 +149,7 @@ def flows(runs: dict[str, PressRun]) -> Figure:
 
 
 def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
-    """Forces [N] (k,) of the rows up to past the higher one, and volumes [m³] (k,l) at `LEVELS`."""
+    """Forces [N] (k,) of the rows up to the first above `HIGH`, and volumes [m³] (k,l) at `LEVELS`."""
     forces = run.record().force
     last = min(len(forces), int(np.searchsorted(forces, HIGH)) + 1)
     mesh = run.mesh()
@@ -159,7 +159,7 @@ def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _spaced(at: np.ndarray, way: np.ndarray, apart: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points at least so far apart, with what belongs to them."""
+    """Points at least `apart` from one another, and their vectors."""
     kept: list[int] = []
     for k in np.lexsort(at.T):
         if all(np.hypot(*(at[k] - at[j])) >= apart for j in kept):
@@ -178,7 +178,6 @@ def _filled(axis: Axes, triangles: np.ndarray, values: np.ndarray, top: float) -
 
 
 def _shape(axis: Axes, cut: Any, plate: str, depth: float) -> None:
-    """Borders of the layers, and the plate."""
     from matplotlib.collections import LineCollection
 
     axis.add_collection(LineCollection(list(1e3 * cut.borders), colors=INK, linewidths=0.6))

@@ -11,7 +11,6 @@ from palpate.views.pictures.style import log_ticks
 
 
 def draw_fit(fit: Fit, folder: Path) -> list[Path]:
-    """The files written."""
     return [_forces(fit, folder / "fit.png"), _profiles(fit, folder / "profiles.png")]
 
 

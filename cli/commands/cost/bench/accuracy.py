@@ -1,4 +1,4 @@
-"""`palpate bench accuracy`: what the models cost and how wrong they are, on this machine."""
+"""`palpate bench accuracy`: error and step time of each model on this machine."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import RunError
 
@@ -24,8 +24,8 @@ def accuracy(
     body: Annotated[
         list[str] | None, typer.Option(help="Also a custom body: mylab.tissue.Liver; may be given again.")
     ] = None,
-    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 2 minutes of a core.")] = False,
-    fresh: Annotated[bool, typer.Option("--fresh", help="Compute again what was kept of earlier runs.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 2 min on one core.")] = False,
+    fresh: Annotated[bool, typer.Option("--fresh", help="Recompute cached results.")] = False,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
     as_json: Json = False,
 ) -> None:
@@ -53,11 +53,11 @@ def accuracy(
         cells = compute(todo, 1 if quick else 3, fresh, str(about["processor"]), done)
     if not any(cell.status == "ok" for cell in cells):
         why = dict.fromkeys(f"{cell.title}, {cell.touch}: {cell.why}" for cell in cells)
-        raise RunError(f"none of these methods computes any of these touches ({'; '.join(why)})")
+        raise RunError(f"none of these methods supports any of these touches ({'; '.join(why)})")
     files = written(cells, about, out)
     if as_json:
-        tell({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
-              "cells": [asdict(c) for c in cells]})  # fmt: skip
+        print_json({"ok": True, "about": about, "files": {k: str(v) for k, v in files.items()},
+                    "cells": [asdict(c) for c in cells]})  # fmt: skip
     else:
         _print(cells, files)
 
@@ -69,24 +69,24 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.studies.accuracy.output.page import LEGEND
     from palpate.studies.accuracy.output.pareto import advice, best, duration, elsewhere, of_bodies, summaries, unable
 
-    told = summaries(of_bodies(cells))
+    summary = summaries(of_bodies(cells))
     heads = ("", ">force error\nRMS, median [%]", ">worst\ntouch [%]", ">step\np50", ">\np99", ">touches\ncomputed",
              ">\nunsupported")  # fmt: skip
     rows = [
         (f"{s.title}, {s.fidelity}", f"{100 * s.error:.2g}", f"{100 * s.worst:.2g}", duration(s.p50), duration(s.p99),
          str(s.computed), str(s.charged or ""))
-        for s in told
+        for s in summary
     ]  # fmt: skip
-    for sentence in (advice(told), *elsewhere(cells)):
+    for sentence in (advice(summary), *elsewhere(cells)):
         say(sentence, wrap=True)
     if why := busy(own=1):
         say(f"{why}: p50 and p99 are too long.", "yellow")
-    console().print(table(heads, rows, fixed=heads[1:], bold=best(told)))
+    console().print(table(heads, rows, fixed=heads[1:], bold=best(summary)))
     say(LEGEND, wrap=True)
     if none := unable(cells):
-        say(f"Cannot do any touch: {', '.join(none)}.", wrap=True)
+        say(f"These support no touch: {', '.join(none)}.", wrap=True)
     if kept := sum(cell.kept for cell in cells):
-        say(f"{kept} of {len(cells)} are of earlier runs here, their times as well; --fresh computes them again")
+        say(f"{kept} of {len(cells)} cells, times included, are cached from earlier runs; --fresh recomputes them")
     for text in missing():
         say(f"not installed  {text}")
     if "overview" not in files:

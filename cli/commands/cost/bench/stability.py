@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.extras import missing
 
 EXAMPLE = "palpate bench stability --mass 0.15 --rate 1000"
-PER_SECOND = 1e-3  # [s] that a loop takes for each Hz of its rate: some 200 simulated walls
+PER_SECOND = 1e-3  # [s] computing time of a loop per Hz of its rate: about 200 simulated walls
 
 
 def stability(
@@ -42,7 +42,7 @@ def stability(
     loop without passivity control, with a hand, a unilateral wall and the encoder: the last stiffness, in steps of 1/8
     octave, at which the oscillation decays. With the controller, `commanded` is the stiffest such wall and `controlled`
     the stiffness that the hand feels at it. For a tissue model all moduli are scaled; its stiffness is measured at a
-    push of 0.1 N, and `stable` uses its own damping.
+    push of 0.1 N, and `stable` uses the damping of the model.
     """
     from palpate.physics.device.wall_loop import WallDevice
     from palpate.physics.writable import check_folder
@@ -59,21 +59,21 @@ def stability(
     total = work + sum(one[1] for one in study.loops)
     roughly = None if body else PER_SECOND * work
     with steps(f"bench stability: {count} loops", total, silent=as_json, seconds=roughly) as done:
-        told = study.run(out, done)
-    files = told.pop("files")
+        results = study.run(out, done)
+    files = results.pop("files")
     if as_json:
-        tell(told)
+        print_json(results)
         return
-    _print(told["rows"], device)
+    _print(results["rows"], device)
     if body:
-        _print_bodies(told["bodies"])
+        _print_bodies(results["bodies"])
     typer.echo(", ".join(filter(None, files)))
     if not files[1]:
         say(missing("no pictures", "matplotlib", "view"), err=True)
 
 
 def _print(rows: list[dict[str, Any]], device: Any) -> None:
-    """The answer in a sentence, then a row for each rate and delay; the file has one for each damping as well."""
+    """Print the result in one sentence, then a row for each rate and delay. The files also list every damping."""
     from palpate.studies.stability.walls import SHOWN, answer
 
     out = console()

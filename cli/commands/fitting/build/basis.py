@@ -7,12 +7,12 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, tell
+from palpate.cli.terminal.output import console, print_json, say
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate build basis --set surface=liver.stl --set young=5e3"
-MOST_COARSE = 2000  # what the setting `coarse` takes at most
-WORST = 0.25  # [1] error at the worst touch from which on a basis is of no use; those that ship have less
+MOST_COARSE = 2000  # upper limit of the setting `coarse`
+WORST = 0.25  # [1] error at the worst touch above which a basis is unusable; shipped bases stay below it
 
 
 def basis(
@@ -27,7 +27,7 @@ def basis(
     as_json: Json = False,
 ) -> None:
     """Build and store the basis of a ReducedFE body."""
-    from palpate.cli.terminal.progress import Stages
+    from palpate.cli.terminal.progress import StageBars
     from palpate.engine.provenance import commit
     from palpate.launch.load.values.overrides import settings_of
     from palpate.models.build import basis as builder
@@ -39,18 +39,18 @@ def basis(
     path = builder.home(node, target)
     known = None if force else node.stored(SHIPPED, target)
     if known is not None:
-        _say(as_json, known[0], None, {})
+        _print(as_json, known[0], None, {})
         return
     started = time.perf_counter()
     try:
-        with Stages(console(stderr=True), as_json) as stages:
-            missed = builder.make(node, path, stages, commit())
+        with StageBars(console(stderr=True), as_json) as stages:
+            errors = builder.make(node, path, stages, commit())
     except KeyboardInterrupt as error:
         again = "resumes after the touches already computed" if node.model == "sampled" else "starts again"
         error.add_note(f"nothing is stored; the same command {again}")
         raise
-    _say(as_json, path, time.perf_counter() - started, missed)
-    if missed.get("worst", 0.0) > WORST:
+    _print(as_json, path, time.perf_counter() - started, errors)
+    if errors.get("worst", 0.0) > WORST:
         finer = f"--set coarse={min(2 * node.coarse, MOST_COARSE)} (now {node.coarse}, by default {ReducedFE.coarse})"
         cure = f"more vertices in {node.surface}" if "." in node.surface else finer
         text = f"stored, but the error is above {WORST:.0%} at some touches. Use a finer surface: {cure}"
@@ -58,19 +58,18 @@ def basis(
         raise typer.Exit(TROUBLE)
 
 
-def _say(as_json: bool, path: Path, seconds: float | None, missed: dict[str, float]) -> None:
+def _print(as_json: bool, path: Path, seconds: float | None, errors: dict[str, float]) -> None:
     size = path.stat().st_size
     if as_json:
         stored = {"path": str(path), "bytes": size, "built": seconds is not None, "seconds": seconds}
-        tell(stored | ({"unseen": missed} if missed else {}))
+        print_json(stored | ({"unseen": errors} if errors else {}))
         return
     done = "stored already" if seconds is None else f"built in {seconds:.0f} s"
     say(f"{done}: {path} ({size / 1e6:.1f} MB)")
-    if missed:
+    if errors:
         linear = ""
-        if "linear_mean" in missed:
-            linear = f"; of the linear body {missed['linear_mean']:.1%}, {missed['linear_worst']:.1%}"
+        if "linear_mean" in errors:
+            linear = f"; of the linear body {errors['linear_mean']:.1%}, {errors['linear_worst']:.1%}"
         say(
-            f"error at touches that it was not built from: {missed['mean']:.1%} in the mean, "
-            f"{missed['worst']:.1%} at worst{linear}"
+            f"error at touches outside the training set: mean {errors['mean']:.1%}, worst {errors['worst']:.1%}{linear}"
         )

@@ -1,4 +1,4 @@
-"""`palpate build fingertip`: from images of a finger to the file that a beam bundle is filled from."""
+"""`palpate build fingertip`: build the geometry file of a beam bundle from images of a finger."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 
 from palpate.cli.terminal.options import Json, NoPictures
-from palpate.cli.terminal.output import console, table, tell
+from palpate.cli.terminal.output import console, print_json, table
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import missing
 
@@ -19,7 +19,7 @@ def fingertip(
     out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("finger.npz"),
     spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
     skin: Annotated[
-        float | None, typer.Option(help="Thickness of the skin in mm, where images do not show it.")
+        float | None, typer.Option(help="Thickness of the skin in mm, if the images do not show it.")
     ] = None,
     dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = "auto",
     axes: Annotated[
@@ -34,7 +34,7 @@ def fingertip(
 ) -> None:
     """Build a fingertip from images of a finger.
 
-    Finds skin, tissue and bone, and writes the file that a beam bundle is filled from, with a picture of it.
+    Finds skin, tissue and bone, and writes the file that a beam bundle reads, with a picture of it.
     """
     if not scan.exists():
         raise typer.BadParameter(f"{scan}: no such file or folder", param_hint="SCAN")
@@ -62,7 +62,7 @@ def fingertip(
     files = {"output": str(out), "picture": picture and str(picture)}
     report = {"ok": True, **files, **of_images(stack, frame), **measures(tip)}
     if as_json:
-        tell(report)
+        print_json(report)
         return
     _table(report)
 

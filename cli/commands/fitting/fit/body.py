@@ -6,18 +6,18 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
-from palpate.cli.terminal.output import say, tell
+from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.progress import steps
 
 EXAMPLE = "palpate fit body kidney"
-PER_TICK = 1e-3  # [s] that a body and its reference take for a tick of the touch
+PER_TICK = 1e-3  # [s] computing time per tick of the touch, for a body and its reference
 
 
 def body(
     graph: Graph,
     reference: Annotated[
         list[str] | None,
-        typer.Option(help="What makes the reference, as --set takes it; default: ReducedFE in the body's place."),
+        typer.Option(help="Settings of the reference, as for --set; default: ReducedFE instead of the body."),
     ] = None,
     sets: Sets = None,
     scene: SceneOption = None,
@@ -31,8 +31,8 @@ def body(
 ) -> None:
     """Fit MassSpring or BeamBundle to a reference body.
 
-    Fits the model's constants to the force and indentation of the reference on the graph's own touch, writes a launch
-    file, and prints what the model differs by in force, indentation and shape before and after.
+    Fits the model's constants to the force and indentation of the reference on the touch of the graph, writes a launch
+    file, and prints the differences in force, indentation and shape before and after the fit.
     """
     from palpate.physics.writable import check_file
     from palpate.studies import fit_body as study
@@ -46,8 +46,8 @@ def body(
     with steps(f"fit body: a touch of {length:g} s", 3, silent=as_json, seconds=expected, timed=False) as done:
         fitted = study.fit_body(launch, file, reference or [], done)
     if as_json:
-        tell({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before, "after": fitted.after,
-              "caution": fitted.caution})  # fmt: skip
+        print_json({"ok": True, "file": str(file), "set": fitted.overrides, "before": fitted.before,
+                    "after": fitted.after, "caution": fitted.caution})  # fmt: skip
         return
     for key, value in fitted.overrides.items():
         say(f"{key} = {value}", wrap=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, NoPictures
-from palpate.cli.terminal.output import console, drawn, say, tell
+from palpate.cli.terminal.output import console, drawn, print_json, say
 
 if TYPE_CHECKING:
     from palpate.models.fit.fit import Told
@@ -52,7 +52,7 @@ def force(
     if example is not None:
         write_example(example)
         if as_json:
-            tell({"ok": True, "file": str(example)})
+            print_json({"ok": True, "file": str(example)})
         else:
             typer.echo(f"Wrote synthetic sessions of two subjects to {example}.")
         return
@@ -64,7 +64,7 @@ def force(
     )  # fmt: skip
     pictures = [] if no_pictures else [str(path) for path in drawn(_draw, fitted)]
     if as_json:
-        tell(
+        print_json(
             {"ok": True, "subjects": fitted.data, "notes": fitted.notes, "file": str(fitted.file), "pictures": pictures}
         )
         return
@@ -75,7 +75,7 @@ def force(
 
 
 def _draw(fitted: Told) -> list[Path]:
-    """The pictures of every subject, in a folder next to the model's file; their paths."""
+    """Draw the pictures of each subject in a folder next to the model file, and return their paths."""
     from palpate.views.pictures.models.fit import draw_choice
 
     folder = fitted.file.with_name(f"{fitted.file.name.removesuffix('.yaml')}-pictures")

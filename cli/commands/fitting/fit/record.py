@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json, Sets, seconds
-from palpate.cli.terminal.output import console, tell
+from palpate.cli.terminal.output import console, print_json
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate fit record press.csv --subject gel --session 1 --set sensor.port=emulator --set device.port=emulator"
@@ -38,7 +38,7 @@ def record(
     """
     from palpate.launch.load.launchfile import find
     from palpate.launch.run.execute import execute
-    from palpate.launch.run.screen import tell as fault
+    from palpate.launch.run.screen import print_death
     from palpate.messages import Contact, Pose
     from palpate.models.fit.press import add_session, press_of, rows_before
     from palpate.models.fit.sessions import SessionError
@@ -47,14 +47,14 @@ def record(
     duration = duration or 10.0
     if not 0.5 <= duration <= 3600.0:
         raise typer.BadParameter(f"--duration: found {duration:g} s, expected 0.5 s to 1 h")
-    rows_before(sessions, subject, session)  # refused before anybody presses, and before its recording is written over
+    rows_before(sessions, subject, session)  # fails before the press, and before a recording is overwritten
     file = sessions.with_name(f"{sessions.stem}-{subject}-{session}.mcap")
     launch = find(graph).but(overrides=sets or (), duration=duration, record=file, clock="real")
     outcome = execute(launch, console=None if as_json else console())
     outcome.signalled()
     if not outcome.result.ok:
         for death in outcome.result.deaths:
-            fault(death, console(stderr=True, soft_wrap=True))
+            print_death(death, console(stderr=True, soft_wrap=True))
         raise typer.Exit(TROUBLE)
     recording = Recording(file)
     poses, contacts = (recording.stream_of(kind) for kind in (Pose, Contact))
@@ -67,9 +67,9 @@ def record(
     press = press_of(pressed, felt, 1e-3 * depth, 1e-3 * step, touch, file)
     count = add_session(sessions, subject, session, press)
     if as_json:
-        told = {"ok": True, "file": str(sessions), "recording": str(file), "sessions": count}
+        data = {"ok": True, "file": str(sessions), "recording": str(file), "sessions": count}
         arrays = {"depths": press.depth, "rates": press.rate, "forces": press.force}
-        tell(told | {name: values.tolist() for name, values in arrays.items()})
+        print_json(data | {name: values.tolist() for name, values in arrays.items()})
         return
     typer.echo(
         f"{len(press.depth)} depths to {1e3 * press.depth[-1]:g} mm, at up to {1e3 * press.rate.max():.3g} mm/s and "

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, say, table, print_json
 
 EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
 
@@ -37,7 +37,7 @@ def texture(
     except OSError as error:
         raise SessionError(f"{target}: cannot be written: {error.strerror}") from None
     if as_json:
-        tell({"ok": True, "file": str(target), **msgspec.to_builtins(fitted)})
+        print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted)})
         return
     unit = "N" if fitted.quantity == "force" else "m/s^2"
     rows = [(f"{1e3 * m.speed:.4g}", f"{m.force:.3g}", f"{m.rms:.4g}", "{:.4g} to {:.4g}".format(*m.interval or (0, 0)))

@@ -1,4 +1,4 @@
-"""`palpate fit tissue PRESS.csv ...`: the parameters of a material from measured presses, with what they leave open."""
+"""`palpate fit tissue PRESS.csv ...`: fit the parameters of a material to measured presses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json
-from palpate.cli.terminal.output import console, drawn, say, table, tell
+from palpate.cli.terminal.output import console, drawn, print_json, say, table
 
 if TYPE_CHECKING:
     from palpate.models.fit.tissue.fit import Fit
@@ -31,17 +31,19 @@ def tissue(
         str, typer.Option(help="Names of the columns: time=t,force=F,indentation=d; force=-F counts the other way.")
     ] = "",
     unit: Annotated[list[str] | None, typer.Option(help="Unit of a column whose header has none: d=mm.")] = None,
-    radius: Annotated[str | None, typer.Option(help="Of the ball or punch: '8 mm'.")] = None,
-    diameter: Annotated[str | None, typer.Option(help="Of the ball, punch or cylinder.")] = None,
-    height: Annotated[str | None, typer.Option(help="Of the cylinder, or of the layer that is pressed.")] = None,
-    plates: Annotated[str, typer.Option(help="Of the cylinder: frictionless or bonded.")] = "frictionless",
-    poisson: Annotated[float, typer.Option(help="Poisson's ratio, which a press cannot tell.", min=0, max=0.5)] = 0.5,
+    radius: Annotated[str | None, typer.Option(help="Radius of the ball or punch: '8 mm'.")] = None,
+    diameter: Annotated[str | None, typer.Option(help="Diameter of the ball, punch or cylinder.")] = None,
+    height: Annotated[str | None, typer.Option(help="Height of the cylinder or of the layer.")] = None,
+    plates: Annotated[str, typer.Option(help="Plates: frictionless or bonded.")] = "frictionless",
+    poisson: Annotated[
+        float, typer.Option(help="Poisson's ratio; a press does not determine it.", min=0, max=0.5)
+    ] = 0.5,
     relaxation: Annotated[str, typer.Option(help="none, kelvin-voigt, hunt-crossley, prony:1 ... prony:3.")] = "none",
     holdout: Annotated[list[Path] | None, typer.Option(help="A press that is predicted, not fitted.")] = None,
     compare: Annotated[
         list[str] | None, typer.Option(help="Another law, fitted to the same rows and ranked by AICc.")
     ] = None,
-    touch: Annotated[str, typer.Option(help="Where it touches: fit, or detected (from the force alone).")] = "fit",
+    touch: Annotated[str, typer.Option(help="Contact point: fit, or detected (from the force alone).")] = "fit",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
     force: Force = False,
@@ -49,8 +51,8 @@ def tissue(
 ) -> None:
     """Fit a material to measured presses: force over indentation.
 
-    Writes scene.yaml, which runs at once, report.md with pictures, and report.json: parameters with 95 % intervals,
-    what the data cannot tell apart, what was fixed, and the error on presses that were held out.
+    Writes scene.yaml, which is ready to run, report.md with pictures, and report.json: parameters with 95 % intervals,
+    parameters that the data do not determine, fixed parameters, and the error on held-out presses.
     """
     import math
 
@@ -87,27 +89,25 @@ def tissue(
             deepest=length("--depth-limit", depth_limit) if depth_limit else math.inf,
             report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
-    told = data(fit)
+    result = data(fit)
     try:
         out.mkdir(parents=True, exist_ok=True)
         pictures = drawn(_draw, fit, out)
         (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
-        (out / "report.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        (out / "report.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
     except OSError as error:
         raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
     if as_json:
-        tell({"ok": True, "out": str(out)} | told)
+        print_json({"ok": True, "out": str(out)} | result)
         return
     ends = "withheld" if fit.estimate.withheld else "{low:.4g} to {high:.4g}"
-    rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in told["parameters"].items()]
+    rows = [(name, f"{p['value']:.5g}", ends.format(**p), str(p["unit"])) for name, p in result["parameters"].items()]
     console().print(table(("parameter", ">value", ">95 % interval", "unit"), rows))
-    for text in [*(f"cannot be told: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
+    for text in [*(f"not determined: {text}" for text in fit.open_), *fit.notes, *scene_young(fit)]:
         say(text, wrap=True)
     for row in fit.compared:
-        say(
-            f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} over the least"
-        )
+        say(f"law {row['law']}: RMS {100 * row['rms_of_peak']:.2g} % of the peak, AICc {row['aicc']:.3g} above best")
     for tried in fit.held_out:
         say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")

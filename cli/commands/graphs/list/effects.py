@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, table, tell
+from palpate.cli.terminal.output import console, print_json, table
 
 EXAMPLE = "palpate list effects"
 
@@ -19,7 +19,7 @@ def effects(
 
     rows = [_row(name, parts) for name, parts in known().items()]
     if as_json:
-        tell({"effects": rows})
+        print_json({"effects": rows})
     elif markdown:
         typer.echo(_markdown(rows), nl=False)
     else:

@@ -5,7 +5,7 @@ from inspect import signature
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import tell
+from palpate.cli.terminal.output import print_json
 
 EXAMPLE = "palpate list laws"
 
@@ -23,7 +23,7 @@ def laws(as_json: Json = False) -> None:
         rows.append({"law": name, "make": made, "example": list(module.EXAMPLE), "shear Pa": shear, "bulk Pa": bulk}
                     | {"text": text})  # fmt: skip
     if as_json:
-        tell({"ok": True, "laws": rows})
+        print_json({"ok": True, "laws": rows})
         return
     for row in rows:
         typer.secho(str(row["make"]), bold=True)

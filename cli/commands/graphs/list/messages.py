@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate list messages Contact"
 
@@ -28,7 +28,7 @@ def messages(
     shown: list[type] = [Message, *kinds.values()] if name is None else [kinds[name]]
     descriptions = [describe(kind) for kind in shown]
     if as_json:
-        tell({"messages": descriptions})
+        print_json({"messages": descriptions})
         return
     for data in descriptions:
         rows = []
@@ -41,7 +41,7 @@ def messages(
 
 
 def describe(kind: type) -> dict[str, Any]:
-    """A message type as plain data; the words on each field come from the class's docstring."""
+    """A message type as plain data; the descriptions of the fields come from the class's docstring."""
     import msgspec
 
     from palpate.messages.docs import documented, summary

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 
 if TYPE_CHECKING:
     from palpate.nodes.base import Node
@@ -30,13 +30,13 @@ def nodes(
         except ClassError as error:
             raise GraphError([Fault(str(error).removeprefix("use: "), error.cure)]) from None
         if as_json:
-            tell(describe(name, cls))
+            print_json(describe(name, cls))
         else:
             _show(name, cls)
         return
     entries, missing = catalogue()
     if as_json:
-        tell({"nodes": [describe(e.use, e.cls) for e in entries], "missing": missing})
+        print_json({"nodes": [describe(e.use, e.cls) for e in entries], "missing": missing})
         return
     from rich.text import Text
 

@@ -5,7 +5,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, say, table, tell
+from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate list tissues liver-human"
 
@@ -21,12 +21,12 @@ def tissues(
     from palpate.launch.load.tissues import GRADES, bodies, settings
     from palpate.launch.load.tissues import tissues as known
 
-    taken = None if name is None else settings(name, NOWHERE)  # refuses a misspelt name before `known` compiles
+    taken = None if name is None else settings(name, NOWHERE)  # a misspelt name fails before `known` compiles kernels
     found, left_out = known()
     if name is not None and taken is not None:
         record = {**found[name], "scene": taken, "bodies": bodies(found[name])}
         if as_json:
-            tell({"ok": True, "tissues": {name: record}})
+            print_json({"ok": True, "tissues": {name: record}})
         else:
             from palpate.launch.load.classes import find_class
             from palpate.nodes.base import settings as settings_of
@@ -42,7 +42,9 @@ def tissues(
             console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
         return
     if as_json:
-        tell({"ok": True, "tissues": {k: {**v, "bodies": bodies(v)} for k, v in found.items()}, "left_out": left_out})
+        print_json(
+            {"ok": True, "tissues": {k: {**v, "bodies": bodies(v)} for k, v in found.items()}, "left_out": left_out}
+        )
         return
     rows = [
         (key, str(r["shear"]), str(r["law"]), GRADES[r["grade"]], str(r["rate"]).replace("not read", ""))

@@ -24,7 +24,7 @@ def join(
     host, _, port = address.removeprefix("tcp://").rpartition(":")
     if not host or not port.isdecimal():
         raise typer.BadParameter(f"address: found {address!r}, expected tcp://host:port")
-    os.environ.update(environment())  # as the launcher gives it to its workers, before numpy is imported
+    os.environ.update(environment())  # as in the launcher's workers; must precede the import of numpy
     from palpate.launch.run.wire import keys
     from palpate.launch.run.work.process import join as serve
 

@@ -5,13 +5,13 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import say, tell
+from palpate.cli.terminal.output import print_json, say
 
 EXAMPLE = "palpate remote keys --make"
 
 
 def keys(
-    name: Annotated[str | None, typer.Argument(help="Key to make, `rig` unless given; or to list alone.")] = None,
+    name: Annotated[str | None, typer.Argument(help="Key to list; with --make, key to make (default: rig).")] = None,
     make: Annotated[bool, typer.Option("--make", help="Make a new key.")] = False,
     as_json: Json = False,
 ) -> None:
@@ -27,7 +27,9 @@ def keys(
         known.load(name)
     paths = {key: path for key, path in known.known() if name in (None, key)}
     if as_json:
-        tell({"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}})
+        print_json(
+            {"ok": True, "made": None if made is None else str(made), "keys": {n: str(p) for n, p in paths.items()}}
+        )
         return
     if made is not None:
         say(f"made {made}; copy it to the same place on the other machines", "green")

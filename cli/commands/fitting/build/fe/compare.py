@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, drawn, table, tell
+from palpate.cli.terminal.output import console, drawn, print_json, table
 
 EXAMPLE = "palpate build fe compare runs/fingertip/steel-calibrated-6-0.2 runs/fingertip/silicone-calibrated-6-0.2"
 
@@ -19,7 +19,7 @@ def compare(
 ) -> None:
     """Compare runs on both plates with the paper.
 
-    Which of its statements hold, and pictures like its Figures 3 to 5.
+    Prints which statements of the paper hold, and draws pictures like its Figures 3 to 5.
     """
     from palpate.models.fe.study.paper_claims import statements
     from palpate.models.fe.study.press_record import PressRun, check_pair
@@ -31,7 +31,7 @@ def compare(
     out.mkdir(parents=True, exist_ok=True)
     made = drawn(draw, runs, out)
     if as_json:
-        tell({"ok": True, "statements": rows, "pictures": [str(path) for path in made]})
+        print_json({"ok": True, "statements": rows, "pictures": [str(path) for path in made]})
         return
     _print(rows)
     for path in made:

@@ -1,4 +1,4 @@
-"""`palpate build fe fingertip`: one pressing of the layered fingertip."""
+"""`palpate build fe fingertip`: press the layered fingertip on a plate."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, drawn, table, tell
+from palpate.cli.terminal.output import console, drawn, print_json, table
 
 if TYPE_CHECKING:
     from palpate.models.fe.study.press_record import PressRun, Record
@@ -48,7 +48,7 @@ def fingertip(
     made = drawn(draw, {plate: PressRun(place)}, place)
     if as_json:
         files = {"folder": str(place), "pictures": [str(path) for path in made]}
-        tell({"ok": True} | numbers(plate, material, record) | files)
+        print_json({"ok": True} | numbers(plate, material, record) | files)
         return
     _print(plate, material, record)
     lines = f"{place / 'finger.vtu'}: displacement, equivalent strain and contact pressure", *made
@@ -56,7 +56,7 @@ def fingertip(
 
 
 def _pressing(plate: str, material: str, depth: float, cells: int, friction: float) -> Pressing:
-    """The pressing that the options describe. MeshError: what is wrong with them."""
+    """The pressing that the options describe. MeshError: an option is invalid."""
     from palpate.models.fe.element.mesh import MeshError
     from palpate.models.fe.meshing.fingertip import FingertipDimensions, divisor_and_bone
     from palpate.models.fe.study.pressing import Pressing
@@ -78,15 +78,15 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
 
 
 def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
-    from palpate.cli.terminal.progress import Stages
+    from palpate.cli.terminal.progress import StageBars
     from palpate.models.fe.study.press_record import record
 
     done: Callable[..., None] | None = None
-    with Stages(console(stderr=True), quiet) as stages:
+    with StageBars(console(stderr=True), quiet) as stages:
 
         def tick(load: float) -> None:
             nonlocal done
-            if done is None:  # not before the folder has been read, so that what is wrong with it stands alone
+            if done is None:  # begins after the folder was read, so that an error in it is printed without a bar
                 done = stages.begin("pressing", f"{3 * len(pressing.solver.mesh.points)} degrees of freedom")
             done(load / end, f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
 

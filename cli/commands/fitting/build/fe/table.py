@@ -1,4 +1,4 @@
-"""`palpate build fe table`: what a finger feels on both plates, as a table for tactile.Flow."""
+"""`palpate build fe table`: contact area and isostrain volumes of a finger over force, for tactile.Flow."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import tell
+from palpate.cli.terminal.output import print_json
 
 EXAMPLE = (
     "palpate build fe table runs/fingertip/steel-calibrated-6-0.2 runs/fingertip/silicone-calibrated-6-0.2 -o flow.npz"
@@ -41,6 +41,6 @@ def table(
     out.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(out, allow_pickle=False, **data)
     if as_json:
-        tell({"ok": True, "table": str(out), "force": {p: r.force[-1] for p, r in records.items()}})
+        print_json({"ok": True, "table": str(out), "force": {p: r.force[-1] for p, r in records.items()}})
     else:
         typer.echo(f"{out}: {', '.join(f'{p} to {r.force[-1]:.3g} N' for p, r in records.items())}")

@@ -1,9 +1,7 @@
-"""Which contact presses on which body, and whose force the controller hears.
+"""Checks the path of the force through a graph: which contact presses on which body, and which controller gets it.
 
-A contact that reads a body which its own load does not reach would feel the dent of another and leave none of its own,
-several on one body that do not solve together would take the law of the first for theirs, and a contact that no
-controller hears presses without a force on the hand. The messages fit, so that only the way of the force through the
-graph tells.
+Three mistakes fit the message types but compute wrong forces: a contact reads a body that its load does not reach;
+several contacts press on one body without a joint solution; the force of a contact reaches no controller.
 """
 
 from collections.abc import Iterable
@@ -19,14 +17,14 @@ from palpate.nodes.base.carrier import Carrier
 
 
 def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Faults) -> None:
-    """A fault for each node between a device and a contact that runs at a divisor which its reader does not share.
+    """A fault for each node between a device and a contact whose divisor differs from that of its reader.
 
-    A contact differentiates the approach over its own step. If the motion of several ticks arrives in one step, the
-    rate is that many times too high, and zero in the steps between: the force is a sawtooth.
+    A contact differentiates the approach over its step. If the motion of n ticks arrives in one step, the rate is
+    n times too high, and zero in the steps between: the force is a sawtooth.
     """
     motion = [w for w in wires if issubclass(w.port.type, DeviceState | Pose | Proximity)]
     path = [name for name, spec in nodes.items() if set(spec.streams.values()) & {Contact, Contacts}]
-    for reader in path:  # grows up to the devices
+    for reader in path:  # grows upstream to the devices
         for wire in motion:
             sender = nodes.get(wire.producer)
             if wire.consumer != reader or sender is None:
@@ -42,12 +40,12 @@ def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fa
                 path.append(wire.producer)
 
 
-class Pressing:
-    """The nodes that press on a body: they send Contact and hear how near it is, or how it answers. Nodes that hand
-    messages on are looked through.
+class ContactPaths:
+    """The contacts of a graph: nodes that send Contact and read a Proximity or Surface. Carriers are skipped: their
+    messages count as those of the original sender.
 
-    classes  of the nodes that may run, observers left out
-    wires    of these
+    classes  classes of the nodes that may run, without observers
+    wires    wires of these nodes
     """
 
     def __init__(self, classes: dict[str, type[Node]], wires: Iterable[Wire]) -> None:
@@ -58,79 +56,83 @@ class Pressing:
         self.names = [name for name in self.classes if self._presses(name)]
 
     def check(self, places: dict[str, Location], faults: Faults) -> None:
-        """A fault for each contact and body that do not hear each other, and each contact that no controller hears."""
-        deaf = set()
+        """Add the faults of all contacts, bodies, controllers and energy balances."""
+        # Each contact must read the body that it presses.
+        wrong_body = set()
         for name in self.names:
             for wire in self._hears(name):
                 pressed = self.pressing(wire.producer)
                 if pressed and name not in pressed:
-                    deaf.add(name)
+                    wrong_body.add(name)
                     faults.add(
-                        f"reads the body {wire.producer!r}, which the load of {_and(pressed)} presses, not its own: it "
+                        f"reads the body {wire.producer!r}, on which only {_and(pressed)} presses: it "
                         "would feel the indentation of another finger",
                         f"Two fingers on one body: `{wire.producer}: {{in: {{load: [spread, spread-2]}}}}` with "
                         f"`spread-2: {{in: {{contact: {name}}}}}`, a contact.Joint for both and a contact.Share for "
-                        "each (docs/many_fingers.md). Or give it a body of its own.",
+                        "each (docs/many_fingers.md). Or give it a separate body.",
                         wire.place, node=name, port=wire.port.name,
                     )  # fmt: skip
+        # Each body must be read by the contacts that press on it, and several contacts need a joint solution.
         for body in self._senders(Surface):
             self._check_joint(body, faults)
             for name in self.pressing(body):
                 if (
                     not any(issubclass(p.type, Surface | Contacts) for p in inputs(self.classes[name]))
-                    or name in deaf
+                    or name in wrong_body
                     or body in {wire.producer for wire in self._hears(name)}
                 ):
                     continue
                 faults.add(
-                    f"gets the load of {name!r}, which does not hear how it answers",
+                    f"gets the load of {name!r}, which does not read its Surface",
                     f"On the line of {self._solver(name)!r}: `in: {{body: {body}}}`.", places[body], node=body,
                 )  # fmt: skip
-        hearing = {name: self.pressing(name) for name in self._senders(Force)}
-        heard = set().union(*hearing.values())
+        # The force of each contact must reach a controller.
+        controllers = {name: self.pressing(name) for name in self._senders(Force)}
+        controlled = set().union(*controllers.values())
         for name in self.names:
-            if heard and name not in heard:
+            if controlled and name not in controlled:
                 faults.add(
-                    f"its force reaches no controller: {_and(hearing)} hears {_and(heard)}",
-                    f"Give {name!r} a controller and a device of its own, `in: {{contact: {name}}}`, add it to the "
-                    f"others by a contact.Sum if it is the same finger, or take it out: `{name}: null`.",
+                    f"its force reaches no controller: {_and(controllers)} reads {_and(controlled)}",
+                    f"Give {name!r} a controller and a device, `in: {{contact: {name}}}`, add it to the "
+                    f"others by a contact.Sum if it is the same finger, or remove it: `{name}: null`.",
                     places[name], node=name,
                 )  # fmt: skip
-
+        # An energy balance must include all contacts of its bodies.
         for name in self._senders(Ledger):
-            own = {c for node in (w.producer for w in self._of(name, Contact)) for c in self.pressing(node) or [node]}
+            counted = {
+                c for node in (w.producer for w in self._of(name, Contact)) for c in self.pressing(node) or [node]
+            }
             for body in (w.producer for w in self._of(name, Surface)):
-                if self.pressing(body) and own != set(self.pressing(body)):
+                if self.pressing(body) and counted != set(self.pressing(body)):
                     faults.add(
-                        f"accounts for {_and(sorted(own))}, but {_and(self.pressing(body))} press on {body!r}: its "
-                        "sums would not close",
+                        f"includes {_and(sorted(counted))}, but {_and(self.pressing(body))} press on {body!r}: its "
+                        "energy balance would not close",
                         "All of them in one order: `in: {contact: [...], force: [...], pose: [...], friction: [...]}`. "
-                        f"Or take it out: `{name}: null`.", places[name], node=name,
+                        f"Or remove it: `{name}: null`.", places[name], node=name,
                     )  # fmt: skip
         self._check_orders(faults)
 
     def place_shares(self, nodes: dict[str, NodeSpec], faults: Faults) -> None:
-        """Give each share of a joint the place of its finger: that of the sender of its approach among the joint's.
-        A fault where the joint does not solve for that finger."""
+        """Set the `finger` of each share of a joint: the index of its proximity among the inputs of the joint.
+        A fault if the joint does not solve for that finger."""
         for name in self.names:
             given = nodes[name].settings
             joint, approach = self._solver(name), self._of(name, Proximity)
             if joint == name or not approach or given.get("finger") != -1:
                 continue
             known = [wire.producer for wire in self._of(joint, Proximity)]
-            own = approach[0].producer
-            if own in known:
-                given["finger"] = known.index(own)
+            finger = approach[0].producer
+            if finger in known:
+                given["finger"] = known.index(finger)
             else:
                 faults.add(
-                    f"is the finger {own!r}, but {joint!r} solves for {_and(known) or 'none'}",
-                    f"`{joint}: {{in: {{proximity: [{', '.join([*known, own])}]}}}}`, or one of its fingers here.",
+                    f"is the finger {finger!r}, but {joint!r} solves for {_and(known) or 'none'}",
+                    f"`{joint}: {{in: {{proximity: [{', '.join([*known, finger])}]}}}}`, or one of its fingers here.",
                     approach[0].place, node=name, port=approach[0].port.name,
                 )  # fmt: skip
 
     def _check_orders(self, faults: Faults) -> None:
-        """A fault for each node with several inputs that take many, whose senders are of other fingers in one than in
-        another."""
+        """A fault for each node with several multiple inputs whose senders belong to different fingers."""
         part = parts((wire.consumer, wire.port.name, wire.producer) for wire in self.wires)
         for name in self.classes:
             ports: dict[str, list[Wire]] = {}
@@ -151,7 +153,7 @@ class Pressing:
                     )  # fmt: skip
 
     def _check_joint(self, body: str, faults: Faults) -> None:
-        """A fault where several contacts press on a body and are not solved together, each in the place of its load."""
+        """A fault if several contacts press on a body and are not solved jointly, in the order of their loads."""
         loads = [w for w in self.wires if w.consumer == body and issubclass(w.port.type, Load)]
         if len(self.pressing(body)) < 2:
             return
@@ -163,7 +165,7 @@ class Pressing:
             faults.add(
                 f"gets the loads of {_and(contacts)}, which are not solved together",
                 f"One `joint: {{use: contact.Joint, in: {{proximity: [...], body: {body}}}}}` for all, and of each "
-                "finger a `{use: contact.Share, in: {contacts: joint, proximity: ...}}` with a spread of its own "
+                "finger a `{use: contact.Share, in: {contacts: joint, proximity: ...}}` with its spread "
                 "(docs/many_fingers.md).", loads[0].place, node=body, port=loads[0].port.name,
             )  # fmt: skip
             return
@@ -176,7 +178,6 @@ class Pressing:
             )  # fmt: skip
 
     def _of(self, name: str, kind: type[Message]) -> list[Wire]:
-        """The wires by which a node gets messages of a type."""
         return [w for w in self.wires if w.consumer == name and issubclass(w.port.type, kind)]
 
     def _solver(self, contact: str) -> str:
@@ -184,7 +185,7 @@ class Pressing:
         return next((w.producer for w in self._of(contact, Contacts)), contact)
 
     def pressing(self, name: str) -> list[str]:
-        """The contacts whose force a node gets, through others that pass it on."""
+        """The contacts whose force a node gets, directly or through other nodes."""
         found = [name]
         for node in found:
             if node == name or node not in self.names:
@@ -205,7 +206,7 @@ class Pressing:
 
 
 def _origin(name: str, crossed: dict[str, str]) -> str:
-    """Who sent what a node hands on."""
+    """The original sender of the messages that a node forwards."""
     while name in crossed:
         name = crossed[name]
     return name

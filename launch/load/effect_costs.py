@@ -1,4 +1,4 @@
-"""The bill of a plan: for each effect whether it is on, what decided that, and what it drags in."""
+"""Costs of the effects of a plan: whether each is on, the rule that decided it, and the nodes that run only for it."""
 
 import copy
 from dataclasses import dataclass, field, replace
@@ -13,17 +13,17 @@ from palpate.nodes.base import Effect, effects, inputs
 
 @dataclass
 class EffectCost:
-    """One effect on the bill.
+    """One effect and its cost.
 
     on      whether it is computed
-    rule    what decided
-    where   the nodes that compute it, or would; `node.setting` where a setting holds it
-    nodes   nodes that run for it alone
-    fields  fields that are computed for it alone, `stream.field`
-    setting whether it is a value of a setting
-    beside  whether it only listens: no message depends on it
-    price   [s] duration of a tick that goes to these nodes, None where it was not measured
-    proof   what the opposite would change in the forces, None where it was not tried
+    rule    the rule that decided it
+    where   the nodes that can compute it; `node.setting` if a setting switches it
+    nodes   nodes that run only for it
+    fields  fields that are computed only for it, `stream.field`
+    setting whether a setting switches it
+    beside  whether only observers compute it, so that no message depends on it
+    price   [s] time of these nodes per tick; None: not measured
+    proof   how the forces change if it is toggled; None: not tried
     """
 
     effect: str
@@ -39,10 +39,10 @@ class EffectCost:
     proof: str | None = None
 
 
-def bill(planned: Plan, times: dict[str, float] | None = None) -> list[EffectCost]:
-    """One item for each effect that a node of the graph can compute, those that are on first.
+def effect_costs(planned: Plan, times: dict[str, float] | None = None) -> list[EffectCost]:
+    """One item for each effect that a node of the graph can compute; active effects first.
 
-    times  [s] duration of a step of each node, as a run has measured it
+    times  [s] measured step time of each node
     """
     able: dict[str, list[tuple[str, Effect]]] = {}
     for spec in planned.graph.nodes.values():
@@ -82,7 +82,7 @@ def _item(planned: Plan, name: str, able: list[tuple[str, Effect]], times: dict[
 
 
 def _without(planned: Plan, name: str, able: list[tuple[str, Effect]]) -> Plan | None:
-    """The plan with one effect off; None where the rest cannot run without it."""
+    """The plan with one effect off; None if the graph cannot run without it."""
     graph = planned.graph
     off = {n for n, e in able if e.how == "node"}
     specs = {n: replace(spec, off="off") if n in off else copy.copy(spec) for n, spec in graph.nodes.items()}

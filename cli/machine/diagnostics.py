@@ -1,4 +1,4 @@
-"""What of this machine palpate can use: each finding with what to do about it."""
+"""Diagnostics of this machine: what palpate can use, and the remedy for what is missing."""
 
 import ctypes
 import importlib.metadata
@@ -15,9 +15,9 @@ from palpate.physics.extras import EXTRAS, install, package_version
 
 TUNING = (
     "Set the CPU governor to performance (cpupower frequency-set -g performance), keep a core free (isolcpus, and"
-    " `core:` in a placement), switch off deep sleep states; give a virtual machine cores of its own."
+    " `core:` in a placement), switch off deep sleep states; give a virtual machine dedicated cores."
 )
-HELD = 0.5e-3  # [s] lateness up to which a millisecond is held
+ON_TIME = 0.5e-3  # [s] latency of the 99.9 % wake-up up to which the machine can run at 1 kHz
 
 MESA = "Install Mesa (libosmesa6 or libegl1)."
 _PICTURE = (
@@ -26,10 +26,10 @@ _PICTURE = (
 
 
 @dataclass(frozen=True)
-class Finding:
-    """One thing looked at.
+class Diagnostic:
+    """The result of one check.
 
-    state  "ok", "note" where palpate runs with less, or "fault" where it does not run
+    state  "ok", "note": some functions are not available, "fault": no run is possible
     """
 
     what: str
@@ -38,13 +38,13 @@ class Finding:
     cure: str = ""
 
 
-def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]:
-    """Look at everything, one finding after the other.
+def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Diagnostic]:
+    """Run all checks.
 
-    pictures  try to draw one, which takes seconds
-    seconds   [s] for which wake-ups are watched, once without and once with real-time priority; 0: not at all
+    pictures  draw a test picture, which takes seconds
+    seconds   [s] duration of each measurement of wake-ups, without and with real-time priority; 0: no measurement
     """
-    yield Finding("python", "ok", platform.python_version())
+    yield Diagnostic("python", "ok", platform.python_version())
     yield _system()
     yield from _packages()
     if pictures:
@@ -60,27 +60,27 @@ def examine(*, pictures: bool = True, seconds: float = 2.0) -> Iterator[Finding]
     yield from _usb()
 
 
-def _system() -> Finding:
+def _system() -> Diagnostic:
     if sys.platform == "linux":
-        return Finding("system", "ok", "Linux, on which palpate is tested")
+        return Diagnostic("system", "ok", "Linux, on which palpate is tested")
     found = f"{platform.system()}: runs of one process on simulated time should work, and are untested"
-    return Finding("system", "note", found, "Separate processes, the real clock and devices need Linux.")
+    return Diagnostic("system", "note", found, "Separate processes, the real clock and devices need Linux.")
 
 
-def _packages() -> Iterator[Finding]:
+def _packages() -> Iterator[Diagnostic]:
     for line in importlib.metadata.requires("palpate") or []:
         if "extra ==" in line:
             continue
         name = re.split(r"[\s<>=!~;\[]", line, maxsplit=1)[0]
         if version := package_version(name):
-            yield Finding(name, "ok", version + (f", ZeroMQ {_zeromq()}" if name == "pyzmq" else ""))
+            yield Diagnostic(name, "ok", version + (f", ZeroMQ {_zeromq()}" if name == "pyzmq" else ""))
         else:
-            yield Finding(name, "fault", "not installed", f"pip install {name}")
+            yield Diagnostic(name, "fault", "not installed", f"pip install {name}")
     for extra, packages in EXTRAS.items():
         versions = {name: package_version(name) for name in packages}
         lacking = [name for name, version in versions.items() if version is None]
         listing = ", ".join(f"{name} {version or 'not installed'}" for name, version in versions.items())
-        yield Finding(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
+        yield Diagnostic(f"extra {extra}", "note" if lacking else "ok", listing, install(extra) if lacking else "")
 
 
 def _zeromq() -> str:
@@ -89,40 +89,42 @@ def _zeromq() -> str:
     return zmq.zmq_version()
 
 
-def _pictures() -> Finding:
-    """In a process of its own: without a display, some builds of VTK end the process."""
+def _pictures() -> Diagnostic:
+    """Draw a test picture in a subprocess: without a display, some builds of VTK terminate the process."""
     what = "off-screen pictures"
     if importlib.util.find_spec("pyvista") is None:
-        return Finding(what, "note", "pyvista is not installed", install("view"))
+        return Diagnostic(what, "note", "pyvista is not installed", install("view"))
     try:
         run = subprocess.run([sys.executable, "-c", _PICTURE], capture_output=True, timeout=60)
         why = f"cannot be drawn (exit code {run.returncode})" if run.returncode else ""
     except subprocess.TimeoutExpired:
         why = "no picture within 60 s"
-    return Finding(what, "note" if why else "ok", why or "can be drawn", MESA if why else "")
+    return Diagnostic(what, "note" if why else "ok", why or "can be drawn", MESA if why else "")
 
 
-def _cores() -> Finding:
+def _cores() -> Diagnostic:
     cores = sorted(os.sched_getaffinity(0))
     listing = f"{len(cores)} usable: {', '.join(map(str, cores))}"
     few = len(cores) < 2
-    return Finding("cores", "note" if few else "ok", listing, "The force path needs a core of its own." if few else "")
+    return Diagnostic(
+        "cores", "note" if few else "ok", listing, "The force path needs a dedicated core." if few else ""
+    )
 
 
-def _fifo() -> Finding:
-    """Whether this process may take real-time priority; it is given back at once."""
+def _fifo() -> Diagnostic:
+    """Whether this process may use real-time priority; the previous policy is restored."""
     policy, given = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     except PermissionError:
         cure = "Add `@realtime - rtprio 99` to /etc/security/limits.conf and yourself to that group; log in again."
-        return Finding("SCHED_RR", "note", "not permitted: ticks may be late under load", cure)
+        return Diagnostic("SCHED_RR", "note", "not permitted: ticks may be late under load", cure)
     os.sched_setscheduler(0, policy, given)
-    return Finding("SCHED_RR", "ok", "permitted")
+    return Diagnostic("SCHED_RR", "ok", "permitted")
 
 
-def _memory() -> Finding:
-    """Whether this process may lock its memory; it is given back at once."""
+def _memory() -> Diagnostic:
+    """Whether this process may lock its memory; it is unlocked again."""
     import resource
 
     libc = ctypes.CDLL(None, use_errno=True)
@@ -130,48 +132,48 @@ def _memory() -> Finding:
     words = "no limit" if limit == resource.RLIM_INFINITY else f"limit {limit // 1024} kB"
     if libc.mlockall(1) == 0:  # MCL_CURRENT
         libc.munlockall()
-        return Finding("locked memory", "ok", f"permitted, {words}")
+        return Diagnostic("locked memory", "ok", f"permitted, {words}")
     cure = "Add `@realtime - memlock unlimited` to /etc/security/limits.conf; log in again."
-    return Finding("locked memory", "note", f"not permitted, {words}: page faults may delay a tick", cure)
+    return Diagnostic("locked memory", "note", f"not permitted, {words}: page faults may delay a tick", cure)
 
 
-def _usb() -> Iterator[Finding]:
+def _usb() -> Iterator[Diagnostic]:
     from palpate.drivers.discover import devices
 
     attached = False
     for device in devices():
         attached = True
         if device.missing:
-            yield Finding(device.name, "note", f"at {device.port}, without its package", install("devices"))
+            yield Diagnostic(device.name, "note", f"at {device.port}, without its package", install("devices"))
         elif device.permitted:
-            yield Finding(device.name, "ok", f"at {device.port}, for {device.use}")
+            yield Diagnostic(device.name, "ok", f"at {device.port}, for {device.use}")
         else:
-            yield Finding(
+            yield Diagnostic(
                 device.name, "note", f"at {device.file or device.ids}, not permitted for you",
                 "palpate devices --install-udev writes the rule; then plug it in again.",
             )  # fmt: skip
     if not attached:
         cure = "Nothing to do: `port: emulator` and device.Simulated run without one. See `palpate devices`."
-        yield Finding("haptic device", "note", "none on USB", cure)
+        yield Diagnostic("haptic device", "note", "none on USB", cure)
 
 
-def _libusb() -> Iterator[Finding]:
-    """pyusb is a door to a library of the system."""
+def _libusb() -> Iterator[Diagnostic]:
+    """Whether the system library behind pyusb is installed."""
     import ctypes.util
 
     if package_version("pyusb") is None:
         return
     library = ctypes.util.find_library("usb-1.0")
-    yield Finding("libusb", "ok" if library else "note", library or "not on this machine: the Falcon cannot be reached",
+    yield Diagnostic("libusb", "ok" if library else "note", library or "not installed: the Falcon cannot be used",
                   "" if library else "apt install libusb-1.0-0")  # fmt: skip
 
 
-def _wake_ups(seconds: float) -> Iterator[Finding]:
-    """Whether this machine wakes a process in time for 1 kHz, as any process and with real-time priority."""
+def _wake_ups(seconds: float) -> Iterator[Diagnostic]:
+    """Wake-up latency at 1 kHz, with normal and with real-time priority."""
     from palpate.cli.machine.lateness import PRIORITY, measure, words
 
     idle = "Real-time priority (SCHED_RR above) removes most of it; so does an idle machine."
     for what, priority, cure in (("wake-ups", None, idle), ("wake-ups, SCHED_RR", PRIORITY, TUNING)):
         if (late := measure(seconds, priority)) is not None:
-            held = late.p999 < HELD
-            yield Finding(what, "ok" if held else "note", words(late), "" if held else cure)
+            kept = late.p999 < ON_TIME
+            yield Diagnostic(what, "ok" if kept else "note", words(late), "" if kept else cure)
