@@ -19,6 +19,7 @@ DYNAMIC = "numba.dynamic.globals"  # and of objects that code refers to
 class Library(JITCodeLibrary):
     """The code of one function."""
 
+    _codegen: Any
     _loaded: tuple[list[str], dict[str, Any]] | None = None
     """Of IR from disk: names of its functions, and the parts."""
     _own: dict[str, Any] | None = None

@@ -78,13 +78,13 @@ class _Typing(Context):
         self._known: dict[Any, Any] = {}
 
     def resolve_function_type(self, func: Any, args: Any, kws: Any) -> Any:
-        if not isinstance(func, types.Function) or kws:
+        if kws or not isinstance(func, types.Function):
             return super().resolve_function_type(func, args, kws)
         known = self._known.get((func, args))
         if known is not None and known[0] is func:
             return known[1]
         signature = super().resolve_function_type(func, args, kws)
-        if signature is not None and func._impl_keys.get(signature.args) is func.typing_key:
+        if signature is not None and func._impl_keys.get(signature.args) is func.typing_key:  # type: ignore[attr-defined]
             self._known[func, args] = func, signature
         return signature
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from palpate.cli.terminal.options import Force, Json
-from palpate.cli.terminal.output import console, say, table, print_json
+from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
 
