@@ -2,7 +2,7 @@
 
 MCAP has checksums of the contents of a chunk (messages, and the schemas and channels before them), of attachments, of
 the summary at the end, and of all data of a complete file. Metadata have none, so a truncated file could not be
-verified: palpate adds a checksum (`SEAL`) as one more key.
+verified: a checksum (`SEAL`) is one more key.
 """
 
 import json

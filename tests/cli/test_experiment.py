@@ -96,7 +96,7 @@ def test_a_participant_who_is_there_already_is_asked_about_and_never_overwritten
     refused = call(*again)
     assert refused.exit_code == 2 and "nothing is overwritten. --session 2 begins another one" in refused.output
     asked = []
-    monkeypatch.setattr(command, "_sure", lambda text: asked.append(text) or len(asked) > 1)
+    monkeypatch.setattr(command, "_confirm", lambda text: asked.append(text) or len(asked) > 1)
     assert call(*again).exit_code == 2 and rows(tmp_path / "out") == before
     assert call(*again).exit_code == 0 and rows(tmp_path / "out") == before
     assert asked == ["sub-01 has done session 1. Begin session 2?"] * 2 and len(rows(tmp_path / "out", session=2)) == 4

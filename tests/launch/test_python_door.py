@@ -280,7 +280,7 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
     [
         (["contact"], "contact.force"),
         (["tissue.displacement"], "changing length"),
-        (["controller.state"], "no number"),
+        (["controller.state"], "not a number"),
         (["contact.forse"], "no field 'forse'"),
         (["contact.force", "-o", "x.gif"], "expected .png"),
     ],

@@ -90,7 +90,7 @@ def test_the_command_makes_page_pictures_and_table(tmp_path, monkeypatch):
     [
         (["--touch", "rub"], "expected one of ball"),
         (["--method", "magic"], "expected one of hertz"),
-        (["--method", "hertz", "--touch", "slip"], "none of these methods computes any of these touches"),
+        (["--method", "hertz", "--touch", "slip"], "none of these methods supports any of these touches"),
         (["--body", "no_such_lab.Liver"], "not found"),
         (["--body", "contact.Series"], "takes Load and sends Surface"),
     ],

@@ -54,7 +54,7 @@ def garbage(seed: int, count: int) -> list[bytes]:
 
 
 def test_frames_that_are_no_reports_are_dropped_and_counted(tmp_path):
-    sent = garbage(1, 10_000)
+    sent = garbage(1, 2_000)
 
     def send(launcher: Launcher) -> None:
         with zmq.Context() as context, context.socket(zmq.PUSH) as socket:

@@ -91,7 +91,7 @@ def test_reduce_says_so_where_a_basis_is_of_no_use(tmp_path, monkeypatch, worst,
     monkeypatch.setattr(builder, "built", lambda node, stages: (given, missed))
     made = run("build", "basis", "--set", "surface=plane", "--set", "coarse=120", "--out", str(tmp_path))
     assert made.exit_code == code, made.output
-    assert f"{worst:.1%} at worst" in made.stdout
+    assert f"worst {worst:.1%}" in made.stdout
     assert ("--set coarse=240 (now 120, by default 600)" in made.stderr) == bool(code)
 
 
