@@ -30,6 +30,7 @@ def test_a_notebook_runs(tmp_path, name, monkeypatch):
     assert any("image/png" in output.get("data", {}) for output in outputs)
 
 
+@pytest.mark.long
 def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
     """With the command that one of them starts."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -38,6 +38,7 @@ def forces(tmp_path_factory):
     return np.array(told)
 
 
+@pytest.mark.long
 def test_presses_holds_and_slides_have_the_force_of_the_reference(forces):
     peak = forces[:, 0].max()
     assert 1.5 < peak < 4.0
