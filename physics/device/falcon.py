@@ -18,6 +18,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from palpate.physics.dot import cross, dot
 from palpate.physics.kernel import kernel
 
 HOME = (0.0, 0.0, 0.11)
@@ -116,18 +117,6 @@ def links(geometry, x, y, z):
 def reachable(geometry, x, y, z):
     """Whether all three legs reach the point (x, y, z) [m]."""
     return leg(geometry, 0, x, y, z)[0] and leg(geometry, 1, x, y, z)[0] and leg(geometry, 2, x, y, z)[0]
-
-
-@kernel
-def cross(p, q):
-    """p x q of two triples."""
-    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
-
-
-@kernel
-def dot(p, q):
-    """p . q of two triples."""
-    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
 @kernel

@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, cross, dot, links
+from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, links
+from palpate.physics.dot import cross, dot
 from palpate.physics.kernel import kernel
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
