@@ -1,4 +1,4 @@
-"""What nodes say to one another: typed messages with units and shapes, and their wire form."""
+"""The typed messages that nodes exchange, with the unit and shape of each field, and their wire form."""
 
 import sys
 from typing import TYPE_CHECKING, Any
@@ -26,7 +26,7 @@ __all__ = [
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> Any:
-        """A message type of any other file of this folder."""
+        """A message type from any other file of this folder."""
         kind = find(sys.modules[__name__], name, Message) if name[:1].isupper() else None
         if kind is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,7 +1,7 @@
-"""What every message is: a frozen struct with a header, a unit and a shape on each field, and its wire form.
+"""Base class of messages: a frozen struct with a header, a unit and a shape for each field, and its wire form.
 
-A message is declared once, as a class; its annotations are the truth from which the checks, the log's schema and
-the axis labels come:
+A message type is declared once, as a class. The checks, the schema of recordings and the axis labels are derived from
+its annotations:
 
     class Friction(Message):
         \"\"\"Tangential force on the fingertip.
@@ -36,12 +36,12 @@ __all__ = [
 
 @typing.dataclass_transform(frozen_default=True, kw_only_default=False)
 class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
-    """Header of every message; the runner fills it in, nodes leave it alone.
+    """Header of every message. The runner fills it in; nodes do not set it.
 
     tick    [1]  ()   number of the step of the graph's base clock
     time    [ns] ()   time of that tick on the graph's clock
     source  [1]  ()   name of the node that sent it
-    used    [1]  (u)  ticks of the inputs that it was computed from, in port order; -1 where there was none
+    used    [1]  (u)  ticks of the inputs that it was computed from, in port order; -1 for a missing input
     """
 
     tick: Annotated[int, "1"] = -1
@@ -58,8 +58,8 @@ class Message(msgspec.Struct, frozen=True, kw_only=True, gc=False):
 
     @classmethod
     def example(cls, loaded: bool) -> Self:
-        """A message as a node may get it, by which the runner warms nodes: under a light load, or at rest. Types whose
-        fields depend on one another in ways that their units do not tell have their own."""
+        """A plausible message, under a light load or at rest, with which the runner warms nodes up. Override it where
+        fields depend on one another in ways that their units do not show."""
         return typing.cast(Self, example(cls, loaded))
 
 
@@ -73,7 +73,7 @@ def pack(message: Message) -> bytes:
 
 
 def decoder(kind: type[M]) -> msgspec.msgpack.Decoder[M]:
-    """What `unpack` decodes with. Its own errors do not tell the message's type."""
+    """The decoder of `unpack`, cached. Its errors do not name the message type."""
     known = _DECODERS.get(kind)
     if known is None:
         known = _DECODERS[kind] = msgspec.msgpack.Decoder(kind, dec_hook=_decode_array)
@@ -81,7 +81,7 @@ def decoder(kind: type[M]) -> msgspec.msgpack.Decoder[M]:
 
 
 def unpack(data: bytes, kind: type[M]) -> M:
-    """The message of type `kind` that the bytes hold; arrays are read-only views of them.
+    """The message of type `kind` in the bytes; its arrays are read-only views of them.
 
     MessageError: not msgpack, or not a message of this type; names the field.
     """
@@ -99,7 +99,7 @@ def _encode_array(value: Any) -> Any:
         return {"dtype": _dtype_name(value.dtype), "shape": value.shape, "data": value.tobytes()}
     if isinstance(value, np.generic):
         return value.item()
-    raise NotImplementedError(f"{type(value).__name__} cannot travel in a message")
+    raise NotImplementedError(f"{type(value).__name__} cannot be sent in a message")
 
 
 def _decode_array(kind: type, value: Any) -> Any:
@@ -108,7 +108,7 @@ def _decode_array(kind: type, value: Any) -> Any:
         if dtype.kind not in "fiu":
             raise ValueError(f"dtype {value['dtype']!r}, expected numbers")
         return np.frombuffer(value["data"], dtype=dtype).reshape(value["shape"])
-    except (KeyError, TypeError, ValueError, OverflowError, SyntaxError) as error:  # numpy parses the name of a type
+    except (KeyError, TypeError, ValueError, OverflowError, SyntaxError) as error:  # numpy parses type names
         raise ValueError(f"expected an array as {{dtype, shape, data}}: {error}") from None
 
 

@@ -1,7 +1,7 @@
-"""What a message is held to when it is made and before it is sent.
+"""Checks of a message: of types and shapes when it is created, of finite numbers before it is sent.
 
-Both checks run for every message of every tick, so each message type gets its own straight-line function, written out
-from its fields on first use, as dataclasses do; the slow, telling checks run only where that function finds fault.
+Both run for every message of every tick. So a straight-line function is generated for each message type from its fields
+on first use, as dataclasses do. The slow checks, which produce the error message, run only when that function fails.
 """
 
 import math
@@ -15,7 +15,7 @@ import numpy as np
 from palpate.messages.fields import Field, MessageError, Vector, fields
 
 _vdot = getattr(np.vdot, "_implementation", np.vdot)
-"""Without numpy's look for arrays of other packages, which takes longer than the product; it gives no warning."""
+"""`np.vdot` without numpy's dispatch to array types of other packages, which takes longer than the product."""
 _FINITE: dict[type, Callable[[Any], bool]] = {}
 
 
@@ -26,26 +26,23 @@ class _Settling(dict[type, Callable[[Any], None]]):
 
 
 SETTLE = _Settling()
-"""By message type, what brings the fields of a new message into their declared form: numbers become floats, vectors
-become tuples of the declared length, arrays become read-only and contiguous, of the declared dtype and shape, so that a
-sender may go on using its own buffers.
+"""By message type, the function that converts the fields of a new message to their declared form: numbers to floats,
+vectors to tuples of the declared length, arrays to read-only contiguous ones of the declared dtype and shape. Writable
+arrays are copied, so the sender can reuse its buffers.
 
-MessageError: a field that cannot be brought into its form.
+MessageError: a field cannot be converted.
 """
 
 
 def check_finite(message: Any) -> None:
-    """Refuse NaN and infinity in any field.
-
-    MessageError: names the field, the place in it and the value.
-    """
+    """MessageError: a field contains NaN or infinity; names the field, the index and the value."""
     if not finite_check(type(message))(message):
-        _tell_infinite(message)
+        _raise_infinite(message)
 
 
 def finite_check(kind: type) -> Callable[[Any], bool]:
-    """The quick check of a message type: true where all numbers are finite and, for numbers near the largest ones,
-    in rare cases false; `check_finite` then tells."""
+    """The fast check of a message type. True: all numbers are finite. False: a number is not finite, or the sum of very
+    large ones overflows; `check_finite` decides which."""
     known = _FINITE.get(kind)
     if known is None:
         known = _FINITE[kind] = _write_finite(kind)
@@ -74,8 +71,10 @@ def _write_settle(kind: type) -> Callable[[Any], None]:
 
 
 def _settle_array(field: Field, known: set[str]) -> list[str]:
-    """Lines for an array that is as declared: it is copied where its sender may still write to it. `known`: letters of
-    the lengths that lines before these set."""
+    """Code for an array field: check it, and copy it if its sender could still write to it.
+
+    known  symbolic lengths that earlier lines have set; new ones are added
+    """
     name, other = field.name, "return settle_all(m)"
     lengths, tests = [], []
     for axis, length in enumerate(field.shape):
@@ -99,10 +98,8 @@ def _settle_array(field: Field, known: set[str]) -> list[str]:
 
 
 def _write_finite(kind: type) -> Callable[[Any], bool]:
-    """True where the sum of all numbers, of squares for arrays, is finite: NaN and infinity survive every sum.
-
-    False where a sum of finite numbers overflows, too: the slow check then decides. BLAS gives no warning for that.
-    """
+    """The code of `finite_check`: whether the sum of all numbers, of squares for arrays, is finite. NaN and infinity
+    survive every sum, and BLAS does not warn when a sum overflows."""
     lines, terms, tests = ["def finite(m):"], [], []
     for field in fields(kind):
         name = field.name
@@ -114,7 +111,7 @@ def _write_finite(kind: type) -> Callable[[Any], bool]:
             terms.append(f"m.{name}")
         elif field.shape and _element(field) is float:
             length = field.shape[0]
-            if isinstance(length, int):  # quicker than a sum
+            if isinstance(length, int):  # faster than `sum`
                 numbers = [f"{name}_{i}" for i in range(length)]
                 lines.append(f"    [{', '.join(numbers)}] = m.{name}")
                 terms += numbers
@@ -126,11 +123,11 @@ def _write_finite(kind: type) -> Callable[[Any], bool]:
 
 
 def _function(name: str, lines: list[str], names: dict[str, Any]) -> Callable:
-    exec("\n".join(lines), names)  # names of fields only: Python identifiers of a class that is already running
+    exec("\n".join(lines), names)  # safe: field names are identifiers of an existing class
     return names[name]
 
 
-def _tell_infinite(message: Any) -> None:
+def _raise_infinite(message: Any) -> None:
     for field in fields(type(message)):
         value = getattr(message, field.name)
         if field.type is not float and not field.shape:
@@ -159,7 +156,7 @@ def _number(kind: type, field: Field, value: Any) -> float:
 
 
 def _plain(kind: type, field: Field, value: Any) -> Any:
-    """Text, whole numbers and flags; numpy's own kinds of them count, too."""
+    """Text, integers and flags; numpy scalars are converted."""
     scalar = value.item() if isinstance(value, np.generic) else value
     if (isinstance(scalar, str) and field.type is str) or type(scalar) is field.type:
         return field.type(scalar)
@@ -200,7 +197,7 @@ def _array(kind: type, field: Field, value: Any, lengths: dict[str, int]) -> np.
 
 
 def _settle_all(message: Any) -> None:
-    """Bring each field into its form. MessageError: one that cannot be."""
+    """Convert each field to its declared form. MessageError: a field cannot be converted."""
     kind = type(message)
     lengths: dict[str, int] = {}
     for field in fields(kind):

@@ -9,15 +9,15 @@ from palpate.messages.base import Floats, Ints, Message, Vector, Vector2, Vector
 
 
 class Proximity(Message):
-    """The nearest point of the undeformed surface and how far the finger has come.
+    """The nearest point of the undeformed surface, and the finger's distance from it.
 
     foot         [m]   (3)  nearest point of the surface
     normal       [1]   (3)  outward unit normal there
     coordinates  [1]   (2)  surface coordinates of the foot point: (u, v) of a patch, barycentric of a triangle
-    element      [1]   ()   index of the patch or triangle that holds it
+    element      [1]   ()   index of the patch or triangle that contains it
     gap          [m]   ()   signed distance of the bone edge, positive outside
     approach     [m]   ()   tissue thickness minus gap, 0 when apart
-    separation   [m]   ()   gap minus tissue thickness: distance of the finger from touching, 0 in contact
+    separation   [m]   ()   gap minus tissue thickness: distance from first touch, 0 in contact
     slip         [m/s] (3)  velocity of the finger along the surface
     """
 
@@ -32,7 +32,7 @@ class Proximity(Message):
 
 
 class Contact(Message):
-    """How fingertip and tissue share the approach, and the contact force in equilibrium.
+    """The contact force in equilibrium, and the shares of fingertip and tissue in the approach.
 
     foot              [m]   (3)  point of the undeformed surface
     normal            [1]   (3)  outward unit normal there
@@ -42,7 +42,7 @@ class Contact(Message):
     compression_rate  [m/s] ()   change of s1 over the step
     indentation_rate  [m/s] ()   change of s2 over the step
     lateral_force     [N]   (3)  on the finger along the surface, towards where the body is softer; not friction
-    stored            [J]   (e)  energy stored in the fingertip; e = 1, 0 where nobody reads it
+    stored            [J]   (e)  energy stored in the fingertip; e = 1, 0 if no node reads it
     """
 
     foot: Annotated[Vector3, "m"]
@@ -57,7 +57,7 @@ class Contact(Message):
 
 
 class Contacts(Message):
-    """How several fingertips press on one body, solved together; `contact.Share` makes a Contact of each.
+    """Contacts of several fingertips with one body, solved together; `contact.Share` extracts the Contact of each.
 
     force             [N]   (c)   magnitude of each normal force, never negative
     compression       [m]   (c)   of each fingertip, s1
@@ -65,7 +65,7 @@ class Contacts(Message):
     compression_rate  [m/s] (c)   change of s1 over the step
     indentation_rate  [m/s] (c)   change of s2 over the step
     lateral_force     [N]   (c,3) on each finger along the surface, towards where the body is softer; not friction
-    stored            [J]   (e)   energy stored in each fingertip; e = c, 0 where nobody reads it
+    stored            [J]   (e)   energy stored in each fingertip; e = c, 0 if no node reads it
     """
 
     force: Annotated[Vector, "N", ("c",)]
@@ -78,12 +78,12 @@ class Contacts(Message):
 
 
 class Friction(Message):
-    """Tangential force of the finger on the tissue; it points along the sliding velocity of the finger.
+    """Tangential force of the finger on the tissue, along the sliding velocity of the finger.
 
     force    [N] (3)  tangential to the surface
     bristle  [m] (3)  mean bristle deflection
     stick    [1] ()   true while the contact does not slide
-    stored   [J] (e)  energy stored in the bristles; e = 1, 0 where the law does not report it or nobody reads it
+    stored   [J] (e)  energy stored in the bristles; e = 1, 0 if the law does not report it or no node reads it
     """
 
     force: Annotated[Vector3, "N"]
@@ -93,7 +93,7 @@ class Friction(Message):
 
 
 class Load(Message):
-    """What a deformable body receives: nodal forces that sum to the contact force on the body.
+    """Nodal forces on a deformable body; their sum is the contact force.
 
     nodes   [1] (k)    indices of the loaded surface vertices
     forces  [N] (k,3)  force on each; the normal part points into the body
@@ -108,6 +108,6 @@ class Load(Message):
 
     @classmethod
     def example(cls, loaded: bool) -> Self:
-        """A force that presses."""
+        """All forces press into the body."""
         made = super().example(loaded)
         return msgspec.structs.replace(made, forces=-np.abs(made.forces))

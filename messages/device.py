@@ -7,12 +7,12 @@ from palpate.messages.fields import OneOf
 
 
 class DeviceState(Message):
-    """What a device reports once a tick. A device fills in what it measures: joint angles, or position, or both.
+    """State of a device, once per tick: joint angles, or position, or both, as the device measures them.
 
-    joints    [rad] (j)  joint angles; empty where the device reports a position only
-    position  [m]   (p)  position of the grip in the device frame; empty where the device reports joints only
+    joints    [rad] (j)  joint angles; empty if the device reports a position only
+    position  [m]   (p)  position of the grip in the device frame; empty if the device reports joints only
     buttons   [1]   ()   bit mask of the pressed buttons
-    homed     [1]   ()   true when the joint angles can be trusted
+    homed     [1]   ()   true after homing: the joint angles are valid
     """
 
     joints: Annotated[Vector, "rad", ("j",)] = ()
@@ -22,11 +22,11 @@ class DeviceState(Message):
 
 
 class Pointed(Message):
-    """Where a pointer wants the fingertip to be: the newest sample of a mouse, a pen or a finger on a touch screen.
+    """Target position of the fingertip: the newest sample of a mouse, a pen or a finger on a touch screen.
 
-    position  [m] (3)  where it points, world frame
+    position  [m] (3)  target, world frame
     buttons   [1] ()   bit mask of the pressed buttons
-    sample    [1] ()   number that the sender gave the sample; 0 before the first
+    sample    [1] ()   sequence number that the sender gave the sample; 0 before the first
     """
 
     position: Annotated[Vector3, "m"]
@@ -37,7 +37,7 @@ class Pointed(Message):
 class Pose(Message):
     """The fingertip's bone edge in the world frame.
 
-    position  [m]   (3)  where it is
+    position  [m]   (3)  position
     velocity  [m/s] (3)  filtered over measured time stamps
     dt        [s]   ()   time since the previous sample, measured
     """
@@ -48,11 +48,11 @@ class Pose(Message):
 
 
 class Force(Message):
-    """What the controller asks the device to push with.
+    """The force that the controller commands.
 
     force   [N] (3)  on the hand, world frame
     state   [1] ()   "free" or "contact"
-    energy  [J] ()   absorbed by the display since the last switch; negative when it has given energy out
+    energy  [J] ()   absorbed by the display since the last switch; negative if it has generated energy
     """
 
     force: Annotated[Vector3, "N"]

@@ -10,8 +10,8 @@ class Pins(Message):
 
     heights   [m] (rows,columns)  of the pins, positive towards the finger
     actuator  [m] ()              position of the linear actuator, positive away from the finger
-    limited   [1] ()              true where a stroke limits the surface that is asked for
-    valid     [1] ()              true while the contact model holds: contact radius at most half the fingerpad's
+    limited   [1] ()              true if a stroke limits the commanded surface
+    valid     [1] ()              true while the contact model is valid: contact radius at most half the fingerpad's
     """
 
     heights: Annotated[Floats, "m", ("rows", "columns")]

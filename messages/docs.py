@@ -1,4 +1,4 @@
-"""The words on each field, read from a message's docstring: lines `name  [unit]  (shape)  text`."""
+"""The description of each field, read from a message's docstring: lines `name  [unit]  (shape)  text`."""
 
 import inspect
 import re
@@ -12,7 +12,7 @@ _LINE = re.compile(r"(\w+)\s+\[([^\]]+)\]\s+\(([^)]*)\)\s+(\S.*)")
 
 
 class Documented(NamedTuple):
-    """One field as the docstring has it."""
+    """One field as the docstring describes it."""
 
     name: str
     unit: str
@@ -28,13 +28,13 @@ def documented(kind: type) -> list[Documented]:
 
 
 def summary(thing: object) -> str:
-    """The first sentence of a docstring, in one line."""
+    """The first sentence of a docstring, on one line."""
     first = " ".join((inspect.getdoc(thing) or "").partition("\n\n")[0].split())
     return re.split(r"(?<=[.!?]) ", first, maxsplit=1)[0].rstrip(" ,:")
 
 
 def message_types() -> dict[str, type[Message]]:
-    """All message types by name: those of every file of this folder, and those that other distributions register."""
+    """All message types by name: from every file of this folder, and those that other distributions register."""
     others = registered("palpate.messages")[0].values()
     kinds = {kind.__name__: kind for module in others for kind in declared(module, Message)}
     kinds |= classes(sys.modules[Message.__module__.rpartition(".")[0]], Message)

@@ -1,4 +1,4 @@
-"""An example of a message from the declaration of its fields: what a node is tried with before its run begins."""
+"""An example message, generated from the declaration of its fields; nodes are warmed up with it before a run."""
 
 import typing
 from typing import Any
@@ -9,16 +9,16 @@ import numpy as np
 from palpate.messages.fields import Field, fields
 
 TYPICAL = {"m": 1e-3, "m/s": 1e-2, "s": 1e-3, "rad": 0.1, "N": 0.1, "N m": 1e-3, "Pa": 1e3, "m^2": 1e-5, "J": 1e-4}
-"""What a touch has of each SI unit; 1 of all others."""
-OPEN = 3  # length of a vector whose length is open
+"""Typical magnitude in a touch, by SI unit; 1 for all others."""
+OPEN = 3  # length of a vector of open length
 
 
 def example(kind: type, loaded: bool) -> Any:
     """A message of this type.
 
-    loaded  True: a light touch, numbers typical of their units, arrays of one row. False: all is 0, arrays are empty
+    loaded  True: a light touch, typical numbers for each unit, arrays of one row. False: all zero, arrays empty
 
-    A vector of three without unit is a direction. TypeError: a field of another type that has no default.
+    A vector of three without unit is a direction. TypeError: a field of another type without a default.
     """
     optional = {field.name for field in msgspec.structs.fields(kind) if not field.required}
     return kind(**{f.name: _value(f, loaded) for f in fields(kind) if _plain(f) or f.name not in optional})

@@ -16,11 +16,11 @@ HEADER = ("tick", "time", "source", "used")
 
 
 class MessageError(ValueError):
-    """A message that does not hold what its type declares; says which field, what was found, what is expected."""
+    """A message does not match its type; names the field, what was found and what is expected."""
 
 
 class OneOf:
-    """Mark of a text field that holds one of these words."""
+    """Marks a text field whose value is one of these words."""
 
     def __init__(self, *words: str) -> None:
         self.words = words
@@ -29,7 +29,7 @@ class OneOf:
 @dataclass(frozen=True)
 class Field:
     """One field of a message: name, SI unit, shape (letters are lengths found at run time), Python type, dtype, and the
-    words that a text may be where they are known."""
+    allowed words of a text field that declares them."""
 
     name: str
     unit: str
@@ -40,7 +40,7 @@ class Field:
 
     @property
     def label(self) -> str:
-        """Name and unit as they stand beside an axis, `force [N]`."""
+        """Name and unit, as on the axis of a plot: `force [N]`."""
         return f"{self.name} [{self.unit}]"
 
 
@@ -50,7 +50,7 @@ _FIELDS: dict[type, tuple[Field, ...]] = {}
 def fields(kind: Any) -> tuple[Field, ...]:
     """The declared fields of a message type, without the header, in order of declaration.
 
-    TypeError: a field lacks its unit, or an array its shape.
+    TypeError: a field has no unit, or an array no shape.
     """
     known = _FIELDS.get(kind)
     if known is None:

@@ -1,4 +1,4 @@
-"""Message of fingers that hold one body between them."""
+"""Message of several fingers that grip one body."""
 
 from typing import Annotated
 
@@ -6,15 +6,14 @@ from palpate.messages.base import Message, Vector
 
 
 class Grip(Message):
-    """How several fingers hold a body: what they press against each other, what they move it by, and how far each is
-    from slipping.
+    """Grip of several fingers on one body: grip force, load force, and the safety margin of each finger against slip.
 
-    grip        [N] ()   grip force: the part of the forces that cancels; negative where they pull the body apart
-    load        [N] ()   load force: size of the sum of the tangential forces, which friction carries
+    grip        [N] ()   grip force: the part of the forces that cancels; negative if they pull the body apart
+    load        [N] ()   load force: magnitude of the sum of the tangential forces, which friction carries
     ratio       [1] ()   load force over twice the grip force: it slips at the coefficient of friction; 0 without grip
     normal      [N] (c)  normal force of each finger, in the order of the graph
-    tangential  [N] (c)  size of the tangential force of each
-    margin      [N] (c)  safety margin of each: normal force less the least one that holds the tangential force
+    tangential  [N] (c)  magnitude of the tangential force of each
+    margin      [N] (c)  safety margin of each: normal force minus the least one that prevents slip
     """
 
     grip: Annotated[float, "N"]

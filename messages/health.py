@@ -1,4 +1,4 @@
-"""Message about a node's own state, for observers."""
+"""Message about the state of a node, for observers."""
 
 from typing import Annotated
 
@@ -6,19 +6,19 @@ from palpate.messages.base import Message
 
 
 class Health(Message):
-    """The health of a node. `source` names it; `tick` is that of its last step. Sent by the worker, not by the node.
+    """Health of a node, sent by its worker. `source` is the node's name, `tick` that of its last step.
 
-    since    [1]  ()  first tick that it could step at since it was started last
+    since    [1]  ()  first tick at which it could step since its last start
     steps    [1]  ()  steps since then
-    late     [1]  ()  ticks that the clock had to leave out
-    lost     [1]  ()  driving messages that were skipped or did not come in time
-    held     [1]  ()  inputs older than their tick asks for
-    state    [1]  ()  what it is doing
-    median   [s]  ()  duration of a step
-    p99      [s]  ()  duration of a step that 99 of 100 stay below
+    late     [1]  ()  ticks that the clock skipped
+    lost     [1]  ()  driving messages that were skipped or did not arrive in time
+    held     [1]  ()  inputs that were older than their tick requires
+    state    [1]  ()  state of its life cycle
+    median   [s]  ()  median duration of a step
+    p99      [s]  ()  99th percentile of the duration of a step
     longest  [s]  ()  duration of the longest step
-    age      [s]  ()  median of the time from the tick to the answer
-    asleep   [1]  ()  steps at which it was at rest, and its last answer was sent again
+    age      [s]  ()  median time from the tick to the answer
+    asleep   [1]  ()  steps at rest, in which its last answer was repeated
     """
 
     since: Annotated[int, "1"]

@@ -9,29 +9,29 @@ PARTS = (
     "fingertip", "tissue", "friction", "display",
     *(f"{part} {finger}" for finger in range(2, 17) for part in ("fingertip", "friction")),
 )  # fmt: skip
-"""What an energy account is kept of; the first finger's parts have no number."""
+"""Parts with an energy account; those of the first finger have no number."""
 
 
 class Ledger(Message):
-    """Energy account of the display: what the hand put in, where it is, and what was generated. All sums run from the
-    run's start.
+    """Energy balance of the display: the work of the hand, stored, dissipated and generated energy, summed from the
+    start of the run.
 
     hand                  [J] () work of the hand on the display
-    controller            [J] () of it: taken by limits and damping of the controller, negative where it gave
+    controller            [J] () of it: absorbed by limits and damping of the controller; negative if it added energy
     sampling              [J] () of it: lost by holding the force over a step; negative where a sampled spring
                                  generates energy
     fingertip_stored      [J] () stored in the fingertip
-    fingertip_dissipated  [J] () its work less the stored energy
-    tissue_stored         [J] () stored in the body; 0 where the model does not report it
-    tissue_dissipated     [J] () its work less the stored energy
+    fingertip_dissipated  [J] () work on it minus the stored energy
+    tissue_stored         [J] () stored in the body; 0 if the model does not report it
+    tissue_dissipated     [J] () work on it minus the stored energy
     friction_stored       [J] () stored in the bristles
-    friction_dissipated   [J] () its work less the stored energy
+    friction_dissipated   [J] () work on them minus the stored energy
     work                  [J] () of the hand in this tick
     balance               [J] () energy of this tick that no part accounts for: the surface's curvature over a step
     unexplained           [J] () sum of the balances
-    generated             [J] () largest energy that a part, or the display as a whole, gave out beyond what it received
+    generated             [J] () largest energy that a part, or the whole display, has released beyond what it received
     generated_by          [1] () that part
-    tripped               [1] () true from the moment that this exceeded the bound
+    tripped               [1] () true once the generated energy has exceeded the bound
     """
 
     hand: Annotated[float, "J"]

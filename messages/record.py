@@ -1,15 +1,15 @@
-"""Messages as records: the fixed layout in which compiled nodes read and write them.
+"""Messages as records: the fixed memory layout in which compiled nodes read and write them.
 
 A record begins with the header:
 
-    there    whether there is a message; the rest tells nothing where there is none
+    there    whether the record contains a message; if not, all other fields are undefined
     tick     as in the message
     time     as in the message [ns]
-    present  which inputs its sender had, as a bit mask in port order: the n-th bit for the n-th of `used`
+    present  the inputs that its sender had, as a bit mask in port order: bit n for entry n of `used`
 
-Then come the fields by name: numbers, flags and vectors of fixed length as they are; a word as its place among those
-that the field may hold (`OneOf`); a vector of open length, of at most `ROOM` numbers, as `count` and `values`; an array
-as `address` and `shape`, its memory being the sender's.
+The fields follow by name: numbers, flags and vectors of fixed length as they are; a word as its index among those that
+the field declares (`OneOf`); a vector of open length, of at most `ROOM` numbers, as `count` and `values`; an array as
+`address` and `shape` in the sender's memory.
 """
 
 import ctypes
@@ -27,7 +27,7 @@ from palpate.messages.base import Message
 from palpate.messages.fields import Field, MessageError, fields
 
 ROOM = 16
-"""Numbers in a vector of open length: what travels as a msgpack array of numbers."""
+"""Capacity of a vector of open length, which is sent as a msgpack array of numbers."""
 HEAD = [("there", "?"), ("tick", "<i8"), ("time", "<i8"), ("present", "<i8")]
 KINDS = {float: "<f8", int: "<i8", bool: "?"}
 CODES = {"f": "d", "i": "q", "b": "?"}
@@ -36,12 +36,12 @@ ARRAYS = ("<f8", "<i4")  # dtypes of arrays that kernels read
 
 @cache
 def layout(kind: type[Message]) -> np.dtype:
-    """The record of a message type. TypeError: a field that a record cannot hold; says which, and what would do."""
+    """The record layout of a message type. TypeError: a field that a record cannot contain; says what would do."""
     return np.dtype(HEAD + [(field.name, _kind(kind, field)) for field in fields(kind)], align=True)
 
 
 def blank(kind: type[Message]) -> np.ndarray:
-    """A record (1,) of a message that is not there, whose arrays are empty."""
+    """A record (1,) without a message; its arrays are empty."""
     record = np.zeros(1, layout(kind))
     for field in fields(kind):
         if field.dtype is not None:
@@ -50,7 +50,7 @@ def blank(kind: type[Message]) -> np.ndarray:
 
 
 def array_handle(ndim: int) -> np.dtype:
-    """How a record holds an array of so many axes."""
+    """The entry of a record for an array with `ndim` axes."""
     return np.dtype([("address", "<i8"), ("shape", "<i8", (ndim,))], align=True)
 
 
@@ -73,14 +73,14 @@ def _kind(kind: type, field: Field) -> Any:
 
 
 def _element(field: Field) -> Any:
-    """Type of the numbers of a vector; None where they are of several."""
+    """Type of the numbers of a vector; None if there are several."""
     found = set(typing.get_args(field.type)) - {Ellipsis}
     return found.pop() if len(found) == 1 else None
 
 
 @cache
 def writer(kind: type[Message], names: Collection[str]) -> Callable[[Message, Any], None]:
-    """What writes the fields `names` of a message into a record, which is given as its memory."""
+    """A function (message, memory of a record) that writes the header and the fields `names` of a message."""
     record = layout(kind)
     given = ["True", "m.tick", "m.time", "present(m.used)"]
     format_, filled = "=?7xqqq", 32
@@ -100,7 +100,7 @@ def writer(kind: type[Message], names: Collection[str]) -> Callable[[Message, An
 
 
 def _values(field: Field, known: dict[str, Any]) -> list[str]:
-    """Expressions of the numbers of a field; `known` gets the names in them."""
+    """Expressions of the numbers of a field; the names in them are added to `known`."""
     value = f"m.{field.name}"
     if field.dtype is not None:
         return [f"address({value})", f"*{value}.shape"]
@@ -116,8 +116,8 @@ def _values(field: Field, known: dict[str, Any]) -> list[str]:
 
 @cache
 def reader(kind: type[Message]) -> Callable[[Any], Message]:
-    """What makes a message, without its header but for tick and time, of a record, which is given as its memory.
-    Arrays are copied."""
+    """A function (memory of a record) that returns the message; of its header it sets tick and time. Arrays are
+    copied."""
     record = layout(kind)
     format_, filled, at, given = "=?7xqqq", 32, 4, ["tick=v[1]", "time=v[2]"]
     known: dict[str, Any] = {"kind": kind, "copied": _copied}
@@ -145,7 +145,7 @@ def reader(kind: type[Message]) -> Callable[[Any], Message]:
 
 
 def _codes(dtype: np.dtype) -> str:
-    """Of a field's numbers, for `struct`."""
+    """Format codes of a field's numbers for `struct`."""
     if dtype.fields is not None:
         return "".join(_codes(dtype.fields[name][0]) for name in dtype.names or ())
     base, shape = dtype.subdtype or (dtype, ())
@@ -153,7 +153,7 @@ def _codes(dtype: np.dtype) -> str:
 
 
 class _Words(dict[str, int]):
-    """Places of words. MessageError: another word."""
+    """Index of each allowed word. MessageError: any other word."""
 
     def __missing__(self, word: str) -> int:
         raise MessageError(f"found the word {word!r}, expected one of {', '.join(map(repr, self))}")
@@ -173,7 +173,7 @@ def _present(used: tuple[int, ...]) -> int:
 
 
 def _empty(kind: type[Message], field: Field) -> np.ndarray:
-    """What an empty array is in a message: its default, by which it is left out on the wire, or one of no rows."""
+    """The empty array of a field: its default, which is omitted on the wire, or an array without rows."""
     default = msgspec.structs.fields(kind)[kind.__struct_fields__.index(field.name)].default
     if isinstance(default, np.ndarray):
         return default

@@ -1,4 +1,4 @@
-"""Message of a fingertip that knows which parts of its contact slide."""
+"""Message of a fingertip model that resolves stick and slip over its contact area."""
 
 from typing import Annotated
 
@@ -6,21 +6,21 @@ from palpate.messages.base import Floats, Ints, Message
 
 
 class Slip(Message):
-    """How far slip has come over the contact of a fingertip, and the same node by node.
+    """Progress of slip over the contact area of a fingertip, in total and node by node.
 
-    contacts   [1] ()     nodes that touch
-    fraction   [1] ()     part of them that slides
-    front      [m] ()     radius of a disc as large as what still sticks: the slip front comes in from the rim
-    incipient  [1] ()     warning: enough of the contact slides to tell, and some still sticks
-    gross      [1] ()     all of the contact slides
+    contacts   [1] ()     nodes in contact
+    fraction   [1] ()     fraction of them that slides
+    front      [m] ()     radius of a disc with the area that still sticks: the slip front moves inwards from the rim
+    incipient  [1] ()     warning of incipient slip: a detectable part of the contact slides, and some still sticks
+    gross      [1] ()     gross slip: all of the contact slides
     state      [1] (n)    of each node of the pad: 0 apart, 1 sticks, 2 slides
-    first      [s] (n)    of each, time of its first slip since the finger began to slide; -1 where there was none
+    first      [s] (n)    of each, time of its first slip since the finger began to slide; -1 before that
     path       [m] (n)    of each, distance slipped since it touched: the localized displacement
     points     [m] (n,2)  of each, position in the plane of the plate, from the lowest point of the finger
     limited    [1] ()     beams at their strain limit
     deeper     [1] ()     pressed deeper than the pad was meshed for: rim beams are missing, the force is too small
     iterations [1] ()     of the solver
-    residual   [1] ()     largest violation of the law of friction, over the largest friction of a node
+    residual   [1] ()     largest violation of the friction law, over the largest friction limit of a node
     """
 
     contacts: Annotated[int, "1"]

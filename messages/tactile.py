@@ -1,4 +1,4 @@
-"""Messages of what the skin feels beyond force."""
+"""Messages of tactile quantities other than force: contact area, strain volumes, subsurface stress, spikes."""
 
 from typing import Annotated
 
@@ -20,7 +20,7 @@ class Tactile(Message):
     levels        [1]    (l)  equivalent strains of the isostrain surfaces
     volumes       [m^3]   (l)  volume of the fingerpad strained at least that much
     volume_rates  [m^3/N] (l)  their growth with the normal force
-    stick_radius  [m]    ()   radius inside which the contact sticks; the contact's own where nothing slides
+    stick_radius  [m]    ()   radius inside which the contact sticks; the contact radius if nothing slides
     """
 
     area: Annotated[float, "m^2"] = 0.0

@@ -11,9 +11,9 @@ class ForceBand(Message):
     mean       [N] ()   mean of the normal law
     deviation  [N] ()   standard deviation of the normal law
     levels     [1] (q)  probabilities of the quantiles
-    quantiles  [N] (q)  of the law cut off at zero force
-    sample     [N] ()   one draw from the law cut off at zero force; 0 where none is asked for
-    valid      [1] ()   false where the indentation is deeper than was measured: the law is then held at its last depth
+    quantiles  [N] (q)  of the law truncated at zero force
+    sample     [N] ()   one draw from the law truncated at zero force; 0 if sampling is off
+    valid      [1] ()   false if the indentation is deeper than was measured: the law of the deepest measurement is used
     """
 
     mean: Annotated[float, "N"]

@@ -1,1 +1,1 @@
-"""Formulas: arrays in, arrays out. Imports numpy, scipy and numba only; usable from a notebook on its own."""
+"""Formulas: arrays in, arrays out. Imports only numpy, scipy and numba, so it can be used alone in a notebook."""

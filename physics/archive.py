@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and arrays read though somebody else may have written or damaged them."""
+"""Atomic writing of files, and safe reading of arrays from untrusted or damaged ones."""
 
 import math
 import os
@@ -14,22 +14,22 @@ from numpy.lib import format as npy
 
 from palpate.physics.errors import PalpateError
 
-MOST = 1 << 30  # [bytes] Largest archive, unpacked: some twenty times the largest basis that is built
+MOST = 1 << 30  # [bytes] Largest archive, unpacked: about 20 times the largest basis that is built
 BLOCK = 1 << 20
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
-# What zipfile, zlib and numpy raise on bytes that are not what they should be; the header of an array is parsed as text
-# of Python, and a damaged directory may ask for encryption or for a compression that is not there.
+# Raised by zipfile, zlib and numpy on malformed bytes. The header of an array is parsed as Python text, and a damaged
+# directory may name encryption or an unknown compression.
 _BAD = (OSError, KeyError, ValueError, TypeError, EOFError, MemoryError, OverflowError, RuntimeError, SyntaxError,
         zlib.error, zipfile.BadZipFile)  # fmt: skip
 
 
 class ArchiveError(PalpateError, ValueError):
-    """A file that is no archive of arrays, or a damaged one; says which file and what was found."""
+    """A file is not an archive of arrays, or is damaged; names the file and what was found."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file to write, which takes the place of `path` when it is whole; broken off, it is gone, `path` as it was."""
+    """A temporary file to write, which replaces `path` on success. On failure it is removed and `path` is unchanged."""
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_name(f"{path.name}.{os.getpid()}.part{path.suffix}")
     try:
@@ -40,12 +40,12 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def read_arrays(path: str | Path, *names: str) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file by name; only these, if any is named, where the file has them.
+    """The arrays of an .npz file by name; if `names` are given, only those of them that the file contains.
 
-    Sizes are compared before anything is unpacked: those of all members with `MOST`, that of a member with the shape in
-    its header. Each array is then filled block by block, without a copy. Objects, which would run code, are refused.
+    Sizes are checked before anything is unpacked: the total against `MOST`, that of each member against the shape in
+    its header. Each array is then filled block by block, without a copy. Pickled objects could run code: refused.
 
-    ArchiveError: no such file, no .npz file, damaged, or more than `MOST` bytes.
+    ArchiveError: a missing or damaged file, not .npz, or more than `MOST` bytes.
     """
     try:
         with zipfile.ZipFile(path) as archive:
@@ -68,14 +68,14 @@ def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
             raise ValueError(f"{member.filename}: format {version}, expected one of {sorted(_HEADERS)}")
         shape, fortran, dtype = _HEADERS[version](stream)
         if dtype.hasobject:
-            raise ValueError(f"{member.filename}: holds objects, expected numbers or text")
-        wanted, there = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
-        if wanted != there:
-            raise ValueError(f"{member.filename}: {there} bytes of data, shape {shape} of {dtype} takes {wanted}")
+            raise ValueError(f"{member.filename}: contains objects, expected numbers or text")
+        wanted, found = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
+        if wanted != found:
+            raise ValueError(f"{member.filename}: {found} bytes, expected {wanted} for shape {shape} of {dtype}")
         array = np.empty(math.prod(shape), dtype)
         data = array.view(np.uint8).data if wanted else memoryview(b"")
         for at in range(0, wanted, BLOCK):
             block = file.read(min(BLOCK, wanted - at))
-            data[at : at + len(block)] = block  # ValueError: fewer are there than the directory says
-        file.read(1)  # at its end the member is compared with its checksum
+            data[at : at + len(block)] = block  # ValueError: fewer bytes than the directory declares
+        file.read(1)  # zipfile compares the checksum at the end of the member
     return array.reshape(shape, order="F" if fortran else "C")

@@ -1,13 +1,12 @@
-"""The same bits on every machine: which instructions numbers are computed with.
+"""Bitwise reproducible arithmetic: the instruction set that a process computes with.
 
-Kernels are compiled for x86-64-v3 (AVX2 and FMA; every server since 2015) in any process (`kernel`), and the shipped
-nodes compute the force with kernels. numpy and OpenBLAS choose their inner loops by the processor, and so the order of
-their sums, when they are loaded. Processes of palpate - the command line, workers, the processes of a study - are
-pinned to the same instructions with `pin` or `environment`. In a process that imports palpate nothing is pinned: there,
-a custom node that uses them may differ in its last bits, and so may a basis that is built. `in_force` says what a
-process uses.
+Kernels are always compiled for x86-64-v3 (AVX2 and FMA; every server since 2015; see `kernel`), and the shipped nodes
+compute the force with kernels. numpy and OpenBLAS choose their inner loops, and with them the order of their sums, by
+the processor when they are loaded. Processes that palpate starts (command line, workers, studies) are pinned to the
+same instructions with `pin` or `environment`. A process that imports palpate is not pinned: custom nodes that use
+numpy, and a basis built there, may differ in the last bits. `in_force` reports what a process uses.
 
-`PALPATE_NATIVE=1` in the environment leaves the choice to the processor: as fast as it can be, other last bits.
+`PALPATE_NATIVE=1` in the environment selects the fastest instructions of the processor; the last bits then differ.
 """
 
 import ctypes
@@ -21,27 +20,26 @@ from importlib.util import find_spec
 from pathlib import Path
 
 LEVEL = "x86-64-v3"
-CORE = "Haswell"  # What OpenBLAS calls its kernels for these instructions
+CORE = "Haswell"  # OpenBLAS's name of its kernels for these instructions
 
 _FLAGS = {"avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "abm", "movbe", "xsave"}
-"""Of x86-64-v3, as the Linux kernel names them."""
+"""CPU flags of x86-64-v3, as the Linux kernel names them."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _KERNELS = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": "", "NUMBA_DISABLE_INTEL_SVML": "1"}
-"""For functions of `numba.njit` in nodes of users."""
+"""Settings for functions that user nodes compile with `numba.njit`."""
 
 
 def environment() -> dict[str, str]:
-    """The environment of a process that palpate starts: pinned, and one thread for linear algebra.
+    """The environment of a process that palpate starts: pinned, with one thread for linear algebra.
 
-    The fronts of a sparse factor and the bodies of a touch are small, and more threads wait for one another (10 x
-    slower was seen on a busy machine).
+    The matrices are small; several threads mostly wait for each other (measured: 10 x slower on a loaded machine).
     """
     return {**os.environ, **dict.fromkeys(_THREADS, "1"), **_pinned()}
 
 
 def pin() -> None:
-    """Pin this process, a program of palpate, before numpy is imported. It uses one thread for linear algebra unless
-    the environment says how many."""
+    """Pin this process; call it before numpy is imported. Linear algebra uses one thread unless the environment sets
+    another number."""
     os.environ.update({**dict.fromkeys(_THREADS, "1"), **os.environ, **_pinned()})
 
 
@@ -53,7 +51,7 @@ def _pinned() -> dict[str, str]:
 
 @functools.cache
 def pinnable() -> bool:
-    """Whether this machine has the instructions of x86-64-v3, and the user wants no others."""
+    """Whether this machine supports x86-64-v3 and `PALPATE_NATIVE` is not set."""
     if os.environ.get("PALPATE_NATIVE") or platform.machine() != "x86_64":
         return False
     try:
@@ -65,10 +63,10 @@ def pinnable() -> bool:
 
 
 def in_force(*, here: bool = True) -> dict[str, str]:
-    """What decides on the last bits of a result: instructions, versions of what computes, C library (its `exp`, `pow`).
+    """Everything that determines the last bits of a result: instructions, library versions, C library (`exp`, `pow`).
 
-    Where two processes agree in all of it, they give the same bytes; the force of shipped nodes is the same where they
-    differ in numpy and OpenBLAS only. `here=False`: of a process that palpate starts, which is pinned where it can be.
+    Two processes that agree in all entries compute the same bytes. If only numpy and OpenBLAS differ, the force of the
+    shipped nodes is still the same. `here=False`: for a process that palpate starts, which is pinned where possible.
     """
     import numpy
     import scipy
@@ -87,7 +85,7 @@ def in_force(*, here: bool = True) -> dict[str, str]:
 
 
 def _newer() -> str:
-    """What numpy calls the instructions beyond x86-64-v3: other names before 2.4. It must not be imported for this."""
+    """numpy's names of the instructions beyond x86-64-v3, which changed in 2.4. Must not import numpy."""
     spec = find_spec("numpy")
     text = Path(spec.origin).with_name("version.py").read_text(encoding="utf-8") if spec and spec.origin else ""
     version = re.search(r'^version = "(\d+)\.(\d+)', text, re.MULTILINE)
@@ -97,7 +95,7 @@ def _newer() -> str:
 
 
 def _instructions(numpy) -> str:
-    """`LEVEL` where everything that is loaded keeps to it, else what each of them uses."""
+    """`LEVEL` if all loaded libraries are limited to it, else what each library uses."""
     features = numpy.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
     cores = sorted({core for core, _ in _openblas()})
     threads = max((threads for _, threads in _openblas()), default=1)
@@ -110,7 +108,7 @@ def _instructions(numpy) -> str:
 
 
 def _openblas() -> list[tuple[str, int]]:
-    """Core and number of threads of each OpenBLAS that is loaded."""
+    """Core and number of threads of each loaded OpenBLAS."""
     try:
         with open("/proc/self/maps", encoding="utf-8", errors="replace") as file:
             paths = {line.split(maxsplit=5)[5].strip() for line in file if "openblas" in line}
@@ -132,7 +130,7 @@ def _openblas() -> list[tuple[str, int]]:
 def _kernels() -> str:
     if pinnable():
         return f"{LEVEL} with SVML" if "numba" in sys.modules and sys.modules["numba"].config.USING_SVML else LEVEL
-    from numba.core.registry import cpu_target  # kernels are then compiled as numba compiles its own
+    from numba.core.registry import cpu_target  # kernels are then compiled with numba's defaults
 
     _, name, features = cpu_target.target_context.codegen().magic_tuple()
     return f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"

@@ -1,8 +1,8 @@
-"""Products of vectors and matrices within kernels, in an order of their sums that the code says, not the compiler.
+"""Products of vectors and matrices in kernels, with a fixed order of summation.
 
-numba hands `np.dot` and `@` to BLAS, which chooses the order by the processor. A plain loop has one order, but one
-number at a time. Here `LANES` sums run beside each other, which are vectors of the processor, and are added up at the
-end; on any processor the result is the same.
+numba calls BLAS for `np.dot` and `@`, which chooses the order of summation by the processor. A plain loop has a fixed
+order but is not vectorised. Here `LANES` partial sums are computed in parallel in vector registers and added up at the
+end, so the result is the same on every processor.
 """
 
 from typing import Any
@@ -14,7 +14,7 @@ from numba.extending import intrinsic
 
 from palpate.physics.kernel import kernel
 
-LANES = 16  # Sums beside each other: four vectors of double precision, so that none waits for the one before
+LANES = 16  # Parallel partial sums: four vector registers of doubles, to hide the latency of the addition
 
 
 def _inner(typingctx, a, b):  # type: ignore[no-untyped-def]
@@ -58,19 +58,31 @@ def _inner(typingctx, a, b):  # type: ignore[no-untyped-def]
     return a.dtype(a, b), build
 
 
-inner: Any = intrinsic(_inner)  # a.b of contiguous vectors (n,) of one precision, within a kernel
+inner: Any = intrinsic(_inner)  # a.b of contiguous vectors (n,) of one precision, in a kernel
+
+
+@kernel
+def cross(p, q):
+    """p x q of two triples."""
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+
+
+@kernel
+def dot(p, q):
+    """p . q of two triples."""
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
 
 
 @kernel
 def times(matrix, x, out):
-    """matrix (n,m) times x (m,) into out (n,); all of one precision."""
+    """out = A x, of A = matrix (n,m) and x (m,) into out (n,); all of one precision."""
     for i in range(len(out)):
         out[i] = inner(matrix[i], x)
 
 
 @kernel
 def add_products(a, b, out):
-    """Add a'b to out (n,m), of a (k,n) and b (k,m)."""
+    """out += a'b, of a (k,n) and b (k,m) into out (n,m)."""
     for k in range(len(a)):
         for i in range(len(out)):
             for j in range(len(out[i])):
@@ -79,7 +91,7 @@ def add_products(a, b, out):
 
 @kernel
 def left_times(x, matrix, out):
-    """x (n,) times matrix (n,m) into out (m,)."""
+    """out = x A, of x (n,) and A = matrix (n,m) into out (m,)."""
     out[:] = 0.0
     for i in range(len(x)):
         for j in range(len(out)):

@@ -1,8 +1,8 @@
-"""Linear algebra with the same bits on every machine: what a start computes on the way to a force takes these.
+"""Bitwise reproducible linear algebra and functions, for everything that is computed at the start of a run.
 
-BLAS and LAPACK, so `@`, `np.dot` and `np.linalg` but `norm` over an axis, choose the order of their sums by the
-processor and the number of threads; numpy's `exp`, `log`, `tan`, `arctan2`, `sinh`, `power` ... choose their
-approximation by the processor. Sums, `einsum` without `optimize`, `sqrt`, `sin`, `cos` and `hypot` of numpy do not.
+BLAS and LAPACK (`@`, `np.dot`, `np.linalg` except `norm` over an axis) choose the order of their sums by the processor
+and the number of threads. numpy's `exp`, `log`, `tan`, `arctan2`, `sinh`, `power` ... choose their approximation by the
+processor. numpy's sums, `einsum` without `optimize`, `sqrt`, `sin`, `cos` and `hypot` are reproducible.
 """
 
 import math
@@ -14,13 +14,13 @@ from palpate.physics.kernel import kernel
 
 
 def product(a: Any, b: Any) -> np.ndarray:
-    """a (n,k) times b (k,m) or (k,)."""
+    """a b, of a (n,k) and b (k,m) or (k,)."""
     return np.einsum("ik,k...->i...", a, b)
 
 
 @kernel(error_model="numpy")
 def row_times(a, b):
-    """Sum of a_k b_k in a kernel, up to 16 of them, in the order of `product`."""
+    """sum_k a_k b_k of two vectors (n,), n <= 16, in a kernel, in the summation order of `product`."""
     even = odd = 0.0
     whole = len(a) // 8 * 8
     for start in range(0, whole, 8):
@@ -35,13 +35,13 @@ def row_times(a, b):
 
 @kernel(error_model="numpy")
 def distance(a, b):
-    """Between two points (3) in a kernel, correct to the last bit, as `math.dist`."""
+    """|a - b| of two points (3) in a kernel, correct to the last bit, as `math.dist`."""
     return hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 @kernel(error_model="numpy")
 def hypot(x, y, z):
-    """sqrt(x² + y² + z²) in a kernel, correct to the last bit, as `math.hypot`; up to 1e150."""
+    """sqrt(x² + y² + z²) in a kernel, correct to the last bit, as `math.hypot`; valid up to 1e150."""
     total = rest = 0.0
     for each in (x, y, z):
         square, error = _square(each)
@@ -56,7 +56,7 @@ def hypot(x, y, z):
 
 @kernel
 def _square(x):
-    """x², and its rounding error (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
+    """x² and its rounding error (T. J. Dekker, Numer. Math. 18 (1971) 224-242)."""
     high = x * 134217729.0
     high -= high - x
     low, square = x - high, x * x
@@ -65,7 +65,8 @@ def _square(x):
 
 @kernel(error_model="numpy")
 def sum_of_squares(x):
-    """Of a vector (n,) in a kernel, in the order of `np.sum`: eight sums beside each other, in halves above 128."""
+    """sum_k x_k² of a vector (n,) in a kernel, in the order of `np.sum`: eight partial sums, two halves above n = 128.
+    The same bits as `np.sum` for n <= 256."""
     n = len(x)
     if n <= 128:
         return _eight_sums(x)
@@ -95,12 +96,12 @@ def _eight_sums(x):
 
 
 def length(x: np.ndarray) -> float:
-    """Euclidean norm of all numbers of an array."""
+    """Euclidean norm of all elements of an array."""
     return float(np.sqrt(np.sum(np.square(x))))
 
 
 def exp(x: Any) -> np.ndarray:
-    """e^x of each number (...), as the C library has it; so are the others."""
+    """e^x of each element (...), computed by the C library, as are the functions below."""
     return _each(0, x)
 
 
@@ -147,17 +148,18 @@ def _fill(which, x, y, out):
 
 
 def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """x (...,n,m) with a x = b, of a (...,n,n) and b (...,n,m). ValueError: a is singular, or not finite."""
+    """The solution x (...,n,m) of a x = b, a (...,n,n), b (...,n,m). ValueError: a is singular or not finite."""
     x = np.array(b, dtype=float, order="C")
     rows, columns = x.shape[-2:]
     if not solve_in_place(np.array(a, dtype=float, order="C").reshape(-1, rows, rows), x.reshape(-1, rows, columns)):
-        raise ValueError("a singular matrix")
+        raise ValueError("found a singular matrix, expected a regular one")
     return x
 
 
 @kernel(error_model="numpy")
 def solve_in_place(a, x):
-    """Gaussian elimination with row pivots, in place; whether all pivots are there. a (k,n,n), x (k,n,m)."""
+    """Solve a x = b by Gaussian elimination with partial pivoting, in place: a (k,n,n) is destroyed, x (k,n,m) is b at
+    first and the solution at the end. False: a pivot is 0 or not finite."""
     count, n, columns = x.shape
     for k in range(count):
         for i in range(n):

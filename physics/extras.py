@@ -1,4 +1,4 @@
-"""Which optional packages belong to which extra of palpate's installation, and what to type for one."""
+"""The extras of palpate: which optional packages each installs, and the command that installs it."""
 
 import sys
 from importlib.util import find_spec
@@ -22,26 +22,27 @@ EXTRAS = {
 
 
 def extra_of(module: str) -> str | None:
-    """The extra that brings a module, None where no extra does."""
+    """The extra that installs a module; None if no extra does."""
     top = module.partition(".")[0]
     return next((extra for extra, packages in EXTRAS.items() if top in packages.values()), None)
 
 
 def missing(what: str, module: str | None, extra: str) -> str:
-    """The line for users who lack a package, or have a broken one: what needs it, its name on the index, what to type.
+    """The error line for a missing or broken package: what needs it, its name on the index, the command that installs
+    it. Call it while the ImportError is handled, which shows whether the package is missing or broken.
 
-    module  that could not be imported, as `ImportError.name` has it. The error that is being handled says which it is
+    module  that could not be imported, from `ImportError.name`
     """
     error = sys.exception()
     if isinstance(error, ImportError) and not isinstance(error, ModuleNotFoundError):
-        return f"{what}: a package of palpate[{extra}] is there and cannot be imported: {error}; {install(extra)}"
+        return f"{what}: a package of palpate[{extra}] is installed but cannot be imported: {error}; {install(extra)}"
     top = (module or "").partition(".")[0]
     names = {top: package for packages in EXTRAS.values() for package, top in packages.items()}
     return f"{what}: the package {names.get(top, top or extra)} is not installed; {install(extra)}"
 
 
 def install(extra: str) -> str:
-    """What to type for an extra, by what installed palpate."""
+    """The command that installs an extra, for the tool that installed palpate."""
     wanted, prefix = f'"palpate[{extra}]"', Path(sys.prefix)
     if (prefix / "pipx_metadata.json").exists():
         kept = prefix.parent.name == "venvs"  # `pipx run` has its environments elsewhere
@@ -54,7 +55,7 @@ def install(extra: str) -> str:
 
 
 def package_version(package: str) -> str | None:
-    """None: it is not installed."""
+    """Version of an installed package; None if it is not installed."""
     from importlib.metadata import PackageNotFoundError, version  # slow to import
 
     try:

@@ -1,4 +1,4 @@
-"""What is computed from a mesh or a surface, and would be computed anew at every start."""
+"""A cache for results that are computed from a mesh or a surface."""
 
 import hashlib
 from collections.abc import Callable
@@ -9,15 +9,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 Result = TypeVar("Result")
-KEPT = 4  # Results that each function keeps
+KEPT = 4  # Cached results per function
 
 
 def kept(function: Callable[..., Result]) -> Callable[..., Result]:
-    """The function, which gives the same result again where its arguments have the same content: arrays, numbers, and
-    dataclasses of these.
-
-    Nobody may write to what it gives.
-    """
+    """Decorator: cache the last `KEPT` results by the content of the arguments (arrays, numbers, and dataclasses of
+    these). The results are shared: do not write to them."""
     results: dict[tuple, Result] = {}
 
     @wraps(function)

@@ -1,8 +1,8 @@
-"""Where numba keeps compiled kernels: a folder per state of the sources.
+"""The folder in which numba caches compiled kernels: one per state of the sources.
 
-numba holds a compiled kernel for fresh as long as the file that it stands in is unchanged, but the kernels that it
-calls, and the layout of what it is handed, may stand in other files. So the name of the folder is a hash of all
-sources that kernels can come from. An edit begins a new folder; the oldest ones go.
+numba reuses a cached kernel as long as the file that defines it is unchanged, although the kernels that it calls and
+the layout of its arguments may be defined in other files. So the name of the folder is a hash of all sources that
+contain kernels. Each edit of these creates a new folder; the oldest ones are removed.
 """
 
 import contextlib
@@ -15,17 +15,16 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-KEPT = 3  # States of the sources whose kernels are kept: going back and forth between two branches compiles nothing
+KEPT = 3  # Folders that are kept, so that switching between two branches recompiles nothing
 PREFIX = "kernels-"
 COMPILED = ("palpate.physics", "palpate.models.fe", "palpate.nodes", "palpate.engine")
 
 ROOM = 100_000_000
-"""[bytes] free where new kernels are kept; all of ours take about a third. numba ends a program on a full disk."""
+"""[bytes] Free disk space required for a new folder, about three times its size: numba aborts on a full disk."""
 
 
 def folder(given: str = "") -> Path:
-    """Where kernels of the sources as they are now are kept. `given`: where the user wants them; else as
-    `NUMBA_CACHE_DIR` says, else a place of palpate's."""
+    """The cache folder for the current sources, below `given`, else `NUMBA_CACHE_DIR`, else a default location."""
     return _folder(given or os.environ.get("NUMBA_CACHE_DIR", ""))
 
 
@@ -42,7 +41,7 @@ def _folder(given: str) -> Path:
 
 
 def key(packages: Sequence[str] = COMPILED) -> str:
-    """A hash of the names and contents of the sources of packages; without any, of those that kernels stand in."""
+    """A hash of the names and contents of all sources of the packages, by default of those that contain kernels."""
     hasher = hashlib.sha256()
     for package in packages:
         spec = find_spec(package)
@@ -54,8 +53,8 @@ def key(packages: Sequence[str] = COMPILED) -> str:
 
 
 def _root(name: str, given: str) -> Path:
-    """The user's folder for kernels; else beside the sources; where nobody may write there or the disk is full, the
-    user's cache. `name` is that of the folder: where it is there already it needs no room."""
+    """The folder that contains the cache folders: `given`, else next to the sources, else the user's cache. A location
+    must be writable and have `ROOM` bytes free, unless the folder `name` already exists there."""
     if given:
         return Path(given)
     caches = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
@@ -65,11 +64,11 @@ def _root(name: str, given: str) -> Path:
             place.mkdir(parents=True, exist_ok=True)
             if os.access(place, os.W_OK) and ((place / name).exists() or shutil.disk_usage(place).free > ROOM):
                 return place
-    return Path(tempfile.mkdtemp(prefix="palpate-"))  # of this process alone: what others left there is not to be run
+    return Path(tempfile.mkdtemp(prefix="palpate-"))  # private: never run kernels that another user may have left
 
 
 def _clear(root: Path) -> None:
-    """Remove all but the folders that were used last. A process that still runs on one of them compiles anew."""
+    """Remove all but the most recently used folders. A process that still uses a removed one recompiles."""
     folders = sorted(root.glob(f"{PREFIX}*"), key=lambda folder: _used(folder), reverse=True)
     for folder in folders[KEPT:]:
         shutil.rmtree(folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Memory by its address, for kernels that walk through tables and write bytes."""
+"""Reads and writes memory by address, for kernels that iterate over tables and write bytes."""
 
 from typing import Any
 
@@ -7,14 +7,14 @@ from llvmlite import ir
 from numba import from_dtype, types
 from numba.core import cgutils, extending
 
-intrinsic: Any = extending.intrinsic  # its functions take one argument less than they say
+intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context
 
 _BYTE = ir.IntType(8).as_pointer()
 _INTEGER = ir.IntType(64)
 
 
 def pointer(dtype: np.dtype) -> Any:
-    """A function for kernels: the record of this form at an address."""
+    """An intrinsic for kernels that returns the record of this dtype at an address."""
     form = from_dtype(dtype)
 
     @intrinsic
@@ -29,7 +29,7 @@ def pointer(dtype: np.dtype) -> Any:
 
 @intrinsic
 def word(typing: Any, address: Any) -> Any:
-    """The whole number at an address."""
+    """The 64-bit integer at an address."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
@@ -39,7 +39,7 @@ def word(typing: Any, address: Any) -> Any:
 
 @intrinsic
 def number(typing: Any, address: Any) -> Any:
-    """The floating-point number at an address."""
+    """The double at an address."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], ir.DoubleType().as_pointer()))
@@ -49,7 +49,7 @@ def number(typing: Any, address: Any) -> Any:
 
 @intrinsic
 def set_word(typing: Any, address: Any, value: Any) -> Any:
-    """Write a whole number to an address."""
+    """Write a 64-bit integer to an address."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.store(arguments[1], builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
@@ -60,7 +60,7 @@ def set_word(typing: Any, address: Any, value: Any) -> Any:
 
 @intrinsic
 def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
-    """Copy bytes from one address to another; the address after the copy."""
+    """Copy `count` bytes from one address to another; returns the address after the copy."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         to, source, count = arguments
@@ -72,7 +72,7 @@ def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
 
 @intrinsic
 def set_big(typing: Any, to: Any, value: Any) -> Any:
-    """Write the eight bytes of a whole number to an address, the highest first; the address after it."""
+    """Write a 64-bit integer to an address in big-endian order; returns the address after it."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         store = builder.store(builder.bswap(arguments[1]), builder.inttoptr(arguments[0], _INTEGER.as_pointer()))

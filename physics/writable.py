@@ -1,4 +1,4 @@
-"""Whether a file or a folder can be written: asked before the minutes that its content takes."""
+"""Checks that a file or a folder can be written, before its content is computed."""
 
 import errno
 import tempfile
@@ -6,9 +6,9 @@ from pathlib import Path
 
 
 def check_file(path: Path, *, folders: bool = True) -> None:
-    """OSError: no file of this name can be written. Nothing is left behind.
+    """OSError: the file cannot be written. Leaves no file behind.
 
-    folders  those above it are made later where they are missing
+    folders  missing parent folders are allowed: the caller creates them later
     """
     try:
         if path.is_dir():
@@ -23,7 +23,7 @@ def check_file(path: Path, *, folders: bool = True) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """OSError: nothing can be written to this folder, or it cannot be made. Nothing is left behind."""
+    """OSError: the folder cannot be created or written to. Leaves nothing behind."""
     try:
         _check_room(path, folders=True)
     except OSError as error:
@@ -31,7 +31,7 @@ def check_folder(path: Path) -> None:
 
 
 def _check_room(folder: Path, folders: bool) -> None:
-    """OSError: nothing can be written to this folder, or to the nearest one above it that there is."""
+    """OSError: the folder, or with `folders` its nearest existing parent, cannot be written to."""
     while folders and not folder.exists() and folder != folder.parent:
         folder = folder.parent
     with tempfile.TemporaryFile(dir=folder):

@@ -4,6 +4,7 @@ import math
 
 from palpate.physics.bodies.stretch import hold_together
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
+from palpate.physics.dot import dot
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
 
@@ -15,11 +16,6 @@ MOST_SIDEWAYS = 0.5
 """[1] The same for the part along the surface. A triangle is turned over where that changes by 1 over its height; in a
 right-angled one that is sqrt(2) of what its edges show, and the dent of a round body takes some of it."""
 LEAST_COMPLIANCE = 1e-9  # [m/N] of a patch whose layers all stand at their limit; it keeps the law finite
-
-
-@kernel
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @kernel
@@ -126,7 +122,7 @@ def held_together(count, beams, moving, skin):
     moved, sideways = moving.moved, skin.sideways
     for k in range(count):
         normal = beams.normals[moving.nodes[k]]
-        along = _dot(moved[k], normal)
+        along = dot(moved[k], normal)
         for a in range(3):
             sideways[k, a] = moved[k, a] - along * normal[a]
             moved[k, a] -= sideways[k, a]
@@ -141,7 +137,7 @@ def held_together(count, beams, moving, skin):
 def _beam(j, dt, beams, moving):
     """Step one beam under its force; 1 where an element is at its limit."""
     force, strains, displacement, normal = moving.force[j], moving.strains[j], moving.displacement[j], beams.normals[j]
-    along = _dot(force, normal)
+    along = dot(force, normal)
     push = max(-along, 0.0)
     loaded = force[0] != 0.0 or force[1] != 0.0 or force[2] != 0.0
     strain = chain_stress_step(strains, beams.moduli, beams.viscosities, beams.shares, push / beams.areas[j], dt)
@@ -162,7 +158,7 @@ def _beam(j, dt, beams, moving):
 @kernel
 def _shear_left(force, along, softness, length):
     """The share [1] of the free sideways displacement softness |f_t| [m] that the limit of the shear leaves."""
-    sideways = softness * math.sqrt(max(_dot(force, force) - along * along, 0.0))
+    sideways = softness * math.sqrt(max(dot(force, force) - along * along, 0.0))
     limit = STRAIN_LIMIT * length
     return 1.0 if sideways <= limit else limit / sideways
 
@@ -181,13 +177,13 @@ def _shared(i, j, dt, beams, moving, contacts):
         if w == 0.0:
             continue
         area, beam, force = beams.areas[v], beams.normals[v], moving.force[v]
-        here, there, along = _dot(beam, n), _dot(beam, m), _dot(force, beam)
+        here, there, along = dot(beam, n), dot(beam, m), dot(force, beam)
         for a in range(len(moving.chain)):
             moving.chain[a] = moving.strains[v, a]
         chain_stress_step(moving.chain, beams.moduli, beams.viscosities, beams.shares, max(-along, 0.0) / area, dt)
         axial = beams.length * _chain_compliance(moving.chain, beams, dt)
         side = _shear_left(force, along, beams.softness / area, beams.length) * beams.softness
-        total += w / area * (max(here, 0.0) * max(there, 0.0) * axial + side * (_dot(n, m) - here * there))
+        total += w / area * (max(here, 0.0) * max(there, 0.0) * axial + side * (dot(n, m) - here * there))
     for k in range(contacts.counts[j]):
         weight[contacts.nodes[second, j, k]] = 0.0
     return max(total, 0.0)
@@ -218,20 +214,20 @@ def _response(i, dt, beams, moving, contacts):
     for k in range(contacts.counts[i]):
         j, w = contacts.nodes[which, i, k], contacts.shares[which, i, k]
         area, beam, strains, force = beams.areas[j], beams.normals[j], moving.strains[j], moving.force[j]
-        face = _dot(beam, normal)
-        previous -= w * _dot(moving.displacement[j], normal)
+        face = dot(beam, normal)
+        previous -= w * dot(moving.displacement[j], normal)
         for a in range(len(chain)):
             chain[a] = strains[a]
         free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt)
         for a in range(len(chain)):
             chain[a] = strains[a]
-        along = _dot(force, beam)
+        along = dot(force, beam)
         push = max(-along, 0.0) if loaded else max(face, 0.0) * w * LEAST_FORCE
         deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt)
         held = _shear_left(force, along, beams.softness / area, length)
         side = held * w * beams.softness / area * (1.0 - face * face)
         if loaded:
-            deep -= held * w * beams.softness / area * (_dot(force, normal) - along * face)
+            deep -= held * w * beams.softness / area * (dot(force, normal) - along * face)
         else:
             deep += w * LEAST_FORCE * side
         compliance += w * side

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from palpate.physics.dot import cross, dot
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
@@ -95,16 +96,6 @@ def _minus(a, b):
 
 
 @kernel
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def _cross(a, b):
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
 def _times(a, scale):
     return a[0] * scale, a[1] * scale, a[2] * scale
 
@@ -113,21 +104,21 @@ def _times(a, scale):
 def _potential(point, corner, out):
     """Fill `out` (3): integral over a triangle (3,3) of each corner's barycentric coordinate over the distance from a
     point (3)."""
-    normal = _cross(_minus(corner[1], corner[0]), _minus(corner[2], corner[0]))
-    double = np.sqrt(_dot(normal, normal))
+    normal = cross(_minus(corner[1], corner[0]), _minus(corner[2], corner[0]))
+    double = np.sqrt(dot(normal, normal))
     normal = _times(normal, 1.0 / double)
-    height = _dot(_minus(point, corner[0]), normal)
+    height = dot(_minus(point, corner[0]), normal)
     foot = _minus(point, _times(normal, height))
     whole, first0, first1, first2 = 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         begin = corner[k]
         along = _minus(corner[(k + 1) % 3], begin)
-        length = np.sqrt(_dot(along, along))
+        length = np.sqrt(dot(along, along))
         along = _times(along, 1.0 / length)
-        outward = _cross(along, normal)
-        low = _dot(_minus(begin, foot), along)
+        outward = cross(along, normal)
+        low = dot(_minus(begin, foot), along)
         high = low + length
-        side = _dot(_minus(begin, foot), outward)
+        side = dot(_minus(begin, foot), outward)
         square = side * side + height * height
         far, near = np.sqrt(high * high + square), np.sqrt(low * low + square)
         log = 0.0
@@ -143,5 +134,5 @@ def _potential(point, corner, out):
         first1 += amount * outward[1]
         first2 += amount * outward[2]
     for k in range(3):
-        climb = _times(_cross(normal, _minus(corner[(k + 2) % 3], corner[(k + 1) % 3])), 1.0 / double)
-        out[k] = (1.0 + _dot(_minus(foot, corner[k]), climb)) * whole + _dot((first0, first1, first2), climb)
+        climb = _times(cross(normal, _minus(corner[(k + 2) % 3], corner[(k + 1) % 3])), 1.0 / double)
+        out[k] = (1.0 + dot(_minus(foot, corner[k]), climb)) * whole + dot((first0, first1, first2), climb)

@@ -1,1 +1,1 @@
-"""Two bodies that press on each other: the series law, its terminal form, the spread of a load, the band of force."""
+"""Contact of fingertip and body: the series law, its terminal form, the load distribution, the force uncertainty."""

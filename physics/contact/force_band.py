@@ -1,12 +1,12 @@
-"""A force that is normally distributed about a mean, but never negative: quantiles, replayable draws.
+"""A normally distributed force truncated at zero: quantiles and reproducible draws.
 
     p(f | d) = N(F(d), sigma(d)²) restricted to f >= 0
 
-Far from zero this is the normal law itself; near first touch, where sigma is comparable to F, the part below zero
-(18 % at d = 0 for the published subject) is cut off and the rest scaled up.
+Far from zero this is the normal law. Near first touch, where sigma is comparable to F, the part below zero (18 % at
+d = 0 for the published subject) is truncated and the rest is normalised.
 
-Laws of few sessions are themselves unsure. A new force is then distributed as F + sigma t, t being Student's t of some
-degrees of freedom (`freedom`; 0 stands for as many as one likes, the normal law).
+Laws fitted to few sessions are uncertain. A new force is then distributed as F + sigma t with Student's t of `freedom`
+degrees of freedom (0: the normal law).
 """
 
 from typing import NamedTuple
@@ -38,8 +38,8 @@ PUBLISHED = Band("fourier", (1.694, -1.673, 0.1971, 422.8), "exponential", (0.02
 def band_at(depth, band: Band = PUBLISHED):
     """(F, sigma, inside): mean [N], standard deviation [N] and whether the depth was measured, at each depth [m] (...).
 
-    Beyond the range the laws are held at its end and `inside` is false: they are not extrapolated. A fitted law that
-    runs below zero is held at zero.
+    Outside the measured range the laws are evaluated at its end, without extrapolation, and `inside` is false. A
+    negative fitted value counts as zero.
     """
     depth = np.asarray(depth, float)
     held = np.clip(depth, 0.0, band.limit)
@@ -49,14 +49,14 @@ def band_at(depth, band: Band = PUBLISHED):
 
 
 def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
-    """Force [N] (...) below which the share `level` of mean + deviation t restricted to f >= 0 lies.
+    """Quantile [N] (...) of mean + deviation t truncated to f >= 0, at the probability `level`.
 
-        S(z) = (1 - level) (1 - S(-mean/deviation)),   f = mean + z deviation,   S(z) the share of t above z
+        S(z) = (1 - level) (1 - S(-mean/deviation)),   f = mean + z deviation,   S(z) the survival function of t
 
     level      [1]  (...)  in (0, 1)        mean  [N]  (...)        deviation  [N]  (...)  >= 0; at 0 it is <mean>
     freedom    [1]  ()     of t; 0: the normal law
 
-    The normal law is computed in logarithms, so that it holds however far the mean lies below zero.
+    The normal law is computed in logarithms, which is accurate for means far below zero.
     """
     level, mean, deviation = np.broadcast_arrays(*(np.asarray(v, float) for v in (level, mean, deviation)))
     sure = deviation <= 0.0
@@ -69,7 +69,7 @@ def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
 
 
 def uniform(seed: int, tick: int) -> float:
-    """A number of [0, 1) that depends on seed and tick alone, so that every replay, in any order, draws the same.
+    """A random number in [0, 1) that depends on seed and tick only, so that replays in any order draw the same.
 
     Philox 4x64-10 with the seed as key and the tick as counter: J. K. Salmon et al., Parallel random numbers: as easy
     as 1, 2, 3 (2011).

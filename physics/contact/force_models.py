@@ -17,12 +17,12 @@ from palpate.physics.exact import exp
 class ForceModel:
     """One curve.
 
-    slopes      (x, *q) -> for each nonlinear parameter the derivative of these columns
-    start       x -> for each nonlinear parameter the values that the search starts from; its ends are the limits
+    slopes      (x, *q) -> the derivative of these columns by each nonlinear parameter
+    start       x -> start values of the search for each nonlinear parameter; the first and last are its limits
     """
 
-    name: str  # as it stands in files and tables
-    formula: str  # for people, d being the depth
+    name: str  # as in files and tables
+    formula: str  # human-readable; d is the depth
     linear: dict[str, str]  # name -> unit of the linear parameters
     basis: Callable[..., list[np.ndarray]]  # (x, *q) -> a column per linear parameter; broadcasts over grids of q
     nonlinear: dict[str, str] = field(default_factory=dict)  # name -> unit of the others, q

@@ -1,7 +1,7 @@
 """Grip and load force of several contacts on one body.
 
-Forces f_i at points p_i move the body by their wrench G f, with the grasp matrix G, and squeeze it by what is left: the
-internal forces, their projection on the null space of G (J. Kerr & B. Roth, Int. J. Robotics Res. 4 (1986) 3-17),
+Forces f_i at points p_i move the body by their wrench G f, with the grasp matrix G, and squeeze it by the internal
+forces, their projection on the null space of G (J. Kerr & B. Roth, Int. J. Robotics Res. 4 (1986) 3-17),
 
     q_i = f_i - mean(f) - b x r_i,    sum_i r_i x (b x r_i) = sum_i r_i x f_i,    r_i = p_i - mean(p)
 
@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from palpate.physics.dot import dot
 from palpate.physics.kernel import kernel
 
-BALANCED = 1e-12  # [1] Moment over the sum of |r_i| |f_i| that counts as none
+BALANCED = 1e-12  # [1] Moment over the sum of |r_i| |f_i| that counts as zero
 
 
 @kernel(error_model="numpy")
@@ -26,16 +27,11 @@ def _cross(a, b, out):
 
 
 @kernel(error_model="numpy")
-def _dot(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel(error_model="numpy")
 def internal_forces(points, forces):
     """The internal forces q [N] (k,3) and the arms r [m] (k,3), of forces [N] (k,3) at points [m] (k,3).
 
-    b is found by conjugate gradients: three steps, and exact as well where all points lie on one line, about which no
-    b is determined and none is needed.
+    b is found by three steps of conjugate gradients. This also works for collinear points, for which the component of b
+    along their line is undetermined and has no effect.
     """
     count = len(points)
     arm, left = points.copy(), forces.copy()
@@ -47,8 +43,8 @@ def internal_forces(points, forces):
     moment, scale = np.zeros(3), 0.0
     for i in range(count):
         _cross(arm[i], left[i], moment)
-        scale += math.sqrt(_dot(arm[i], arm[i]) * _dot(left[i], left[i]))
-    turn, along, size = np.zeros(3), moment.copy(), _dot(moment, moment)
+        scale += math.sqrt(dot(arm[i], arm[i]) * dot(left[i], left[i]))
+    turn, along, size = np.zeros(3), moment.copy(), dot(moment, moment)
     for _ in range(3):
         if size <= (BALANCED * scale) ** 2:
             break
@@ -57,10 +53,10 @@ def internal_forces(points, forces):
             push = np.zeros(3)
             _cross(along, arm[i], push)
             _cross(arm[i], push, image)
-        step = size / _dot(along, image)
+        step = size / dot(along, image)
         turn += step * along
         moment -= step * image
-        before, size = size, _dot(moment, moment)
+        before, size = size, dot(moment, moment)
         along = moment + size / before * along
     for i in range(count):
         push = np.zeros(3)
@@ -71,11 +67,11 @@ def internal_forces(points, forces):
 
 @kernel(error_model="numpy")
 def grip_force(points, forces):
-    """Half of the sum of |q_i| [N], so that of two fingers each presses with it; negative where they pull: where
-    sum_i q_i.r_i > 0."""
+    """Grip force sum_i |q_i|/2 [N], that of each of two opposing fingers; negative if they pull, sum_i q_i.r_i > 0.
+    points [m] (k,3), forces [N] (k,3)."""
     internal, arm = internal_forces(points, forces)
     total = outward = 0.0
     for i in range(len(points)):
-        total += math.sqrt(_dot(internal[i], internal[i]))
-        outward += _dot(internal[i], arm[i])
+        total += math.sqrt(dot(internal[i], internal[i]))
+        outward += dot(internal[i], arm[i])
     return 0.5 * total if outward <= 0.0 else -0.5 * total

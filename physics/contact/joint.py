@@ -1,14 +1,14 @@
-"""Several fingertips on one body, solved together: what one presses in, the others feel within the step.
+"""Several fingertips on one body, solved simultaneously: each responds to the others within the same step.
 
-A body answers contact i by its terminal law L_i and says by the coupling O what the forces of the others are there:
+The response of the body at contact i is its terminal law L_i; the coupling O gives the effect of the other forces:
 
     L_i(s2_i) = f_i + sum_j O_ij f_j  (j != i),   f_i = F1_i(e_i - s2_i),   f_i >= 0
 
-with F1_i the fingertip's law (`physics.contact.series`). For a linear body of compliance C, O_ij = C_ij/C_ii; there
-alone O may be negative, and moves s_free. f is the fixed point of f_i = phi_i(sum_j O_ij f_j), phi_i one scalar solve
-that falls with slope -t_i, 0 <= t_i < 1. Newton's method on it has the matrix I + t O, regular where C is positive;
-where a step does not help, one sweep of Gauss-Seidel takes its place, which converges for symmetric positive C (as a
-projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485).
+with F1_i the fingertip's law (`physics.contact.series`). For a linear body of compliance C, O_ij = C_ij/C_ii; only then
+may O be negative, which shifts s_free. f is the fixed point of f_i = phi_i(sum_j O_ij f_j), where phi_i is one scalar
+solve, decreasing with slope -t_i, 0 <= t_i < 1. Newton's matrix is I + t O, regular for positive definite C. Where a
+Newton step does not reduce the residual, one Gauss-Seidel sweep replaces it, which converges for symmetric positive
+definite C (as the projected one does: O. Mangasarian, J. Optim. Theory Appl. 22 (1977) 465-485).
 """
 
 import numpy as np
@@ -17,15 +17,15 @@ from palpate.physics.contact.series import balance
 from palpate.physics.exact import solve_in_place
 from palpate.physics.kernel import kernel
 
-EXACT = 1e-13  # [1] Change of the forces, over their sum, at which they are solved
+EXACT = 1e-13  # [1] Convergence tolerance: change of the forces over their sum
 MOST_STEPS = 60
 
 
 @kernel(error_model="numpy")
 def _one(i, others, approach, dt, before, finger, laws, out):
-    """Solve contact i under `others` [N]; fills its row of `out` and returns t."""
+    """phi_i: solve contact i under the force `others` [N] of the others; fills row i of `out` and returns t_i."""
     k, n, c, free, previous = laws[i]
-    if others < 0.0:  # they push the body against the finger, as from the other side of an organ
+    if others < 0.0:  # the others push the body against the finger, as from the opposite side of an organ
         free += others / k if n == 1.0 else 0.0
         others = 0.0
     f, s1, s2, yields = balance(approach[i], dt, before[i], finger, k, n, c, free, previous, others)
@@ -35,7 +35,7 @@ def _one(i, others, approach, dt, before, finger, laws, out):
 
 @kernel(error_model="numpy")
 def _others(i, coupling, force):
-    """What the forces of the other contacts are at contact i [N]."""
+    """sum_j O_ij f_j (j != i) [N], the effect of the other forces at contact i."""
     total = 0.0
     for j in range(len(force)):
         if j != i:
@@ -45,7 +45,7 @@ def _others(i, coupling, force):
 
 @kernel(error_model="numpy")
 def joint_step(approach, dt, before, finger, laws, coupling, force, out):
-    """One step of k fingertips on one body.
+    """One step of k fingertips on one body: the fixed point f of the equations above.
 
     approach  [m] (k)    e of each at the end of the step
     dt        [s]        T > 0; infinite gives the static split
@@ -53,7 +53,7 @@ def joint_step(approach, dt, before, finger, laws, coupling, force, out):
     finger    (5)        law and damping of all, see `series.kernel_form`
     laws      (k,5)      terminal laws: K, n, c, s_free, s_prev
     coupling  [1] (k,k)  O; its diagonal is not read
-    force     [N] (k)    where to begin
+    force     [N] (k)    initial guess; overwritten
     out       (k,3)      filled with f [N], s1 [m] and s2 [m] of each
     """
     count = len(approach)

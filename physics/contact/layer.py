@@ -1,4 +1,4 @@
-"""A rigid ball on an elastic layer that is bonded to the ground: what thickness makes of Hertz's law.
+"""A rigid ball on an elastic layer bonded to a rigid base: Hertz's law with a factor f for the thickness.
 
     F = (4/3) E/(1 - nu²) sqrt(R) s^1.5 f(chi),    chi = sqrt(R s)/h
 
@@ -10,7 +10,7 @@ equation of the second kind
     M(y) = ((3 - 4 nu) sinh y cosh y - y)/(y² + 4 (1 - nu)² + (3 - 4 nu) sinh² y)
 
 W. C. Hayes, L. M. Keer, G. Herrmann, L. F. Mockros, J. Biomech. 5 (1972) 541-551. Small strains, no friction under the
-ball; solved to 1e-12 by Gauss's rule. For nu = 0.5 f begins 1 + 1.13 chi + 1.48 chi² + 1.47 chi³.
+ball; solved to 1e-12 by Gaussian quadrature. For nu = 0.5, f = 1 + 1.13 chi + 1.48 chi² + 1.47 chi³ + ...
 """
 
 from functools import lru_cache

@@ -1,20 +1,20 @@
-"""Energy account of a touch: what the hand puts in, what each part holds, and what none of them can have given.
+"""Energy balance of a touch: the work of the hand, stored, dissipated and generated energy of each part.
 
-A part (fingertip, tissue, friction) takes up work W and holds the energy V; the rest is dissipated,
+A part (fingertip, tissue, friction) receives the work W and stores the energy V; the rest is dissipated,
 
     D = W - V,    dD >= 0
 
-whatever the part does: a D that falls is energy made. Over a step that ends at k the works are
+for every passive part: a decreasing D is generated energy. Over a step that ends at k the works are
 
     hand        -F_{k-1-d} . dx                       F [N] (3) on the hand, held over the step; d samples of delay
-    controller  -(F - G)_{k-1-d} . dx                 G = f_n n + a - f_t, what contact and friction ask for
+    controller  -(F - G)_{k-1-d} . dx                 G = f_n n + a - f_t, the force of contact and friction
     fingertip   f_n ds1       tissue  f_n ds2 - a . dx       friction  f_t . dx
     sampling    G_{k-1-d} where the parts take G_k; a spring K makes K |dx|^2 a step
-    balance     hand - controller - sampling - parts; 0 but for the curvature of the surface over a step
+    balance     hand - controller - sampling - parts; 0 except for the curvature of the surface over a step
 
-with the forces f_n, a, f_t at the step's end, as the contact's own implicit step has them: a convex V then has dD >= 0
-exactly. The display as a whole is judged as a part is. Each finger has a fingertip and a friction; a coupled body takes
-up sum_i f_i ds2_i.
+with the forces f_n, a, f_t at the end of the step, as in the implicit step of the contact, so that dD >= 0 exactly for
+a convex V. The display as a whole counts as a part, too. Each finger has a fingertip and a friction; a coupled body
+receives sum_i f_i ds2_i.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47: the work of a sampled wall. J. C. Willems, Arch.
 Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
@@ -22,38 +22,37 @@ Rational Mech. Anal. 45 (1972) 321-351: stored and supplied energy.
 
 import math
 
-from palpate.physics.device.falcon import dot
+from palpate.physics.dot import dot
 from palpate.physics.kernel import kernel
 
 FINGERS = 16  # at most
 FINGERTIP, TISSUE, FRICTION, DISPLAY, MORE = range(5)
 """Rows of the accounts: of the first finger, then fingertip and friction of each further one."""
 WORK, STORED, HIGHEST, GENERATED = range(4)
-"""Columns [J]: what a part took up and stores, NaN where it does not report it; the most that it has dissipated; what
-it has given out and cannot have had."""
+"""Columns [J]: work on a part; stored energy, NaN if not reported; largest dissipation so far; generated energy."""
 PLACE, FORCE, ASKED, NORMAL, PUSH, COMPRESSION, INDENTATION, MOMENT = 0, 3, 6, 9, 12, 13, 14, 15
-"""A finger at the end of a step: place [m] (3), force on the hand and G [N] (3 each), normal [1] (3), f_n [N], s1 and
-s2 [m]; their number."""
-RENDERED = 2  # of the sums, see `_works`; the last one is what all parts store
+"""A finger at the end of a step: position [m] (3), force on the hand and G [N] (3 each), normal [1] (3), f_n [N], s1
+and s2 [m]; the number of columns."""
+RENDERED = 2  # index in the sums, see `_works`; the last sum is the energy stored in all parts
 
 BOOKS = {
     "accounts": (MORE + 2 * (FINGERS - 1), 4), "rows": int,  # rows in use
-    "fingers": int, "moments": int, "newest": int,  # how many moments the past holds, of how many fingers
+    "fingers": int, "moments": int, "newest": int,  # fingers, moments in the ring `past`, index of the newest
     "sums": (7,), "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
 }  # fmt: skip
-"""State of an energy account [J]; `work` and `left` are the hand's work and the balance of the last step. With it goes
-`past`, (d + 2, FINGERS, MOMENT): the last moments, in a ring."""
+"""State of an energy account [J]; `work` and `left` are the hand's work and the balance of the last step. The kernels
+also take `past` (d + 2, FINGERS, MOMENT), a ring buffer of the last moments."""
 
 
 @kernel
 def begin(books, past, count):
-    """Begin the next moment of so many fingers; whether it ends a step, which it does not after a gap."""
+    """Begin the next moment with `count` fingers; whether it ends a step, false after a gap."""
     books.newest = (books.newest + 1) % len(past)
     if books.fingers != count:
         books.fingers, books.moments = count, 0
     books.rows = max(books.rows, MORE + 2 * (count - 1))
     for i in range(6):
-        books.sums[i] = -0.0  # to which any number adds up exactly, -0.0 too
+        books.sums[i] = -0.0  # the neutral element of addition, also for -0.0
     return books.moments > 0
 
 
@@ -69,7 +68,7 @@ def take(books, past, finger, place, force, normal, push, compression, indentati
 
 @kernel
 def book_finger(books, past, finger, along, friction, stored):
-    """Book the step of a finger; stored [J] (3) in its fingertip, the tissue and its friction, NaN where unknown."""
+    """Account for the step of a finger; stored [J] (3) in its fingertip, the tissue and its friction, or NaN."""
     size, sums = len(past), books.sums
     works = _works(
         past[books.newest, finger], past[(books.newest - 1) % size, finger],
@@ -85,7 +84,7 @@ def book_finger(books, past, finger, along, friction, stored):
 
 @kernel
 def end(books, past, stepped, tissue):
-    """End the moment, after `book_finger` for each finger where it ends a step; tissue [J]: what that stores."""
+    """End the moment; if it ends a step, after `book_finger` for each finger. tissue [J]: stored energy."""
     if not stepped:
         books.moments = 1
         return
@@ -103,12 +102,12 @@ def end(books, past, stepped, tissue):
 
 @kernel
 def _works(now, last, held, along, friction):
-    """Of one finger in a step [J]: the hand's work, what was asked for and what was rendered of it, and the works on
-    fingertip, tissue and friction. `held`: the moment that the force on the hand was computed from."""
+    """Works [J] of one finger in a step: of the hand, of the delayed G, of the present contact force, and on fingertip,
+    tissue and friction. `held` is the moment from which the force on the hand was computed."""
     way = (now[PLACE] - last[PLACE], now[PLACE + 1] - last[PLACE + 1], now[PLACE + 2] - last[PLACE + 2])
     tip, deeper = now[COMPRESSION] - last[COMPRESSION], now[INDENTATION] - last[INDENTATION]
     rubbed = dot(friction, way)
-    # Midway between the normals; a finger that came through the air pressed less than it moved.
+    # Along the mean normal; a finger that moved through air first pressed less than it moved.
     between = -0.5 * (dot(now[NORMAL:PUSH], way) + dot(last[NORMAL:PUSH], way))
     pressed = between if last[PUSH] > 0.0 else 0.0 + tip + deeper
     return (
@@ -119,7 +118,7 @@ def _works(now, last, held, along, friction):
 
 @kernel
 def _book(account, work, stored):
-    """Book the work [J] of a step on a part, and what it stores at its end."""
+    """Add the work [J] of a step on a part, and set the energy [J] stored at its end."""
     account[WORK] += work
     account[STORED] = stored
     if not math.isnan(stored):
@@ -128,13 +127,13 @@ def _book(account, work, stored):
 
 @kernel
 def _stored(account):
-    """What a part stores [J]; 0 where it does not report it."""
+    """Stored energy [J] of a part; 0 if it does not report it."""
     return account[STORED] if abs(account[STORED]) > 0.0 else 0.0
 
 
 @kernel
 def totals(books, row):
-    """Stored and dissipated energy [J] of the parts of all fingers: row of the first one's."""
+    """Stored and dissipated energy [J], summed over all fingers; `row` is that of the first finger's part."""
     account = books.accounts[row]
     stored, dissipated = _stored(account), account[WORK] - _stored(account)
     if row != TISSUE:
@@ -147,8 +146,8 @@ def totals(books, row):
 
 @kernel
 def worst(books):
-    """The row of the part that has generated most energy, and how much [J]; without a reported energy a part has
-    generated what its work lacks."""
+    """The row of the part that has generated the most energy, and that energy [J]. For a part that does not report its
+    stored energy it is the negative work on it."""
     row = 0
     for k in range(max(books.rows, MORE)):
         account = books.accounts[k]

@@ -2,7 +2,7 @@
 
     f = g(s) <1 + c s'>,    <x> = max(0, x)
 
-Unlike a spring beside a dashpot this has no force jump at impact and no suction at release
+Unlike a spring with a parallel dashpot it has no force jump at impact and no suction at release
 (K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42, 1975, 440-445).
 """
 
@@ -16,7 +16,7 @@ from palpate.physics.kernel import kernel
 
 POWER, EXPONENTIAL, HERTZ = 0, 1, 2
 GAUSS_POINTS, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(64)
-MOST_FORCE = 1e300  # [N] What a force beyond the range of numbers counts as
+MOST_FORCE = 1e300  # [N] Replaces a force that overflows
 
 
 class ElasticLaw(NamedTuple):
@@ -29,7 +29,7 @@ class ElasticLaw(NamedTuple):
 
 
 def kernel_form(law: ElasticLaw, damping: float) -> np.ndarray:
-    """A fingertip's law and its damping [s/m] as kernels take them (5): an array costs them less than five numbers."""
+    """A fingertip's law and its damping [s/m] as one array (5), cheaper to pass to a kernel than five numbers."""
     return np.array([*law, damping], dtype=float)
 
 
@@ -80,7 +80,7 @@ def energy(s, kind, first, second, radius):
         # expm1(x) - x cancels below about 1e-2; six terms of its series reach rounding there.
         series = x * x / 2 * (1 + x / 3 * (1 + x / 4 * (1 + x / 5 * (1 + x / 6 * (1 + x / 7)))))
         return first / second**2 * (series if x < 1e-2 else math.expm1(x) - x)
-    # s = t^2 takes the square root out of the integrand; 64 points resolve e^{ms} up to ms of some hundreds.
+    # s = t^2 removes the square root from the integrand; 64 points resolve e^{ms} up to ms of a few hundred.
     root, scale = math.sqrt(depth), 8.0 * first / (3.0 * second) * math.sqrt(radius)
     low = (_eighth(0, root, scale, second) + _eighth(1, root, scale, second)) + (
         _eighth(2, root, scale, second) + _eighth(3, root, scale, second)
@@ -93,7 +93,7 @@ def energy(s, kind, first, second, radius):
 
 @kernel(error_model="numpy")
 def _eighth(start, root, scale, second):
-    """The sum of every eighth term of `energy`, in whose order numpy adds up."""
+    """The sum of every eighth term of `energy`: numpy's order of summation."""
     total = 0.0
     for i in range(start, len(GAUSS_POINTS), 8):
         t = root * (GAUSS_POINTS[i] + 1) / 2
@@ -104,7 +104,7 @@ def _eighth(start, root, scale, second):
 @kernel(error_model="numpy")
 def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previous):
     """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m];
-    see `balance`, with nothing else on the body.
+    see `balance`, without other contacts.
     """
     f, x, s, _ = balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, 0.0)
     return f, x, s
@@ -120,14 +120,14 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
     s1        [m]  fingertip compression before the step
     finger    (5)  the fingertip's law and its damping c1 [s/m], see `kernel_form`
     stiffness, exponent, c2, free, previous  the body's terminal law
-    others    [N]  >= 0, what presses the body here beside this finger: F2(s2) = f + others
+    others    [N]  >= 0, force of other contacts on the body here: F2(s2) = f + others
 
-    Both recover to r1, r2, the body under the others; no contact where these still fill the approach. Otherwise
+    Without contact both recover to r1 and r2 (the body under `others`); they touch if r1 + r2 < e. Then
 
         h(s2) = F2(s2) - others - F1(e - s2) = 0,   F1(s) = g1(s) <1 + c1 (s - s1)/T>,
 
-    has h <= 0 at s2 = r2, h >= 0 at s2 = e - r1 and never decreases: a root is always found. The step is implicit
-    Euler: f >= 0 and s1 >= 0 whatever T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex.
+    has h <= 0 at s2 = r2, h >= 0 at s2 = e - r1 and never decreases: a root always exists. The step is implicit Euler:
+    f >= 0 and s1 >= 0 for any T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex.
     """
     kind, first, second, radius, c1 = int(finger[0]), finger[1], finger[2], finger[3], finger[4]
     r1 = free_recovery(s1, 0.0, c1, dt)
@@ -150,17 +150,17 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
         else:
             high = s
         following = 0.5 * (low + high)
-        # Newton on ln F2 - ln F1, nearly straight for power and exponential laws alike; else halve the bracket.
+        # Newton on ln F2 - ln F1, nearly linear for power and exponential laws; otherwise bisection.
         if 0.0 < f1 < math.inf and 0.0 < f2 < math.inf:
             steep = slope2 / f2 + slope1 / f1
             guess = s - math.log(f2 / f1) / steep
-            if steep < math.inf and low <= guess <= high:  # infinite at a subnormal s, where Newton stands still
+            if steep < math.inf and low <= guess <= high:  # infinite at a subnormal s, where Newton would stall
                 following = guess
             if abs(f2 - f1) <= 2e-16 * f1:
                 break
         if abs(following - s) <= 2e-16 * abs(s):
             break
         s = following
-    # At the root both are equal; away from it by a rounding error, the softer one is the more exact.
+    # Both forces are equal at the root; at a rounding error from it, that of the softer law is more accurate.
     force = min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE)
     return force, approach - s, s, slope1 / (slope1 + slope2)

@@ -1,7 +1,8 @@
-"""Stress below a patch that presses and rubs: an elastic half-space under the load of a spreading kernel.
+"""Stress below a contact patch with normal and tangential load on an elastic half-space.
 
-A force (Q_x, Q_y, P) at a point of the surface, P into the half-space along z, makes at (x, y, z) with rho² = x² + y² +
-z² and s = rho + z (J. Boussinesq 1885, V. Cerruti 1882; K. L. Johnson, Contact Mechanics, 1985, eqs. 3.19 and 3.76)
+The stress at (x, y, z) of a force (Q_x, Q_y, P) at the origin of the surface, P into the half-space along z, is with
+rho² = x² + y² + z² and s = rho + z (J. Boussinesq 1885, V. Cerruti 1882; K. L. Johnson, Contact Mechanics, 1985, eqs.
+3.19 and 3.76)
 
     2 pi sigma_ij = -3 (Q.r) r_i r_j/rho⁵ + (1 - 2 nu) B_ij,    B_iz = 0
 
@@ -9,10 +10,10 @@ z² and s = rho + z (J. Boussinesq 1885, V. Cerruti 1882; K. L. Johnson, Contact
     Q_x:  B_xx = x/rho³ - 3 x/(rho s²) + x³ b,    B_yy = x/rho³ - x/(rho s²) + x y² b,    B_xy = -y/(rho s²) + x² y b
           b = 1/(rho³ s²) + 2/(rho² s³)
 
-and the others by turning x into y. A patch's load is spread by a kernel of fixed shape (`physics.contact.spread`), so
-that the stress at points fixed to it is a constant matrix times its force: that is what `under_patch` integrates, once.
-Neither the modulus nor what presses enters: the stress is that of the tissue and, by its own Poisson's ratio, of the
-finger's skin alike, as long as either is a half-space at the scale of the patch.
+and the others by exchanging x and y. The load of a patch has a fixed shape (`physics.contact.spread`), so the stress at
+points fixed to the patch is a constant matrix times the force; `under_patch` computes that matrix once. It depends on
+Poisson's ratio only, not on the modulus. It is valid for the tissue and for the finger's skin, each with its Poisson's
+ratio, if they are half-spaces at the scale of the patch.
 """
 
 import math
@@ -23,8 +24,8 @@ from palpate.physics.contact.spread import kernel_values
 from palpate.physics.exact import arctan2
 from palpate.physics.kernel import kernel
 
-SHALLOWEST = 0.01  # [1] Least depth over the patch's radius: above, the stress is the load's own
-PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt's order: xx, yy, zz, yz, xz, xy
+SHALLOWEST = 0.01  # [1] Least depth over the patch's radius; at shallower points the stress is the surface load
+PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt order: xx, yy, zz, yz, xz, xy
 
 
 def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
@@ -49,11 +50,11 @@ def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
 
 
 def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) -> np.ndarray:
-    """Stress [1/m²] (p,3,3,3) at points [m] (p,3) for each newton along x, y and z that a patch is loaded with.
+    """Stress [1/m²] (p,3,3,3) at points [m] (p,3) per newton of load on the patch along x, y and z.
 
-    points  x, y from the patch's middle, and the depth z;  radius [m] of the kernel;  kernel: see `spread.KERNELS`
+    points  x, y from the centre of the patch, and the depth z;  radius [m] of the kernel;  kernel: see `spread.KERNELS`
 
-    By Gauss's rule over the radius and the trapezoidal one round it, finer for shallow points.
+    Gaussian quadrature over the radius and the trapezoidal rule over the angle, finer for shallow points.
 
     ValueError: a depth below `SHALLOWEST` radii.
     """
@@ -68,7 +69,7 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
     turn = 2.0 * math.pi * np.arange(round_) / round_
     source = radius * np.stack([np.outer(q, np.cos(turn)), np.outer(q, np.sin(turn))], axis=-1).reshape(-1, 2)
     share = np.repeat(share / (share.sum() * round_), round_)
-    # the load is round: what is at (x, y) is what is at (r, 0), turned
+    # the load is axisymmetric: the stress at (x, y) is that at (r, 0), rotated
     away = np.hypot(points[:, 0], points[:, 1])
     places, which = np.unique(np.round(np.stack([away, points[:, 2]], axis=1), 12), axis=0, return_inverse=True)
     there = np.empty((len(places), 3, 3, 3))

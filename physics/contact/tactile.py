@@ -25,17 +25,17 @@ def equivalent_strain(strain: np.ndarray, poisson: float | np.ndarray = 0.5) -> 
 
 
 def logarithmic_strain(gradient: np.ndarray) -> np.ndarray:
-    """Hencky strain ln U [1] (...,3,3) of deformation gradients (...,3,3); rigid motion gives 0. ValueError: a gradient
-    that turns the material inside out."""
+    """Hencky strain ln U = (1/2) ln F'F [1] (...,3,3) of deformation gradients F (...,3,3); 0 for rigid motion.
+    ValueError: det F <= 0."""
     if (np.linalg.det(gradient) <= 0).any():
-        raise ValueError("deformation gradient with a determinant <= 0: the material is turned inside out")
+        raise ValueError("deformation gradient with a determinant <= 0: the material is inverted")
     squares, axes = np.linalg.eigh(np.swapaxes(gradient, -1, -2) @ gradient)
     return (axes * (0.5 * np.log(squares))[..., None, :]) @ np.swapaxes(axes, -1, -2)
 
 
 def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray) -> np.ndarray:
-    """Volume in which the strain is at least a level [m³] (L,), exact for a strain that is linear in each tetrahedron:
-    `values` [1] (E,4) at its corners, `volumes` [m³] (E,)."""
+    """Volume [m³] (L,) in which the strain is at least each of `levels` [1] (L,), exact for a strain that is linear in
+    each tetrahedron: `values` [1] (E,4) at its corners, `volumes` [m³] (E,)."""
     values = np.sort(np.asarray(values, dtype=np.float64), axis=1)
     return _volume(values, np.asarray(volumes, dtype=np.float64), np.atleast_1d(np.asarray(levels, dtype=np.float64)))
 
@@ -65,8 +65,8 @@ def _volume(values, volumes, levels):
 
 
 def growth(low: np.ndarray, high: np.ndarray, force_low: float, force_high: float) -> np.ndarray:
-    """Growth with force, (high - low)/(force_high - force_low): of volumes [m³/N], or of the contact area [m²/N].
-    ValueError: the forces are the same."""
+    """(high - low)/(force_high - force_low): growth with force of volumes [m³/N] or of the contact area [m²/N].
+    ValueError: the forces are equal."""
     if not force_high != force_low:
         raise ValueError(f"growth between equal forces, {force_low} N: expected two different ones")
     return (np.asarray(high) - np.asarray(low)) / (force_high - force_low)
@@ -75,12 +75,12 @@ def growth(low: np.ndarray, high: np.ndarray, force_low: float, force_high: floa
 def tactile_flow(
     points: np.ndarray, low: np.ndarray, high: np.ndarray, force_low: float, force_high: float
 ) -> np.ndarray:
-    """Motion of the isostrain surfaces with force, along the strain's gradient, in each tetrahedron [m/N] (E,3).
+    """Motion of the isostrain surfaces with force, along the strain gradient, in each tetrahedron [m/N] (E,3).
 
         phi = -(de/dP) grad e/max(|grad e|², g²)
 
-    Any motion within a surface may be added to it. g is `FLOOR` times the greatest gradient: where the strain is flat
-    the flow is not determined. points [m] (E,4,3) corners; low, high [1] (E,4) strain there at the two forces [N].
+    Motion within a surface is undetermined and taken as 0. g, `FLOOR` times the largest gradient, bounds the flow where
+    the strain is flat. points [m] (E,4,3) corners; low, high [1] (E,4) strain there at the two forces [N].
 
     A. Bicchi et al., Brain Res. Bull. 75 (2008) 737-741.
     """

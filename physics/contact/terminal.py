@@ -1,10 +1,10 @@
-"""The terminal law: what a deformable body does at the contact in its next step, as five numbers.
+"""The terminal law: the response of a deformable body at the contact in its next step, as five numbers.
 
     F(s) = K <s - s_free>^n <1 + c (s - s_prev)/T>,    <x> = max(0, x)
 
 F [N] normal force, s [m] indentation at the end of the step, T [s] its length. It is a Hunt-Crossley law
-(Hunt & Crossley 1975) in state form. F is zero up to `free_recovery` and increases from there on, so any law of the
-same kind can be solved against it in a bracket, whatever the step.
+(Hunt & Crossley 1975) in state form. F is zero up to `free_recovery` and increases from there on, so its balance with
+any law of the same kind has a bracketed root for every step length.
 """
 
 import math
@@ -14,11 +14,9 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 
-LEAST_FORCE = 1e-3  # [N] Force at which a body's law is fitted where the contact is lighter than that
+LEAST_FORCE = 1e-3  # [N] Least force at which a body's law is fitted
 LEAST_DEPTH = 1e-9  # [m] Depth below which a fitted body counts as rigid; it keeps K finite
-
-
-LEAST_FREE = -0.1  # [m] A body that stands farther out than this without force is not meant
+LEAST_FREE = -0.1  # [m] Lower bound of a plausible rest indentation
 
 
 class Terminal(NamedTuple):
@@ -33,7 +31,7 @@ class Terminal(NamedTuple):
 
 @kernel(error_model="numpy")
 def power_of(x, n):
-    """x^n for x >= 0; the usual exponents without a call of pow."""
+    """x^n for x >= 0; avoids pow for the common exponents."""
     if n == 1.5:
         return x * math.sqrt(x)
     if n == 1.0:
@@ -59,7 +57,7 @@ def power_slope(x, n):
 
 @kernel(error_model="numpy")
 def root_of(x, n):
-    """x^(1/n) for x >= 0; the usual exponents without a call of pow."""
+    """x^(1/n) for x >= 0; avoids pow for the common exponents."""
     if n == 1.5:
         y = np.cbrt(x)
         return y * y
@@ -72,7 +70,7 @@ def root_of(x, n):
 
 @kernel(error_model="numpy")
 def free_recovery(previous, free, damping, dt):
-    """Indentation [m] at which the body ends a step of `dt` without load; the largest s with F(s) = 0."""
+    """Indentation [m] after a step `dt` [s] without load, max(s_free, s_prev - T/c): the largest s with F(s) = 0."""
     if damping > 0.0:
         return max(free, previous - dt / damping)
     return free
@@ -80,7 +78,7 @@ def free_recovery(previous, free, damping, dt):
 
 @kernel(error_model="numpy")
 def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
-    """Force [N] and its slope dF/ds [N/m] at the indentation s [m], for a step of dt > 0 [s]."""
+    """F(s) [N] of the terminal law and dF/ds [N/m] at the indentation s [m], for a step of dt > 0 [s]."""
     x = s - free
     rate = 1.0 + damping * (s - previous) / dt
     if x <= 0.0 or rate <= 0.0:
@@ -93,9 +91,9 @@ def terminal_force(s, dt, stiffness, exponent, damping, free, previous):
 def indentation(force, dt, stiffness, exponent, damping, free, previous):
     """Indentation s [m] with F(s) = force; the free recovery where force <= 0.
 
-    With x = s - free and n >= 1, F is convex and increasing, so Newton's method from any point with F >= force goes
-    down to the root without passing it. Such points are the static root, the previous indentation while unloading, and
-    Newton's own point from there while loading.
+    With x = s - free and n >= 1, F is convex and increasing, so Newton's method converges monotonically from any point
+    with F >= force. Available start points are the static root, the previous indentation (unloading), and one Newton
+    step from there (loading).
     """
     least = free_recovery(previous, free, damping, dt)
     if not force > 0.0:
@@ -108,7 +106,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     if p > 0.0:
         value, slope = power_slope(p, exponent)
     if value < goal:
-        # Newton's point is safe, but far away where the law starts flat; the static root is then nearer.
+        # The Newton step is safe but overshoots far where the law starts flat; the static root is then nearer.
         if value > 0.0:
             x = p + (goal - value) / (slope + value * inverse)
         if not value > 0.1 * goal:
@@ -118,7 +116,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
         value, slope = power_slope(x, exponent)
         rate = 1.0 + inverse * (x - p)
         rise = slope * rate + value * inverse
-        # So little force or so short a step that the law is out of the range of numbers: x is as good as the root.
+        # The law overflows or underflows for a tiny force or step: accept x.
         if not 0.0 < rise < math.inf:
             break
         step = (value * rate - goal) / rise
@@ -130,14 +128,14 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
 
 @kernel(error_model="numpy")
 def fit_terminal(free, s, slope, force):
-    """K and n of the terminal law of a body whose next implicit step is known at two points; c is 0.
+    """K and n of the terminal law through two points of a body's next implicit step; c is 0.
 
     free   [m]    indentation of the next step at zero force
     s      [m]    indentation of the next step at `force`
-    slope  [N/m]  tangent stiffness dF/ds there, of the step: the body's own damping is in it
-    force  [N]    present force; give at least `LEAST_FORCE`, a law fitted at zero load deadlocks the contact
+    slope  [N/m]  tangent stiffness dF/ds there, of the step: it includes the body's damping
+    force  [N]    present force, at least `LEAST_FORCE`: a law fitted at zero load would deadlock the contact
 
-    n = slope (s - free)/force, held in [1, 3]; K = force/(s - free)^n. So force and slope at s are the body's own.
+    n = slope (s - free)/force, limited to [1, 3]; K = force/(s - free)^n. So the law matches force and slope at s.
     """
     depth = max(s - free, LEAST_DEPTH)
     n = slope * depth / force
@@ -148,10 +146,7 @@ def fit_terminal(free, s, slope, force):
 
 
 def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None:
-    """Refuse a law that would pull, or has no root.
-
-    ValueError: names the number, what was found and what is expected.
-    """
+    """ValueError: the law would pull or has no root; names the number, what was found and what is expected."""
     stiffness, exponent, damping, free, previous = law
     some, none = "a finite number > 0", "a finite number >= 0"
     for name, unit, value, least, most, expected in (
@@ -172,21 +167,21 @@ def check_law(law: Terminal, step: float = 0.0, relaxation: float = 0.0) -> None
 
 @kernel(error_model="numpy")
 def law_at(length, start, law, step, relaxation):
-    """K [N/m^n] and s_free [m] for a step of `length` > 0 [s] from the indentation `start` [m], of a law that was given
-    for a step of length `step` [s] from s_prev.
+    """K [N/m^n] and s_free [m] of a law, valid for a step of length `step` [s] from s_prev, converted to a step of
+    `length` > 0 [s] from the indentation `start` [m].
 
-    The body goes to what a force asks of it with one time constant, `relaxation` tau [s]: of the way there an implicit
-    step of length a takes the share m(a) = a/(a + tau). So, s_rest being where it comes to rest without force,
+    The body relaxes to equilibrium with the time constant tau = `relaxation` [s]; an implicit step of length a covers
+    the fraction m(a) = a/(a + tau). With s_rest, its equilibrium without force,
 
         s_rest = s_prev + (s_free - s_prev)/m(step)
         s_free <- start + m(length) (s_rest - start),   K <- K (m(step)/m(length))^n
 
-    Exact for a Kelvin-Voigt body. Without `step` or `relaxation` the law is the same for all lengths.
+    Exact for a Kelvin-Voigt body. If `step` or `relaxation` is 0, the law does not depend on the length.
     """
     stiffness, exponent, _, rest, previous = law
     if not (step > 0.0 and relaxation > 0.0):
         return stiffness, rest
     share = (length / step) * (step + relaxation) / (length + relaxation)
-    own = length / (length + relaxation)
-    free = start + share * (rest - previous) + own * (previous - start)
+    fraction = length / (length + relaxation)
+    free = start + share * (rest - previous) + fraction * (previous - start)
     return stiffness / share**exponent, free

@@ -1,15 +1,15 @@
-"""What a modulus is under the finger of the scene kidney."""
+"""Settings of a scene's tissue for a given modulus, with the finger of the scene `kidney`."""
 
 import math
 
-FINGER_RADIUS = 8e-3  # [m] Of that finger
-BASIS_POISSON = 0.45  # [1] Of the basis of deformation.ReducedFE that ships
+FINGER_RADIUS = 8e-3  # [m]
+BASIS_POISSON = 0.45  # [1] Of the shipped basis of deformation.ReducedFE
 
 
 def under_finger(plane: float) -> dict[str, float]:
-    """What a scene's `tissue` says for a plane-strain modulus E/(1 - nu²) > 0 [Pa]: Hertz's power law for MassSpring,
-    `stiffness` 4/3 E/(1 - nu²) sqrt(R) [N/m^1.5] with `exponent` 1.5 [1], and `young` [Pa] for ReducedFE, whose basis
-    has its own Poisson's ratio.
+    """Settings of `tissue` for a plane-strain modulus E/(1 - nu²) > 0 [Pa]: Hertz's power law for MassSpring,
+    `stiffness` 4/3 E/(1 - nu²) sqrt(R) [N/m^1.5] with `exponent` 1.5 [1], and `young` [Pa] for ReducedFE with the
+    Poisson's ratio of its basis.
 
     K. L. Johnson, Contact Mechanics (1985), 4.2.
     """

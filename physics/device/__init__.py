@@ -1,1 +1,1 @@
-"""The hand, the device between hand and computer, and the controller that keeps both passive."""
+"""Models of the hand and the haptic device, and the controller that keeps the loop passive."""

@@ -1,24 +1,24 @@
-"""The controller of the display in one kernel: free motion, contact, passivity, limits.
+"""The controller of the haptic display in one kernel: free motion, contact, passivity, limits.
 
-    free     F = -Kp (x - xd) - Kd v                       xd is where the free motion began
+    free     F = -Kp (x - xd) - Kd v                       xd is the position at which free motion began
     contact  F = f_n n - f_t - Kdc v
     then     F <- F - alpha v  while the observed energy is negative (passivity.dissipation)
     then     |F| <= limit, |F_k - F_k-1| <= slew T
 
-Contact begins with a normal force and ends when the finger has drawn back by more than the hysteresis beyond the
-point where the approach was zero. At a switch the difference of the two laws' damping and spring parts is added and
-fades out, so the force is continuous.
+The mode changes to contact when the normal force is positive, and back to free when the finger has retreated by more
+than the hysteresis beyond the point of zero approach. At a change of mode the difference of the damping and spring
+terms of both laws is added to the force and fades out, so the force is continuous.
 
-The contact force that is shown is no stiffer than the loop allows (rendered.py). The observer, E <- E - F . dx, pairs
-each way with the force of `delay` samples before, which is what the hand has really received when position or force
-travels that long. At a switch a credit is dropped and a debt is kept (of at most 10 mJ, so that rounding errors do not
-pile up): else each bounce of a stiff wall would leave its leak behind. A whole debt paid within one step is a blow
-(0.5 mJ at 0.1 m/s: 5 N), which keeps a stiff wall stable, but after an outage would be felt: until contact ends the
-force of the added damping then rises by no more than RISE.
+The rendered contact force is no stiffer than the loop allows (rendered.py). The passivity observer, E <- E - F . dx,
+pairs each displacement with the force of `delay` samples before, the force that acted on the hand during it. At a
+change of mode positive energy is discarded, and negative energy is kept (at most 10 mJ, so that rounding errors do not
+accumulate); otherwise every bounce on a stiff wall would add energy. Dissipating all negative energy within one step is
+a force spike (0.5 mJ at 0.1 m/s: 5 N). It stabilises a stiff wall but would be felt after an outage: from then on,
+until contact ends, the damping force rises at most at the rate `RISE`.
 
-The velocity v of that damping is the last difference of positions: it is the one that the energy is counted with, and
-a filtered one comes too late for a stiff wall. A way of hardly more than one encoder count is mostly rounding, though,
-and the damping would make noise of it: there the filtered velocity stands in, with less damping for its longer delay.
+The damping acts on the last difference of positions, the velocity that the observer uses; a filtered velocity lags too
+much for a stiff wall. A displacement of about one encoder count is mostly rounding and would make the force noisy:
+there the filtered velocity is used, with less damping because of its longer delay.
 """
 
 import math
@@ -30,38 +30,38 @@ from palpate.physics.device.rendered import LINE, SPAN, compensation, slope, sof
 from palpate.physics.kernel import kernel
 
 STIFFNESS, DAMPING, CONTACT_DAMPING, HYSTERESIS, MASS, DRAG, LIMIT, SLEW, RESOLUTION, OBSERVE, PASSIVE = range(11)
-"""Places in the gains."""
+"""Indices of the gains."""
 PLACE, FORCE, IMPULSE, ANCHOR, OFFSET, LOST, ENERGY, MODE, TIMES, WALL, GAUGE, BOOKED, WAY, DRAGGED = range(14)
 """Rows of the state."""
 FREE, CONTACT = 0.0, 1.0
-SPEED = 3  # state[WAY] = last way booked [m], speed out of the surface [m/s]
-SMOOTH = 0.5e-3  # [s] of that speed: at a high rate one count within one step is a great speed
-FADE = 0.01  # [s] in which the difference of the two laws dies down after a switch
-FILTER_LAG = 8e-3  # [s] for which the observer between the counts of an encoder may be off after a change of speed
+SPEED = 3  # state[WAY] = last displacement that the observer counted [m], speed out of the surface [m/s]
+SMOOTH = 0.5e-3  # [s] time constant of that speed's filter: one count per step is a high speed at a high rate
+FADE = 0.01  # [s] time constant with which the difference of the two laws decays after a change of mode
+FILTER_LAG = 8e-3  # [s] settling time of the encoder's observer after a change of speed
 RECOVERY = 10.0  # [N/s] by which the rendered force may rise without motion after an outage
-CARRIED = 1e-2  # [J] largest debt carried over a switch
-HEAD, STARTED = 1, 2  # state[MODE] = mode, newest place in the rings, whether there was a step before,
-WITHHELD = 3  # and the part of the contact force that is withheld [1]
+CARRIED = 1e-2  # [J] largest negative energy that is kept at a change of mode
+HEAD, STARTED = 1, 2  # state[MODE] = mode, index of the newest row of the rings, whether a step has been made,
+WITHHELD = 3  # and the fraction of the contact force that is withheld [1]
 STILL, TOUCHING, CLOCK = range(3)  # state[TIMES] = time without movement [s], approach when last touching [m], time [s]
 BRAKE, RISE = 1, 2  # state[ENERGY] = observed energy [J], force of the added damping [N], its bound [N/s] (0: none)
-PUSH, STAND, WHEN = 0, 3, 6  # columns of the rings, which each begin there
+PUSH, STAND, WHEN = 0, 3, 6  # first columns of force, position and time in the rings
 
 
 def buffers(delay: int) -> tuple[np.ndarray, np.ndarray]:
-    """Fresh state (14,4) and rings (delay + 1, 7) of `haptic`: forces [N] (3), places [m] (3) and their times [s]."""
+    """New state (14,4) and ring buffers (delay + 1, 7) of `haptic`: force [N] (3), position [m] (3) and time [s]."""
     return np.zeros((14, 4)), np.zeros((delay + 1, 7))
 
 
 @kernel
 def fresh(state, past):
-    """Make a state and rings those before the first step."""
+    """Reset the state and the rings to those before the first step."""
     state[:, :] = 0.0
     past[:, :] = 0.0
 
 
 @kernel
 def remember(state, past, dt):
-    """Take the last step into the rings `past` (d + 1, columns `PUSH` ... `WHEN`); row of the one d steps before it."""
+    """Append the last step to the rings `past` (d + 1, columns `PUSH` ... `WHEN`); row of the step d before it."""
     newest = (int(state[MODE, HEAD]) + 1) % len(past)
     state[MODE, HEAD] = newest
     for i in range(3):
@@ -73,12 +73,12 @@ def remember(state, past, dt):
 
 @kernel
 def observe(state, before, x, y, z, dt, resolution):
-    """Book the way since the last movement under the force in a row of the rings; the velocity (vx, vy, vz) [m/s] of
-    that way.
+    """Passivity observer, E <- E - F . dx over the displacement since the last movement, with the force in the row
+    `before` of the rings; returns the velocity (vx, vy, vz) [m/s] of that displacement.
 
     The force is averaged over the time without movement before it (a lost sample, or less than one encoder count). A
-    way back of a single count is none: at rest between two counts it would be booked again and again, always under
-    the force that answers to it.
+    reversal by a single count is ignored: at rest between two counts it would be counted repeatedly, each time under
+    the force that responds to it.
     """
     for i in range(3):
         state[IMPULSE, i] += before[PUSH + i] * dt
@@ -99,8 +99,8 @@ def observe(state, before, x, y, z, dt, resolution):
 
 @kernel(error_model="numpy")
 def dragged(point, n, place, play):
-    """How far [m] a finger at `place` [m] drags a point in the plane of normal n [1], as on a string of the length
-    `play` [m]: one that slides drags it by its whole motion, one that swings by less than that does not.
+    """Distance [m] by which a finger at `place` [m] drags a point, on a string of length `play` [m], in the plane of
+    normal n [1]. Sliding drags it by the whole motion; oscillations smaller than `play` do not move it.
 
     point  (4)  [m] the point; changed in place
     """
@@ -115,16 +115,16 @@ def dragged(point, n, place, play):
 
 @kernel(error_model="numpy")
 def render(gains, state, before, force, n, approach, place, lag, dt):
-    """Normal force [N] to show for a contact force [N]: no stiffer than the lag [s] allows, damped for what it lags.
+    """Rendered normal force [N] for a contact force [N], without and with compensation of the lag [s], see rendered.py.
 
-    before  (7)  row of the rings: where the finger was, and when
+    before  (7)  row of the rings: an earlier position of the finger and its time
     """
     wx, wy, wz = place[0] - state[PLACE, 0], place[1] - state[PLACE, 1], place[2] - state[PLACE, 2]
     along = wx * n[0] + wy * n[1] + wz * n[2]
     sideways = 0.0
     if force > 0.0:
         sideways = dragged(state[DRAGGED], n, place, SPAN * gains[RESOLUTION])
-    else:  # in air there is no plane: n is that of the last contact, or of a contact that sleeps
+    else:  # in air n is not valid: it is that of the last contact, or of a sleeping one
         state[DRAGGED, 0], state[DRAGGED, 1], state[DRAGGED, 2] = place[0], place[1], place[2]
     most = stiffest(gains[MASS], gains[DRAG], gains[RESOLUTION], lag)
     if state[ENERGY, RISE] > 0.0:  # after an outage the force also rises while the finger rests
@@ -143,7 +143,7 @@ def render(gains, state, before, force, n, approach, place, lag, dt):
 
 @kernel
 def assist(gains, mode, state, i, position, velocity):
-    """Component i [N] of the part of the law that is not contact: spring and damper in free motion, damper in contact.
+    """Component i [N] of the spring and damper terms: -Kp (x - xd) - Kd v in free motion, -Kdc v in contact.
 
     position [m], velocity [m/s] of that component;  gains, state as in `haptic`
     """
@@ -154,7 +154,7 @@ def assist(gains, mode, state, i, position, velocity):
 
 @kernel
 def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
-    """Change between free motion and contact where it is due; the mode, `FREE` or `CONTACT`.
+    """Update the mode; returns `FREE` or `CONTACT`.
 
     approach [m] s1 + s2;  x, y, z [m] position;  vx, vy, vz [m/s] velocity;  gains, state as in `haptic`
     """
@@ -174,7 +174,7 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
             old = assist(gains, mode, state, i, position[i], velocity[i])
             state[ANCHOR, i] = position[i]
             state[OFFSET, i] += old - assist(gains, new, state, i, position[i], velocity[i])
-        whole = state[MODE, WITHHELD] == 0.0  # an outage ends no touch
+        whole = state[MODE, WITHHELD] == 0.0  # an outage does not end a touch
         state[ENERGY, 0] = min(max(state[ENERGY, 0], -CARRIED), 0.0 if whole else state[ENERGY, 0])
         state[MODE, 0] = new
         if new == FREE and whole:
@@ -184,17 +184,17 @@ def switch(gains, state, touching, approach, x, y, z, vx, vy, vz):
 
 @kernel(error_model="numpy")
 def haptic(gains, state, past, normal_force, n, friction, approach, position, velocity, dt):
-    """One step: (fx, fy, fz, in contact, energy). The state is changed in place.
+    """One step of the controller, see the equations above: (fx, fy, fz [N], in contact, E [J]). Updates the state.
 
     gains         (11)   Kp [N/m], Kd [N s/m], Kdc [N s/m], hysteresis [m], mass [kg], drag [N s/m], limit [N],
-                         slew [N/s], resolution [m], whether the energy is observed, whether it is acted upon
+                         slew [N/s], resolution [m], whether the observer is on, whether the passivity control is on
     normal_force  [N]    f_n along n [1] (3)
     friction      [N]    f_t (3) of the finger on the tissue
     approach      [m]    s1 + s2
     position      [m]    (3)
     velocity      [m/s]  (3) filtered
-    dt            [s]    since the last step; when it is not positive nothing changes
-    An input that is not finite gives no force.
+    dt            [s]    since the last step; nothing changes if it is not positive
+    The force is zero if an input is not finite.
     """
     if not 0.0 < dt < math.inf:
         return state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[MODE, 0] == CONTACT, state[ENERGY, 0]
@@ -204,7 +204,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         state[FORCE, :] = 0.0
         return 0.0, 0.0, 0.0, state[MODE, 0] == CONTACT, state[ENERGY, 0]
     wx, wy, wz = 0.0, 0.0, 0.0
-    # 1. start: anchor, last place and all past places are where the device is
+    # 1. first step: set the anchor and all past positions to the present one
     if state[MODE, STARTED] == 0.0:
         state[MODE, STARTED] = 1.0
         for i in range(3):
@@ -217,13 +217,13 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     if gains[OBSERVE] != 0.0:
         wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
     lag = (len(past) - 0.5) * dt
-    # 3. the tissue's force: as computed, or what the device can render without generating energy
+    # 3. rendered contact force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
     shown = damped = normal_force
     if gains[PASSIVE] != 0.0:
         shown, damped = render(gains, state, before, normal_force, n, approach, position, lag, dt)
     state[PLACE, 0], state[PLACE, 1], state[PLACE, 2] = x, y, z
-    # 4. free, near or in contact; assistance of the mode, what is left of the former one fades
+    # 4. mode, its spring and damper, and the decaying difference from the former mode
     mode = switch(gains, state, touching, approach, x, y, z, vx, vy, vz)
     fade = math.exp(-dt / FADE)
     fx = assist(gains, mode, state, 0, x, vx) + state[OFFSET, 0]
@@ -238,7 +238,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         fx += damped * n[0] - share * friction[0]
         fy += damped * n[1] - share * friction[1]
         fz += damped * n[2] - share * friction[2]
-    # 5. passivity controller: a damper that takes up the generated energy, along the measured velocity w
+    # 5. passivity controller: a damper on the measured velocity w dissipates the generated energy
     if gains[PASSIVE] != 0.0:
         slow = 2.0 * lag / dt  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
@@ -246,7 +246,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
             wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG / dt
             way = FILTER_LAG * math.sqrt(wx * wx + wy * wy + wz * wz)
         alpha = 0.0
-        if way >= 1.5 * gains[RESOLUTION]:  # less is rounding
+        if way >= 1.5 * gains[RESOLUTION]:  # smaller displacements are rounding
             alpha = dissipation(state[ENERGY, 0], dt, wx * wx + wy * wy + wz * wz, 0.5 * gains[MASS] / slow)
         if state[ENERGY, RISE] > 0.0:
             speed = math.sqrt(wx * wx + wy * wy + wz * wz)

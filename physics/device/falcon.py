@@ -1,6 +1,6 @@
-"""Kinematics of the Novint Falcon: three legs at 120 degrees that move a grip without turning it.
+"""Kinematics of the Novint Falcon: three legs at 120 degrees that translate a grip without rotating it.
 
-Leg i stands at the angle phi_i round the device's z axis (z points to the user). In its own frame
+Leg i is at the angle phi_i around the device's z axis (z points to the user). In the frame of the leg
 
     u =  cos(phi) x + sin(phi) y - r          u = a cos(t1) - c + L cos(t2)
     v = -sin(phi) x + cos(phi) y - s + f      v = b cos(t3)
@@ -18,11 +18,12 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
+from palpate.physics.dot import cross, dot
 from palpate.physics.kernel import kernel
 
 HOME = (0.0, 0.0, 0.11)
 TOLERANCE = 1e-9  # [rad] forward kinematics stop here
-LONGEST_STEP = 0.020  # [m] of one Newton step
+LONGEST_STEP = 0.020  # [m] largest Newton step
 ITERATIONS = 40
 
 
@@ -50,19 +51,20 @@ class FalconGeometry:
 
     @property
     def geometry(self) -> np.ndarray:
-        """The constants in the form that the kernels take (15)."""
+        """The constants as one array (15) for the kernels."""
         a, b, c, d, e, f, r, s, phi, zero, count, limit = astuple(self)
         turned = [g(angle) for angle in phi for g in (math.cos, math.sin)]
         return np.array([a, b, c, d + e, f - s, r, *turned, zero, count, limit])
 
 
 FALCON = FalconGeometry()
-ZERO, COUNT, LIMIT = 12, 13, 14  # places in the geometry array
+ZERO, COUNT, LIMIT = 12, 13, 14  # indices in the geometry array
 
 
 @kernel
 def leg(geometry, i, x, y, z):
-    """Closed form for leg i at one point: (reachable, t1, t2, t3) [rad]; zeros where the leg does not reach."""
+    """Inverse kinematics of leg i at one point in closed form: (reachable, t1, t2, t3) [rad]; zeros if out of reach.
+    The equations are those of `inverse`."""
     a, b, c, length0, offset, r = geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5]
     cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
     u = cos_phi * x + sin_phi * y - r
@@ -119,18 +121,6 @@ def reachable(geometry, x, y, z):
 
 
 @kernel
-def cross(p, q):
-    """p x q of two triples."""
-    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
-
-
-@kernel
-def dot(p, q):
-    """p . q of two triples."""
-    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]
-
-
-@kernel
 def wrap(angle):
     """The same angle in [-pi, pi] [rad]."""
     return angle - 2.0 * math.pi * round(angle / (2.0 * math.pi))
@@ -138,8 +128,8 @@ def wrap(angle):
 
 @kernel
 def newton(geometry, t0, t1, t2, x, y, z):
-    """Newton's method from a reachable point: with N the link vectors as rows and D the levers, the step is
-    -N^-1 D (t1(P) - t)."""
+    """Forward kinematics by Newton's method from a reachable point (x, y, z) [m]: (converged, x, y, z). The step is
+    -N^-1 D (t1(P) - t), with the link vectors as the rows of N and the levers D."""
     for _ in range(ITERATIONS):
         _, angles, n0, n1, n2, levers = links(geometry, x, y, z)
         r0 = wrap(angles[0] - t0)
@@ -165,7 +155,7 @@ def newton(geometry, t0, t1, t2, x, y, z):
         else:
             return done, x, y, z
         x, y, z = x + scale * sx, y + scale * sy, z + scale * sz
-        if done:  # the step just made leaves far less than a nanometre, near singular places too
+        if done:  # after this step the error is far below 1 nm, also near singular positions
             return True, x, y, z
     return False, x, y, z
 
@@ -203,7 +193,7 @@ def inverse(position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, np.n
 
 
 def rates(position, falcon: FalconGeometry = FALCON) -> np.ndarray:
-    """The matrix G of the driven angles' rates, rates of t1 = G velocity of the grip.
+    """The Jacobian G of the driven angles, dt1/dt = G dx/dt.
 
         a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw    for each leg
 
@@ -223,10 +213,10 @@ def rates(position, falcon: FalconGeometry = FALCON) -> np.ndarray:
 def forward(angles, start=HOME, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
     """Forward kinematics by Newton's method on t1(P) = angles, with G as the derivative.
 
-    Steps of at most 20 mm, halved while they lead out of reach; ends when each angle fits to 1e-9 rad.
+    Steps of at most 20 mm, halved while they lead out of reach; stops when each angle is within 1e-9 rad.
 
     angles   [rad]  (3)  driven angle of each leg
-    start    [m]    (3)  where to begin: the last known position
+    start    [m]    (3)  initial guess: the last known position
     returns  [m]    (3)  position of the grip, device frame; the last iterate where it failed
              [1]    ()   whether it converged; false for angles that no position has
     """

@@ -1,40 +1,41 @@
-"""Forces and torques of the Falcon: virtual work, held bounded at singular poses and within the motors' limit.
+"""Forces and torques of the Falcon by virtual work, bounded at singular poses and by the motors' limit.
 
 With N the unit vectors along the three parallelograms as rows and D their levers (`falcon.link`), G = D^-1 N, so
 
     torque = G^-T F = D N^-T F        F = G^T torque = N^T D^-1 torque
 
-The first has no bound where the three vectors come to lie in a plane, the second where a leg is stretched or folded.
+The first is singular where the three vectors are coplanar, the second where a leg is stretched or folded.
 """
 
 import math
 
 import numpy as np
 
-from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, cross, dot, links
+from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, links
+from palpate.physics.dot import cross, dot
 from palpate.physics.kernel import kernel
 
 FLAT = 0.02  # [1] volume spanned by the link vectors below which the inverse is damped
 DAMPING = 0.05  # [1] largest damping of that inverse
-SHORT = 1e-3  # [m] lever below which its inverse no longer grows
+SHORT = 1e-3  # [m] lever below which its inverse is limited
 
 
 @kernel
 def saturate(t0, t1, t2, limit):
-    """The torques [N m] of the arms, scaled as a whole so that none exceeds the limit [N m] > 0; zero where one is
+    """The torques [N m] of the arms, scaled by a common factor so that none exceeds the limit [N m] > 0; zero if one is
     not finite."""
     largest = max(abs(t0), abs(t1), abs(t2))
     if not (abs(t0) < math.inf and abs(t1) < math.inf and abs(t2) < math.inf):
         return 0.0, 0.0, 0.0
     if largest <= limit:
         return t0, t1, t2
-    # Divide first: limit / largest of a huge torque may underflow, and the largest must come out as the limit.
+    # Divide first: for a huge torque limit / largest may underflow; so the largest becomes exactly the limit.
     return limit * (t0 / largest), limit * (t1 / largest), limit * (t2 / largest)
 
 
 @kernel
 def torque_kernel(geometry, fx, fy, fz, x, y, z):
-    """(reachable, torques) for a force at a point; zero torque where the point is out of reach."""
+    """(reachable, torques [N m]) = G^-T F for a force [N] at a point [m]; zero if out of reach. See `torque`."""
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
     if not ok:
         return False, 0.0, 0.0, 0.0
@@ -50,14 +51,15 @@ def torque_kernel(geometry, fx, fy, fz, x, y, z):
 
 @kernel
 def damped(n0, n1, n2, force, damping):
-    """Least squares for N^T t = force with the damping on t: (N N^T + damping^2) t = N force, by Cramer's rule."""
-    own = 1.0 + damping * damping
+    """Damped least squares for N^T t = force: (N N^T + damping^2) t = N force, by Cramer's rule."""
+    diagonal = 1.0 + damping * damping
     g01, g02, g12 = dot(n0, n1), dot(n0, n2), dot(n1, n2)
     r0, r1, r2 = dot(n0, force), dot(n1, force), dot(n2, force)
-    m00, m11, m22 = own * own - g12 * g12, own * own - g02 * g02, own * own - g01 * g01
-    m01, m02, m12 = g02 * g12 - g01 * own, g01 * g12 - g02 * own, g01 * g02 - g12 * own
-    det = own * m00 + g01 * m01 + g02 * m02
-    if det <= 0.0:  # parallel vectors without damping: rounding alone decides
+    square = diagonal * diagonal
+    m00, m11, m22 = square - g12 * g12, square - g02 * g02, square - g01 * g01
+    m01, m02, m12 = g02 * g12 - g01 * diagonal, g01 * g12 - g02 * diagonal, g01 * g02 - g12 * diagonal
+    det = diagonal * m00 + g01 * m01 + g02 * m02
+    if det <= 0.0:  # parallel vectors without damping
         return 0.0, 0.0, 0.0
     return (
         (m00 * r0 + m01 * r1 + m02 * r2) / det,
@@ -68,7 +70,7 @@ def damped(n0, n1, n2, force, damping):
 
 @kernel
 def force_kernel(geometry, t0, t1, t2, x, y, z):
-    """(reachable, force) on the grip of torques at a point; zero force where the point is out of reach."""
+    """(reachable, force [N]) = G^T torque for torques [N m] at a point [m]; zero if out of reach. See `force`."""
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
     if not ok:
         return False, 0.0, 0.0, 0.0
@@ -83,7 +85,7 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
 
 @kernel
 def inverted(lever):
-    """1 / lever [1/m], falling to zero with the lever below SHORT."""
+    """1/lever [1/m]; below SHORT lever/SHORT², which falls to zero."""
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)
 
 

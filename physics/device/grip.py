@@ -1,11 +1,11 @@
-"""The hand that holds the grip of a device, and the path that it wants to follow.
+"""A simulated hand that holds the grip of a device and follows a path.
 
-The grip is a mass with drag; the arm pulls it towards the wanted point p(t) through a spring and a damper:
+The grip is a mass with drag; the arm pulls it towards the target p(t) through a spring and a damper:
 
     m x'' = F - b x' + k (p - x) + c (p' - x')
 
-With y = x - p and p' constant over a step this is linear with a constant right side, so the step is exact by the
-matrix exponential and stable whatever its length.
+With y = x - p and p' constant over a step this is linear with a constant right side, so a step with the matrix
+exponential is exact and stable for any length.
 """
 
 import math
@@ -16,12 +16,12 @@ from palpate.physics.device.falcon import ZERO, leg, reachable
 from palpate.physics.device.falcon_statics import force_kernel, saturate
 from palpate.physics.kernel import kernel
 
-MASS, DRAG, STIFFNESS, DAMPING, RESOLUTION, LIMIT = range(6)  # places in the constants
+MASS, DRAG, STIFFNESS, DAMPING, RESOLUTION, LIMIT = range(6)  # indices in the constants
 POSITION, VELOCITY, CLOCK = range(3)  # rows of the state; the clock's row: time [s], segment of the path
 LINEAR, MINIMUM_JERK = 0, 1
 SUBSTEP = 1e-3  # [s]
 MOST_SUBSTEPS = 1000
-LONGEST = 1e6  # [s] a longer step counts as this one
+LONGEST = 1e6  # [s] upper limit of a step
 
 
 @kernel
@@ -63,9 +63,9 @@ def times(p, q):
 
 @kernel
 def wanted(time, ends, points, shapes):
-    """(segment, x, y, z) of the way at a time; the last point after its end.
+    """(segment, x, y, z) of the path at a time; the last point after its end.
 
-    ends    [s]  (n)     when each segment ends, rising
+    ends    [s]  (n)     end of each segment, increasing
     points  [m]  (n+1,3)
     shapes  [1]  (n)     LINEAR or MINIMUM_JERK, s^3 (10 - 15 s + 6 s^2)
     """
@@ -85,12 +85,12 @@ def wanted(time, ends, points, shapes):
 
 @kernel
 def grip_kernel(geometry, constants, state, memory, ends, points, shapes, t0, t1, t2, dt):
-    """Move the grip of a Falcon by one step under motor torques: its driven angles [rad].
+    """Move the grip of a Falcon by one step under motor torques; returns its driven angles [rad].
 
     constants  (6)    m [kg], b, k [N/m], c [N s/m], encoder count [rad] (0: not rounded), motor limit [N m]
     state      (3,3)  position [m], velocity [m/s], (time [s], segment, -); changed in place
     memory     (4,3)  the last propagator, and the length of its step [s]; zeros to begin with
-    Beyond the reach of the legs is the end stop: the grip stays at its last place, at rest.
+    The limit of the legs' reach acts as an end stop: the grip stays at its last position, at rest.
     """
     if 0.0 < dt < math.inf:
         dt = min(dt, LONGEST)
@@ -137,10 +137,10 @@ def angles(geometry, constants, state):
 
 @kernel
 def advance(e, h, mass, drag, force, x, v, p, q, constants):
-    """One axis over one step: (position, velocity), with the wanted point going evenly from p to q."""
+    """One axis over one step: (position, velocity), with the target moving at constant speed from p to q."""
     rate = (q - p) / h
     if constants[STIFFNESS] == 0.0 and constants[DAMPING] == 0.0:
-        p, q, rate = 0.0, 0.0, 0.0  # nobody holds the grip
+        p, q, rate = 0.0, 0.0, 0.0  # no hand holds the grip
     y, u, a = x - p, (v - rate) * h, (force - drag * rate) / mass * h * h
     return (q + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a, rate + (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / h)
 

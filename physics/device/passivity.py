@@ -1,6 +1,6 @@
-"""Energy that a display gives out: how to see it and take it back, and the limits of a force.
+"""Passivity observer and controller of Hannaford & Ryu, and the limits of a force.
 
-The observer and controller of Hannaford & Ryu, with the energy exact for a force held over each step.
+The observed energy is exact for a force that is held over each step.
 
 B. Hannaford, J.-H. Ryu, IEEE Trans. Robotics Autom. 18 (2002) 1-10.
 """
@@ -12,18 +12,18 @@ from palpate.physics.kernel import kernel
 
 @kernel
 def absorbed(energy, fx, fy, fz, dx, dy, dz):
-    """E - F . dx [J]: energy that the display has absorbed after a way dx [m] under a held force F [N] on the hand."""
+    """E - F . dx [J]: energy absorbed by the display after a displacement dx [m] under the force F [N] on the hand."""
     return energy - (fx * dx + fy * dy + fz * dz)
 
 
 @kernel
 def dissipation(energy, dt, speed2, mass):
-    """Damping [N s/m] that takes an observed debt back within a step, alpha = min(-E / (T |v|^2), m / T).
+    """Damping [N s/m] that dissipates the generated energy within a step, alpha = min(-E / (T |v|^2), m / T).
 
-    energy  [J]       observed; 0 damping when it is not negative
-    dt      [s]       T, the coming step; 0 damping when it is not positive
-    speed2  [m2/s2]   |v|^2, 0 damping at rest
-    mass    [kg]      m, of the device: with more than m/T the damping itself would reverse its motion
+    energy  [J]       E, observed; no damping unless negative
+    dt      [s]       T, the coming step; no damping unless positive
+    speed2  [m2/s2]   |v|^2; no damping at rest
+    mass    [kg]      m, of the device: more damping than m/T would reverse its motion
     """
     if not (energy < 0.0 and dt > 0.0 and speed2 > 0.0):
         return 0.0
@@ -48,6 +48,6 @@ def clamp(fx, fy, fz, limit):
 
 @kernel
 def slew(fx, fy, fz, px, py, pz, reach):
-    """The force on the straight way from the previous force p to f, at most `reach` [N] from p."""
+    """The force limited to a change of `reach` [N] from the previous force p, along f - p."""
     dx, dy, dz = clamp(fx - px, fy - py, fz - pz, reach)
     return px + dx, py + dy, pz + dz

@@ -9,7 +9,7 @@ import numpy as np
 from palpate.physics.kernel import kernel
 
 STATE = np.dtype(("<u8", (4,)))
-"""A generator: high and low half of its state and of its increment [1]."""
+"""State of a generator: high and low half of its state and of its increment [1]."""
 HIGH, LOW = np.uint64(0x2360ED051FC65DA4), np.uint64(0x4385DF649FCCF645)  # of the multiplier
 HALF, MASK = np.uint64(32), np.uint64(0xFFFFFFFF)
 ROTATION, WORD, SPARE = np.uint64(58), np.uint64(63), np.uint64(11)

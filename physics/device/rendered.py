@@ -1,16 +1,17 @@
-"""How stiff a contact may be shown through a sampled loop, and the damping that makes up for the loop's lag.
+"""Largest stiffness that a sampled loop can render, and the damping that compensates the lag of the loop.
 
-A force held over a step T and `d` samples late acts on average t = T (d + 1/2) after the motion that it answers to. A
-spring K behind that lag works like a spring with the damping -K t. Two things keep the display from giving out energy:
+A force that is held over a step T and `d` samples late lags the motion by t = T (d + 1/2) on average. A spring K with
+that lag acts like a spring with the damping -K t. Two measures prevent the display from generating energy:
 
-    K <= b/t + SHARE m/t^2                  the stiffest slope that is shown
-    B  = 4 max(0, K t - b/2)                damping on the way out, along the normal, for a shown slope K
+    K <= b/t + SHARE m/t^2                  the largest rendered stiffness
+    B  = 4 max(0, K t - b/2)                damping while the finger moves out along the normal, for a rendered slope K
 
-b [N s/m] and m [kg] are the device's own. Over a swing in and out B counts for half. It comes as late as the spring,
-which the bound on K makes harmless: the phase lost over the lag, t sqrt(K/m), stays below about sqrt(SHARE).
+with the damping b [N s/m] and mass m [kg] of the device. Over a full oscillation B counts half, as it acts in one
+direction only. It lags as much as the spring, which the bound on K makes harmless: the phase lag t sqrt(K/m) stays
+below about sqrt(SHARE).
 
-A law that is steeper is followed along a line of the stiffest slope from the point where it became too steep, and
-taken up again where it comes down to that line. So what is soft enough is rendered as it is.
+A steeper law is replaced by a line of the largest stiffness from the point where it became too steep, until the law
+falls below that line. A softer law is rendered unchanged.
 
 J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47, for the bound b > K T (d + 1/2).
 """
@@ -21,44 +22,44 @@ SHARE = 0.01
 MOST = 1e12  # [N/m]
 LEAP = 0.1  # [N] largest change of force over one step of the position
 SPAN = 8.0  # [1] steps of the device's position over which a slope is measured
-FORGET = 0.01  # [s] below the line after which it is forgotten
+FORGET = 0.01  # [s] time below the line after which the line is dropped
 LINE, LAW, CUT, BELOW = range(4)  # of the wall
 SLOPE, DEPTH, FROM, AT = range(4)  # of the gauge
 
 
 @kernel(error_model="numpy")
 def stiffest(mass, drag, resolution, lag):
-    """The stiffest slope [N/m] that a device of `mass` [kg] and `drag` [N s/m], whose position comes in steps of
-    `resolution` [m], is shown behind a lag > 0 [s]."""
+    """The largest rendered stiffness b/t + SHARE m/t² [N/m] of a device of `mass` m [kg], `drag` b [N s/m] and position
+    `resolution` [m], for a lag t > 0 [s]; a step of the position changes the force by at most `LEAP`."""
     loop = (drag + SHARE * mass / lag) / lag
     return min(loop, LEAP / resolution if resolution > 0.0 else MOST)
 
 
 @kernel
 def soften(wall, force, approach, way, sideways, most, step, dt):
-    """The force to render for a contact force [N]: along the way it rises by no more than `most` [N/m].
+    """The rendered force [N] for a contact force [N]: it rises by at most `most` [N/m] along the motion.
 
-    Out again by one `step` [m] of the position it falls by no more than that either, for that step of time: the damping
-    of the contact would make of the jump a fall that throws the finger back over the next one.
+    When the finger moves out by one `step` [m] of the position, the force also falls at most at that slope in this time
+    step: the damping of the contact would otherwise turn the jump into a force drop that throws the finger back in.
 
-    wall      (4)  the line [N] that bounds the force, the last contact force [N], whether the line holds, and for how
-                   long [s] the force has been below it; changed in place
+    wall      (4)  the line [N] that bounds the force, the last contact force [N], whether the line is active, and the
+                   time [s] that the force has been below it; changed in place
     approach  [m]  since first contact
-    way       [m]  into the surface since the last step
-    sideways  [m]  in its plane since then, without the swing of a finger that holds still: under a law far above the
-                   line each swing would raise the force, and drive the next one
+    way       [m]  motion into the surface since the last step
+    sideways  [m]  motion along the surface since then, without the oscillation of a finger at rest: under a law far
+                   above the line it would raise the force and sustain itself
     dt        [s]
     """
     least = max(wall[LAW] + most * (way - sideways), 0.0) if -1.5 * step < way < 0.0 < force else 0.0
     if wall[CUT] != 0.0:
-        # Out again as it came, but no faster than the law itself falls.
+        # Outwards along the same slope, but not faster than the law falls.
         change = max(most * way, min(force - wall[LAW], 0.0))
         wall[LINE] = max(wall[LINE] + change + most * sideways, 0.0)
     elif way == 0.0:
         wall[LINE] = force
     else:
         wall[LINE] = wall[LAW] + most * (max(way, 0.0) + sideways)
-    wall[LINE] = min(wall[LINE], most * approach)  # part of the first way into contact was through air
+    wall[LINE] = min(wall[LINE], most * approach)  # part of the first step into contact was through air
     wall[LAW] = force
     if force > wall[LINE]:
         wall[CUT], wall[BELOW] = 1.0, 0.0
@@ -71,10 +72,10 @@ def soften(wall, force, approach, way, sideways, most, step, dt):
 
 @kernel
 def slope(gauge, force, way, span):
-    """Slope [N/m] of the rendered force over the last `span` [m], from where contact began at first; 0 without contact.
+    """Slope [N/m] of the rendered force over the last `span` [m], at first since contact began; 0 without contact.
 
-    gauge  (4)  the slope, the depth since contact began, and the depth [m] and force [N] that it is measured from
-    way    [m]  into the surface since the last step
+    gauge  (4)  the slope, the depth since contact began, and the reference depth [m] and force [N]; changed in place
+    way    [m]  motion into the surface since the last step
     """
     if not force > 0.0:
         gauge[:] = 0.0
@@ -91,5 +92,6 @@ def slope(gauge, force, way, span):
 
 @kernel
 def compensation(stiffness, lag, drag):
-    """Damping B [N s/m] of the way out for a rendered slope [N/m] behind a lag [s], on a device with `drag` [N s/m]."""
+    """B = 4 max(0, K t - b/2) [N s/m], damping of outward motion for a rendered slope K [N/m], lag t [s], drag b
+    [N s/m]."""
     return 4.0 * max(stiffness * lag - 0.5 * drag, 0.0)

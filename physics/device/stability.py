@@ -1,12 +1,12 @@
-"""How stiff a sampled wall may be before the loop with the device gives out energy, or turns unstable: where theory is
-exact.
+"""Largest stiffness of a sampled virtual wall for passivity and for stability, by exact linear theory.
 
-The device is a mass with viscous drag, m v' = F - b v, under a force held over each step T. The wall answers `delay`
-samples late with F = -K x - B (x_k - x_{k-N})/(N T), and never lets go. The loop is linear, and its poles tell.
+The device is a mass with viscous drag, m v' = F - b v, under a force held over each step T. The wall responds `delay`
+samples late with F = -K x - B (x_k - x_{k-N})/(N T) and is two-sided. The loop is linear, and its poles determine
+stability.
 
-Stability is not passivity: the passive bound (J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997) 37-47) holds
-for every hand that is itself passive, the stable one for a hand that lets the device alone. T. Hulin, A. Albu-Schäffer,
-G. Hirzinger, IEEE Trans. Control Syst. Technol. 22 (2014) 1297-1309, draw both in one plane.
+Stability is weaker than passivity: the passive bound (J. E. Colgate, G. G. Schenkel, J. Robotic Systems 14 (1997)
+37-47) is valid for every passive hand, the stable one for the device alone. T. Hulin, A. Albu-Schäffer, G. Hirzinger,
+IEEE Trans. Control Syst. Technol. 22 (2014) 1297-1309, plot both in one plane.
 """
 
 import math
@@ -18,12 +18,12 @@ from scipy.optimize import minimize_scalar
 from palpate.physics.kernel import kernel
 
 MOST = 1e9
-"""[N/m] A wall that is stable up to here counts as stable whatever its stiffness."""
+"""[N/m] A wall that is stable up to this stiffness counts as always stable."""
 
 
 @kernel
 def held(mass, drag, period):
-    """Of a mass [kg] with drag b > 0 [N s/m] over a step T [s] under a held force F [N],
+    """Coefficients (a, p, c, q) of the exact step T [s] of a mass m [kg] with drag b > 0 [N s/m] under a held force F,
 
         x+ = x + a v + c F     v+ = p v + q F
 
@@ -45,9 +45,9 @@ def poles(
     mass, drag [kg], [N s/m] > 0 of the device;  period [s] T;  delay [1] whole samples
     """
     a, p, c, q = held(mass, drag, period)
-    back = delay + order  # places that the loop remembers beside x and v
+    back = delay + order  # past positions in the state, in addition to x and v
     loop = np.zeros((2 + back, 2 + back))
-    answer = np.zeros(2 + back)  # force of now, from x, v, x_-1, x_-2 ...
+    answer = np.zeros(2 + back)  # present force as a function of x, v, x_-1, x_-2 ...
     places = [0, *range(2, 2 + back)]
     slope = damping / (order * period)
     answer[places[delay]] -= stiffness + slope
@@ -64,8 +64,8 @@ def poles(
 def stable_stiffness(damping: float, mass: float, drag: float, period: float, delay: int = 0, order: int = 1) -> float:
     """The stiffness K [N/m] at which the loop leaves the unit circle; arguments as of `poles`.
 
-    0 where it is unstable for the softest wall, `MOST` where it is stable for the stiffest. The first crossing from
-    below is looked for on eighths of an octave, and then halved down to 1e-9 of itself.
+    0 if it is unstable for the softest wall, `MOST` if it is stable for the stiffest. The lowest crossing is bracketed
+    in steps of 1/8 octave, then bisected to a relative error of 1e-9.
     """
 
     def outside(k: float) -> bool:
@@ -93,7 +93,7 @@ def wall_response(
         H = z^-d (K + B (1 - z^-N) / (N T))      z = exp(j w T)
 
     delay  [1]  d, whole samples between the motion and the force
-    order  [1]  N, differences in the mean that the damping acts on
+    order  [1]  N, number of differences that are averaged for the damping
     """
 
     def response(omega: np.ndarray) -> np.ndarray:

@@ -1,11 +1,11 @@
-"""From raw samples of a device to position and velocity: glitches refused, stale stamps left out.
+"""Position and velocity of a device from its raw samples: rejects outliers and stale time stamps.
 
-A sample that would need a speed above the limit is refused and the last good position kept. Where a few samples in a
-row agree with one another at their new place, the device has really moved (its encoders were set anew): they are
-accepted and the velocity begins again at zero. So does a clock that was set back, after as many stale stamps.
+A sample that implies a speed above the limit is rejected, and the last good position is kept. If several consecutive
+samples agree at a new position, the device has moved (its encoders were reset): they are accepted, and the velocity
+restarts at zero. A clock that was set back is likewise accepted after several stale stamps.
 
-Between its counts the position is the observer's (observer.py). The velocity is the last difference of positions: who
-integrates it is where the position is.
+The observer (observer.py) estimates the position between encoder counts. The velocity is the last difference of
+positions, so that its integral is the position.
 """
 
 import math
@@ -16,10 +16,10 @@ from palpate.physics.kernel import kernel
 
 STAMP, FILLED, STALE, REFUSED, REFUSED_STAMP = range(5)  # of the clock
 GOOD, POSE, VELOCITY, ODD = range(4)  # rows of the places: last good reading, pose, its velocity, last refused reading
-PATIENCE = 4  # samples that must agree before a jump is believed
+PATIENCE = 4  # consecutive samples that must agree before a jump is accepted
 MOST_STALE = 9  # stamps in a row that do not increase before the clock counts as set back
 BAD, TAKEN, ANEW = range(3)
-SLACK = 2e-4  # [m] a few encoder counts, which must pass whatever the time between two samples
+SLACK = 2e-4  # [m] a few encoder counts, allowed for any time between two samples
 
 
 @kernel
@@ -31,12 +31,12 @@ def too_far(limit, elapsed, place, x, y, z):
 
 @kernel
 def judge(clock, places, limit, t, x, y, z):
-    """What a sample is: BAD, TAKEN, or one with which the history begins ANEW.
+    """Classify a sample: `BAD`, `TAKEN`, or `ANEW`, which restarts the history.
 
-    clock   [1]  (5)    int64: stamp of the last good sample [ns], whether there is one, stale stamps in a row, samples
-                        refused in a row, stamp of the last refused one [ns]; changed in place
-    places  [m]  (4,3)  last good reading, last pose, its velocity [m/s], last refused reading; changed in place
-    limit   [m/s]       largest believable speed
+    clock   [1]  (5)    int64: stamp of the last good sample [ns], whether it exists, consecutive stale stamps,
+                        consecutive rejected samples, stamp of the last rejected one [ns]; changed in place
+    places  [m]  (4,3)  last good reading, last pose, its velocity [m/s], last rejected reading; changed in place
+    limit   [m/s]       largest plausible speed
     t       [ns]        stamp of the sample at x, y, z [m]
     """
     if not abs(x + y + z) < math.inf:
@@ -60,14 +60,14 @@ def judge(clock, places, limit, t, x, y, z):
 
 @kernel
 def hold(places):
-    """The last pose again, with no time gone by."""
+    """Repeat the last pose, with dt = 0."""
     p, v = places[POSE], places[VELOCITY]
     return p[0], p[1], p[2], v[0], v[1], v[2], 0.0
 
 
 @kernel
 def take(clock, places, kind, t, reading, pose):
-    """(x, y, z, vx, vy, vz, dt) after a good sample: its reading [m] (3), and the pose [m] (3) that it gives."""
+    """(x, y, z, vx, vy, vz, dt) after a good sample with its reading [m] (3) and the estimated pose [m] (3)."""
     dt = max((t - clock[STAMP]) * 1e-9, 0.0) if clock[FILLED] else 0.0
     for i in range(3):
         moves = kind == TAKEN and dt > 0.0
@@ -80,7 +80,7 @@ def take(clock, places, kind, t, reading, pose):
 
 @kernel
 def between(axes, kind, readings, count, dt):
-    """Where between the counts of three encoders their readings are: the readings themselves for a count of 0."""
+    """Estimates of three encoder readings between counts of size `count`; the readings if it is 0."""
     r0, r1, r2 = readings
     if not count > 0.0:
         return r0, r1, r2
@@ -94,7 +94,7 @@ def between(axes, kind, readings, count, dt):
 
 @kernel
 def pose(clock, places, axes, resolution, limit, t, place):
-    """Take one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 where the sample was not taken.
+    """Process one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 if the sample was rejected.
 
     clock, places, limit, t  as in `judge`
     axes        (3,11) as in `observer.follow`
@@ -110,8 +110,7 @@ def pose(clock, places, axes, resolution, limit, t, place):
 
 @kernel
 def pose_falcon(clock, places, axes, resolution, limit, t, angles, geometry):
-    """`pose` of a Falcon's joint angles [rad] (3), observed one by one. Angles that no position has leave the last good
-    one standing."""
+    """`pose` from a Falcon's joint angles [rad] (3), each with its observer. Angles without a solution are rejected."""
     last = places[GOOD]
     ok, x, y, z = forward_kernel(geometry, angles[0], angles[1], angles[2], last[0], last[1], last[2])
     kind = judge(clock, places, limit, t, x, y, z) if ok else BAD
@@ -121,6 +120,6 @@ def pose_falcon(clock, places, axes, resolution, limit, t, angles, geometry):
     seen = x, y, z
     if not (a0 == angles[0] and a1 == angles[1] and a2 == angles[2]):
         ok, sx, sy, sz = forward_kernel(geometry, a0, a1, a2, x, y, z)
-        if ok:  # within a count of the reading: at the edge of the reach there may be no place
+        if ok:  # at the edge of the reach the estimated angles may have no solution
             seen = sx, sy, sz
     return take(clock, places, kind, t, (x, y, z), seen)

@@ -1,7 +1,7 @@
-"""A device held against a sampled wall, step by step: with what theory leaves out.
+"""Simulation of a device pressed against a sampled wall, with effects that linear theory neglects.
 
-A mass with viscous drag and dry friction, pushed by a steady hand, meets a wall at x = 0 that is seen through an
-encoder, a delay, a velocity filter, lost samples and uneven steps; the force goes through the controller, or not.
+A mass with viscous drag and dry friction is pushed by a constant force against a wall at x = 0. The loop contains an
+encoder, a delay, a velocity filter, lost samples and uneven steps, and optionally the controller.
 """
 
 import math
@@ -15,7 +15,7 @@ from palpate.physics.kernel import kernel
 
 
 class WallDevice(NamedTuple):
-    """What a user knows of a device.
+    """Parameters of a device.
 
     mass [kg] and drag [N s/m] > 0 of the moving grip; coulomb [N] dry friction; resolution [m] step of the position, 0:
     exact; limit [N] greatest force; slew [N/s] greatest change of it
@@ -31,8 +31,8 @@ class WallDevice(NamedTuple):
 
 @kernel
 def advance(x, v, force, mass, drag, coulomb, dt):
-    """Place [m] and speed [m/s] after a step under a held force [N]; exact without dry friction. With it the step is
-    parted in eight; in each the friction takes away momentum, at most all of it."""
+    """Position [m] and velocity [m/s] after a step under a held force [N]; exact without dry friction. With it the step
+    is divided into eight; in each the friction reduces the momentum, at most to zero."""
     parts = 8 if coulomb > 0.0 else 1
     h = dt / parts
     a, p, c, q = held(mass, drag, h)
@@ -96,10 +96,10 @@ def run(
     free: bool = False,
     begin: float = 1e-3,
 ) -> np.ndarray:
-    """Place [m], force [N] and energy given to the hand [J], (k,3), over steps [s] (k).
+    """Position [m], force [N] and energy delivered to the hand [J], (k,3), over steps [s] (k).
 
     stiffness [N/m], damping [N s/m] of the wall on the mean of `order` differences; delay [1] samples; lost (k) bool,
-    samples that repeat the one before; push [N] of the hand; free: no hand, and a wall that never lets go; begin [m]
+    samples that repeat the previous one; push [N] of the hand; free: no hand and a two-sided wall; begin [m] start
     """
     gains = np.array([0.0, 0.0, 0.0, device.resolution, device.mass, device.drag, device.limit, device.slew,
                       device.resolution, 1.0, 1.0])  # fmt: skip
@@ -113,15 +113,15 @@ def run(
 
 
 def felt_stiffness(paths: tuple[np.ndarray, np.ndarray]) -> float:
-    """Stiffness [N/m] that a hand feels, from the loop under two of its pushes (k,3): dF/dx between their means over
-    the last quarter. `inf` where the second push moves it no further."""
+    """Stiffness [N/m] that a hand feels, from two runs with different pushes (k,3): dF/dx between their means over the
+    last quarter. `inf` if the second push does not move the device further."""
     (x, force), (further, more) = (part[-len(part) // 4 :, :2].mean(axis=0) for part in paths)
     return float((more - force) / (x - further)) if further < x else math.inf
 
 
 def settles(path: np.ndarray, resolution: float) -> bool:
-    """Whether places [m] (k) come to rest: the swing of the last quarter is less than nine tenths of that before it, or
-    below two steps of the position and 5 um."""
+    """Whether positions [m] (k) come to rest: the amplitude in the last quarter is at most 90 % of that in the quarter
+    before, or at most two steps of the position plus 5 um."""
     if not np.isfinite(path).all():
         return False
     *_, before, last = (float(np.ptp(part)) for part in np.array_split(path, 4))

@@ -1,4 +1,4 @@
-"""What the pins of a display shall show: the deformation of the fingerpad, from a force, a surface or a pressure."""
+"""Target heights of a display's pins: the deformation of the fingerpad, from a force, a surface or a pressure."""
 
 import math
 

@@ -1,1 +1,1 @@
-"""The Beam Bundle fingertip: its surfaces, beams, skin, stick and slip."""
+"""The Beam Bundle fingertip: surfaces, beams, skin, stick and slip."""

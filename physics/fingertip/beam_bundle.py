@@ -1,10 +1,10 @@
 """The beam bundle: a fingertip as parallel viscoelastic beams between nail and skin, pressed on a plate and slid.
 
-Beams stand along the plate's normal on a square grid; each carries the cell of the grid. Depth d of the fingertip
+The beams are parallel to the plate's normal on a square grid, one per cell. Depth d of the fingertip
 shortens beam i by d - z_i, z_i being the height of its skin end at first touch. Normal force: the Voigt chain of the
 beam (`voigt`) times the cell. Lateral force: an elastic spring per beam, in shear as beams confine one another
 (1/k = sum L_j / (G_j A)), or that of a lone cantilever (3 E I / L^3). Skin ends are coupled by the sheet (`skin`) and
-held to the plate by friction (`stick_slip`). What is stated and what assumed: docs/equations/beam-bundle.md.
+coupled to the plate by friction (`stick_slip`). Stated and assumed parameters: docs/equations/beam-bundle.md.
 """
 
 import math
@@ -27,9 +27,9 @@ from palpate.physics.materials.voigt import STRAIN_LIMIT
 
 LATERAL = ("shear", "cantilever")
 MOST_BEAMS = 20_000
-SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long: the force of a damper over no time has no bound
+SHORTEST_STEP = 1e-5  # [s] Lower limit of a step: the force of a damper is unbounded as the step approaches 0
 FARTHEST = 1.0
-"""[m] A longer shift is computed as this long: all slips long before, and more digits would be lost than kept."""
+"""[m] Upper limit of a shift: all nodes slip long before, and larger numbers only lose precision."""
 FADE = 0.03
 """[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
 falls with the cube of pressure: the sheet is forty times stiffer than a beam, so a linear fade acts as a switch."""
@@ -45,13 +45,13 @@ class Bundle:
     moduli: np.ndarray  # [Pa] (h)
     viscosities: np.ndarray  # [Pa s] (h)
     lateral: np.ndarray  # stiffness of each beam
-    cell: float  # [m²] () area that a beam stands for
+    cell: float  # [m²] () area of a beam's grid cell
     sheet: Sheet  # the skin's triangles; none act where its thickness is 0
     retardation: float  # [s] () viscosity / modulus of the sheet
 
     @property
     def reach(self) -> np.ndarray:
-        """Largest shortening of each beam [m] (N): its softest element then stands at the strain limit."""
+        """Largest shortening of each beam [m] (N), at which its softest element reaches the strain limit."""
         present = self.lengths > 0
         softest = np.where(present, self.moduli, np.inf).min(axis=1, keepdims=True)
         return STRAIN_LIMIT * (self.lengths * softest / self.moduli).sum(axis=1)
@@ -128,7 +128,7 @@ def check_count(expected: float) -> None:
 
 
 class BundleState:
-    """What a bundle remembers, and its last answers; made at rest, out of contact.
+    """State of a bundle and results of the last step; initially at rest, out of contact.
 
     strains    [1]  (N,h)  of the elements
     reach      [m]  (N)    largest shortening of each beam

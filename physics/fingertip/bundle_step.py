@@ -1,4 +1,4 @@
-"""One step of a beam bundle, compiled: the chains, the sheet, stick and slip. `beam_bundle.step` is its door."""
+"""One compiled step of a beam bundle: the chains, the sheet, stick and slip. Call it through `beam_bundle.step`."""
 
 import math
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from palpate.physics.materials.voigt import chain_compliance, chain_strain_step
 
 
 class BundleBeams(NamedTuple):
-    """What of a bundle does not change."""
+    """The constants of a bundle."""
 
     heights: np.ndarray  # [m] (N) of the skin ends over the plate at first touch
     length: np.ndarray  # [m] (N) of each beam
@@ -21,16 +21,13 @@ class BundleBeams(NamedTuple):
     moduli: np.ndarray  # [Pa] (h)
     viscosities: np.ndarray  # [Pa s] (h)
     lateral: np.ndarray  # stiffness of each beam
-    cell: float  # [m²] () area that a beam stands for
+    cell: float  # [m²] () area of a beam's grid cell
     fade: float  # [Pa] () pressure from which a node acts fully on the sheet
     retardation: float  # [s] () viscosity / modulus of the sheet
 
 
 class Nodes(NamedTuple):
-    """What a bundle remembers of its skin ends, and the last answers; `force` is that of the plate on all, (3) [N].
-
-    The others: see `beam_bundle.State`.
-    """
+    """State of the skin ends and results of the last step, see `beam_bundle.BundleState`."""
 
     strains: np.ndarray
     deflection: np.ndarray
@@ -55,8 +52,8 @@ class BundleWorkspace(NamedTuple):
 
 
 class BundleMotion(NamedTuple):
-    """Of a step: depth [m], shift along the plate [m], coefficient of friction [1], length dt [s] > 0, time at its
-    end [s], and the length of the step before, 0 where there was none [s]."""
+    """Input of a step: depth [m], shift along the plate [m], coefficient of friction [1], length dt [s] > 0, time at
+    its end [s], and length of the previous step [s], 0 for the first."""
 
     depth: float
     x: float
@@ -68,9 +65,9 @@ class BundleMotion(NamedTuple):
 
 
 class StepSummary(NamedTuple):
-    """Of the last step: nodes in contact and sliding, beams at their strain limit, iterations and residual of the
-    solver, and its length [s]; and of a next step of the same length at the same depth its stiffness [N/m], its depth
-    of first touch [m] and its force [N]."""
+    """Results of the last step: nodes in contact and sliding, beams at their strain limit, iterations and residual of
+    the solver, length [s]. Prediction for a next step of the same length at the same depth: stiffness [N/m], depth of
+    first touch [m] and force [N]."""
 
     contacts: int = 0
     slips: int = 0
@@ -85,7 +82,7 @@ class StepSummary(NamedTuple):
 
 @kernel
 def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
-    """Take the nodes through one step; its summary.
+    """Advance the nodes by one step; returns its summary.
 
     beams, nodes, scratch, motion  as above      sheet  a `skin.Sheet`
     tolerance, most                as in `stick_slip`
@@ -104,8 +101,8 @@ def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
 
 @kernel
 def _press(beams, nodes, scratch, motion):
-    """Shorten the beams to the depth: normal forces, limits of friction, weights in the sheet; nodes in contact, and
-    beams held at their reach."""
+    """Shorten the beams to the depth and compute normal forces, friction limits and weights in the sheet; returns the
+    numbers of nodes in contact and of beams at their reach."""
     contacts = limited = 0
     for i in range(beams.heights.shape[0]):
         wanted = motion.depth - beams.heights[i]
@@ -150,8 +147,8 @@ def _next_law(beams, nodes, motion):
 
 @kernel
 def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
-    """Stick or slide under the shift; nodes that slide, iterations and residual of the solver."""
-    if motion.friction == 0.0 and not np.any(nodes.deflection):  # nothing holds a node: the plate slides under all
+    """Solve stick and slip under the shift; returns the number of sliding nodes, iterations and residual."""
+    if motion.friction == 0.0 and not np.any(nodes.deflection):  # without friction all nodes slide
         nodes.slip[:, 0], nodes.slip[:, 1] = motion.x, motion.y
         scratch.plate[:] = 0.0
         return _slid(nodes, scratch, motion), 0, 0.0
@@ -183,13 +180,13 @@ def _rub(beams, sheet, nodes, scratch, motion, tolerance, most):
 
 @kernel
 def _slid(nodes, scratch, motion):
-    """Take over what the solver found; how many nodes slide."""
+    """Update the nodes with the solution; returns the number of sliding nodes."""
     slips = 0
     for i in range(nodes.normal.shape[0]):
         x, y = nodes.slip[i, 0], nodes.slip[i, 1]
         nodes.deflection[i, 0] += x - motion.x
         nodes.deflection[i, 1] += y - motion.y
-        # An answer that stopped early may pass the limit by its residual; the force that is sent never does.
+        # An unconverged solution may exceed the limit by its residual; the force that is sent must not.
         limit, plate = scratch.limit[i], scratch.plate[i]
         size = math.hypot(plate[0], plate[1])
         part = -limit / size if size > limit else -1.0

@@ -5,8 +5,9 @@ Strain is constant in each triangle. Its stiffness with thickness t, area A and 
     K_e = A t B^T [ lambda J_l + mu J_m ] B,   lambda = E nu / (1 - nu^2),   mu = E / (2 (1 + nu)),
     J_l = [[1,1,0],[1,1,0],[0,0,0]],   J_m = diag(2, 2, 1)
 
-and its viscosity is the same with c for E (eq. 1 of the beam bundle paper). Triangles with a node out of contact do not
-act; the mesh stays. `weights` fade them in with pressure, so that no force jumps when a node is gained or lost.
+and its viscosity is the same with c for E (eq. 1 of the beam bundle paper). Triangles with a node out of contact exert
+no force; the mesh does not change. Their weights grow with pressure, so the force is continuous when nodes make or lose
+contact.
 """
 
 from typing import NamedTuple
@@ -24,15 +25,15 @@ class Sheet(NamedTuple):
     slots: np.ndarray  # [1] (E,9) where each block goes in the sparse matrix
     rows: np.ndarray  # [1] (N+1) start of each node's row
     columns: np.ndarray  # [1] (Z) node of each block of the row
-    diagonal: np.ndarray  # [1] (N) slot of each node's own block
+    diagonal: np.ndarray  # [1] (N) slot of each node's diagonal block
     band: int  # [1] () largest |i - j| of coupled nodes
 
 
 def grid_triangles(index: np.ndarray) -> np.ndarray:
     """Two triangles in each cell of a square grid, less those that lack a corner (E,3).
 
-    The diagonals go in turn, so that no direction is preferred, and by place alone: the mesh of a part of the nodes is
-    a part of the mesh.
+    The diagonals alternate, so that no direction is preferred. Their direction depends on the position only, so the
+    mesh of a subset of the nodes is a subset of the mesh.
 
     index  [1] (n,2)  integer grid coordinates of the nodes, each once; the first grows with x, the second with y
     """
@@ -70,7 +71,7 @@ def plane_stress_blocks(points, triangles, modulus, poisson, thickness):
 
 
 def sheet(points, triangles, modulus, poisson, thickness) -> Sheet:
-    """The sheet on given nodes; arguments as `plane_stress_blocks`. Without triangles it does nothing."""
+    """The sheet on given nodes; arguments as of `plane_stress_blocks`. Without triangles it exerts no force."""
     count = len(points)
     blocks = plane_stress_blocks(points, triangles, modulus, poisson, thickness)
     pairs = np.stack([np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))], axis=-1).reshape(-1, 2)

@@ -1,16 +1,16 @@
-"""Stick and slip of many coupled nodes with given normal forces: one convex problem per step.
+"""Stick and slip of coupled nodes with given normal forces: one convex minimisation per step.
 
-In a step node i slips by w_i (2) over the plate, against friction of at most t_i = mu f_n,i. With the stiffness A of
-pad and beams in the step and the force r that would act if all nodes stuck, w is the minimum of
+In a step node i slips by w_i (2) over the plate, with friction of at most t_i = mu f_n,i. With the stiffness A of skin
+and beams in the step and the force r that would act if all nodes stuck, w minimises
 
     Phi(w) = 1/2 w^T A w - r^T w + sum_i t_i |w_i|
 
-(Tresca friction). A is positive definite, so the answer is unique. q_i = r_i - (A w)_i is the force of node i on the
+(Tresca friction). A is positive definite, so the minimum is unique. q_i = r_i - (A w)_i is the force of node i on the
 plate; the node sticks where |q_i| < t_i.
 
-Method (truncated nonsmooth Newton, Gräser & Kornhuber 2009, on one level): block Gauss-Seidel with the exact answer of
-each 2 x 2 problem finds who slips; a Newton step on those nodes, where Phi is smooth, removes what Gauss-Seidel is slow
-at; a line search keeps Phi falling. Warm-started, it ends after one to three iterations.
+Method (truncated nonsmooth Newton, Gräser & Kornhuber 2009, on one level): block Gauss-Seidel with the exact solution
+of each 2 x 2 problem identifies the slipping nodes; a Newton step on those, where Phi is smooth, removes the slowly
+converging error; a line search ensures descent. Warm-started, it converges in one to three iterations.
 """
 
 import math
@@ -26,7 +26,7 @@ class Blocks(NamedTuple):
 
     rows: np.ndarray  # [1] (N+1) start of each node's row
     columns: np.ndarray  # [1] (Z) node of each block
-    diagonal: np.ndarray  # [1] (N) place of each node's own block
+    diagonal: np.ndarray  # [1] (N) index of each node's diagonal block
     values: np.ndarray  # [N/m] (Z,2,2) the blocks
     band: int  # [1] () largest |i - j| of coupled nodes
 
@@ -105,7 +105,7 @@ def _sweep(matrix, force, limit, slip):
 
 @kernel
 def _plate_force(matrix, force, limit, slip, out):
-    """q = r - A w into `out`; the largest violation of the law of friction [N]."""
+    """q = r - A w into `out` [N] (N,2); returns the largest violation of the friction law [N]."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     worst = 0.0
     for i in range(limit.shape[0]):
@@ -125,7 +125,7 @@ def _plate_force(matrix, force, limit, slip, out):
 
 @kernel
 def solve_band(upper, right, size, width):
-    """Solve the symmetric positive definite system in place; the answer is in `right`.
+    """Solve a symmetric positive definite band system in place by Gaussian elimination; the solution is in `right`.
 
     upper  (n, width + 1)  upper[i, k] = A[i, i + k]; destroyed       right (n)
     """
@@ -148,7 +148,7 @@ def solve_band(upper, right, size, width):
 
 @kernel
 def _newton(matrix, limit, slip, plate, work):
-    """One damped Newton step on the slipping nodes; False when there is nothing to gain."""
+    """One damped Newton step on the slipping nodes; False if it does not reduce Phi."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     place, nodes, upper, step = work.place, work.nodes, work.upper, work.step
     count = 0
@@ -213,9 +213,9 @@ def _newton(matrix, limit, slip, plate, work):
 
 @kernel
 def stick_slip(matrix, force, limit, slip, plate, work, tolerance, most):
-    """Solve one step; `slip` (start value in, answer out) and `plate` (the force on the plate) are overwritten.
+    """Minimise Phi(w): overwrites `slip` (initial guess, then the solution w) and `plate` (the force q on the plate).
 
-    Rounds used, and the residual: the largest violation of the law of friction, relative to the largest limit.
+    Returns the iterations, and the residual: the largest violation of the friction law over the largest limit.
 
     matrix     A as `Blocks`                             work  as `Workspace`
     force      [N] (N,2)  r: on the plate if all stuck   limit [N] (N)  mu f_n >= 0

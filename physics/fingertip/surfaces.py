@@ -194,7 +194,7 @@ def fill(
 
 
 def lowest(tip: FingertipSurfaces, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest point (3) of the skin over the plate, to a tenth of the grid, and a box (2,2) in the plate's plane
+    """The lowest point (3) of the skin over the plate, to 10 % of the grid, and a box (2,2) in the plate's plane
     that holds all that lies less than `depth` above it; metres."""
     plane = product(tip.corners, plate_axes(angle)[:2].T)
     low, high = plane.min(axis=0), plane.max(axis=0)

@@ -1,20 +1,20 @@
-"""What all bristle laws share: the deflection z lies in the tangent plane of a surface that turns under the finger.
+"""The common part of all bristle laws: the deflection z is tangent to a surface whose normal changes.
 
-A law is a NamedTuple in a file of its own: its fields are its settings, `Annotated[type, unit, limit]` with a default,
-and its attribute `advance` is a kernel
+A law is a NamedTuple, one per file. Its fields are its settings, `Annotated[type, unit, limit]` with a default, and its
+attribute `advance` is a kernel
 
     advance(law, z, v, load, dt) -> (z [m] (3), force [N] (3), stick)
 
 of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
-[s] > 0. `law` has the settings; one that is a word is its place among the words. A law may have
+[s] > 0. `law` contains the settings; a word is given by its index among the allowed words. Optional attributes:
 
-    play                  a setting [m]; `advance` then takes a sixth argument, the path [m] that wears the bristles:
-                          that of a point which the finger drags on a string of this length. A finger that wanders by
-                          less, as one that is measured by an encoder does, strains the bristles but does not wear them
-    stored(law, z, load)  a kernel: the energy [J] that the bristles hold; the ledger then reports what is dissipated
-    rescale               a setting; True: a load that rises gives the bristles no energy beyond what it took from them
-                          as it fell (needs `stored`)
-    caution()             which settings let it generate energy, a line that the user sees; "" where none does
+    play                  setting [m]. `advance` then takes the argument `path`, the path [m] of a point that the finger
+                          drags on a string of this length; only this path relaxes the bristles. Position noise below
+                          `play`, as from an encoder, then deflects the bristles without relaxing them
+    stored(law, z, load)  kernel: energy [J] stored in the bristles, from which the ledger computes dissipation
+    rescale               setting. True: a rising load gives the bristles at most the energy that it took from them
+                          while it fell (requires `stored`)
+    caution()             a warning about settings that let the law generate energy; "" for a passive law
 """
 
 import math
@@ -28,9 +28,9 @@ NOTHING, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 @kernel(error_model="numpy")
 def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
-    """z [m], tangent to the unit normal a, rotated by the smallest rotation that takes a to b; length kept.
+    """R z [m], with the smallest rotation R that takes the unit normal a to b; z is tangent to a. Preserves |z|.
 
-    For b = -a, where that rotation is not unique, z is the axis and stays.
+    For b = -a the rotation is not unique: z is taken as its axis and does not change.
     """
     length = math.sqrt(zx * zx + zy * zy + zz * zz)
     if length == 0.0:
@@ -38,7 +38,7 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
     # R z = z - (z.b)/(1 + a.b) (a + b) for z perpendicular to a.
     lean = (zx * bx + zy * by + zz * bz) / max(1.0 + ax * bx + ay * by + az * bz, 1e-12)
     x, y, z = zx - lean * (ax + bx), zy - lean * (ay + by), zz - lean * (az + bz)
-    # Take away what rounding, or a normal that is not quite unit, leaves along b.
+    # Remove the component along b that is left by rounding or by a normal of inexact length.
     lift = x * bx + y * by + z * bz
     x, y, z = x - lift * bx, y - lift * by, z - lift * bz
     rest = math.sqrt(x * x + y * y + z * z)
@@ -50,7 +50,7 @@ def turn(zx, zy, zz, ax, ay, az, bx, by, bz):
 
 @kernel(error_model="numpy")
 def carry(z, a, b, slip):
-    """Deflection z [m] (3), tangent to the last normal a [1] (3), under this normal b; tangential slip [m/s] (3)."""
+    """Deflection z [m] (3) rotated from the last normal a [1] (3) to b, and the tangential slip velocity [m/s] (3)."""
     along = slip[0] * b[0] + slip[1] * b[1] + slip[2] * b[2]
     v = (slip[0] - along * b[0], slip[1] - along * b[1], slip[2] - along * b[2])
     return turn(z[0], z[1], z[2], a[0], a[1], a[2], b[0], b[1], b[2]), v
@@ -58,8 +58,8 @@ def carry(z, a, b, slip):
 
 @kernel
 def drag(slack, a, b, v, dt, play):
-    """The finger's place [m] (3) from a point that it drags on a string of the length `play` [m], and the point's path
-    [m], after a step of v dt; the normal turns from a to b."""
+    """Displacement [m] (3) of the finger from a point that it drags on a string of length `play` [m], and the path [m]
+    of the point, after a step v dt; the normal changes from a to b."""
     x, y, z = turn(slack[0], slack[1], slack[2], a[0], a[1], a[2], b[0], b[1], b[2])
     x, y, z = x + v[0] * dt, y + v[1] * dt, z + v[2] * dt
     length = math.sqrt(x * x + y * y + z * z)
@@ -71,7 +71,7 @@ def drag(slack, a, b, v, dt, play):
 
 @kernel
 def _taut(law, slack, a, b, v, dt):
-    """`drag` for a law without play: nothing is worn by it."""
+    """`drag` for a law without play, which does not use the path."""
     return NOTHING, 0.0
 
 
@@ -86,12 +86,12 @@ def stepper(kind: type[Any]) -> Kernel:
 
         step(law, z, a, last, slack, spare, b, slip, load, dt) -> (z, b, load, slack, spare, force [N] (3), sticks)
 
-    z      [m]   (3)  deflection;  a [1] (3), last [N]: normal and load that it was found under
-    slack  [m]   (3)  the finger's place from the point that it drags
-    spare  [J]        energy that a falling load has taken from the bristles and may give back
-    b      [1]   (3)  normal now;  slip [m/s] (3);  load [N];  dt [s]
+    z      [m]   (3)  deflection;  a [1] (3), last [N]: normal and load of the last step
+    slack  [m]   (3)  displacement of the finger from the point that it drags
+    spare  [J]        energy that a falling load has taken from the bristles and may return
+    b      [1]   (3)  present normal;  slip [m/s] (3);  load [N];  dt [s]
 
-    Without load the bristles are forgotten and the force is zero; such a contact does not stick.
+    Without load the bristles are reset, the force is zero, and the contact does not stick.
     """
     worn, rescales = "play" in kind._fields, "rescale" in kind._fields
     advanced, dragged, unrising = kind.advance, _played if worn else _taut, _rescaled(kind) if rescales else None
@@ -121,14 +121,14 @@ def stepper(kind: type[Any]) -> Kernel:
 
 
 def _rescaled(kind: type[Any]) -> Kernel:
-    """`advance` of a law whose bristles shrink where a load that rises would give them energy, beyond what it took from
-    them as it fell, E = `spare`: where D(1) + E < 0, the answer for bristles s z, s < 1:
+    """`advance` with bristles that shrink to s z, s < 1, where a rising load would give them more than the energy
+    E = `spare` that it took while it fell. With the dissipation D it keeps
 
         D(s) + E = f(s).v T + V(z, f_last) - V(z+(s), f_n) + E >= 0
 
-    At s = sqrt(f_last/f_n) the bristles hold under the new load what they held under the last one, so that D >= 0 for a
-    law that is passive under constant load. Between that and s = 1 LuGre's D is concave: the zero of the chord of D + E
-    has D + E >= 0 too.
+    At s = sqrt(f_last/f_n) the bristles store the same energy under the new load as under the last one, so D >= 0 for a
+    law that is passive under constant load. Between that and s = 1, D of LuGre is concave, so the zero of the chord of
+    D + E also satisfies D + E >= 0.
     """
     advance, stored, worn = kind.advance, kind.stored, "play" in kind._fields
 
@@ -144,7 +144,7 @@ def _rescaled(kind: type[Any]) -> Kernel:
 
     @kernel(error_model="numpy")
     def scaled(law, s, z, v, last, load, dt, path):
-        """The answer for s z, and D of it."""
+        """The step from s z, and its dissipation D [J]."""
         after, force, stick = answer(law, (s * z[0], s * z[1], s * z[2]), v, load, dt, path)
         work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
         return after, force, stick, work + stored(law, z, last) - stored(law, after, load)
@@ -167,7 +167,7 @@ def _rescaled(kind: type[Any]) -> Kernel:
             spare = max(spare + min(here, 0.0), 0.0)
         else:
             spare += stored(law, z, last) - stored(law, z, load)
-        # No more than the bristles hold: many falls must not pay for one large rise.
+        # At most the stored energy: many falls must not add up to one large rise.
         return after, force, stick, min(spare, stored(law, after, load))
 
     return rescaled

@@ -1,4 +1,4 @@
-"""Elasto-plastic friction: LuGre with bristles that deflect elastically, without slip, up to a share of their limit.
+"""Elasto-plastic friction: LuGre with bristles that deflect elastically, without slip, below a fraction of their limit.
 
     dz/dt = v - alpha(z, v) sigma0 v z/g(v)        v = |v|, r = sigma0 |z|/g(v)
     alpha = 0 for r <= share or z.v <= 0,  (1 - cos(pi (r - share)/(1 - share)))/2 up to r = 1,  1 beyond
@@ -16,15 +16,15 @@ from palpate.physics.kernel import kernel
 
 @kernel(error_model="numpy")
 def slipping(r, share):
-    """alpha [1]: the part of the motion that is plastic slip, against the deflection over its limit r [1]."""
+    """alpha(r) [1], the fraction of the motion that is plastic slip, at the relative deflection r [1]."""
     return 0.0 if r <= share else 1.0 if r >= 1.0 else 0.5 - 0.5 * math.cos(math.pi * (r - share) / (1.0 - share))
 
 
 @kernel(error_model="numpy")
 def elastoplastic(law, z, v, load, dt):
-    """Backward Euler, z+ = (z + v h)/(1 + alpha(z+) sigma0 v h/g), over parts of the step in which the finger moves by
-    no more than a twentieth of the bristles' limit, at most 40 of them; |z| <= mu_s/sigma0 for any v and T. The root is
-    found by bisection: the right side falls with |z+|. It sticks while at most half of the motion is plastic slip."""
+    """Backward Euler, z+ = (z + v h)/(1 + alpha(z+) sigma0 v h/g), in up to 40 substeps h in which the finger moves by
+    at most 1/20 of the bristles' limit; |z| <= mu_s/sigma0 for any v and T. The root is found by bisection: the right
+    side decreases with |z+|. The contact sticks while at most half of the motion is plastic slip."""
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     g = stribeck(speed, law.mu_slide, law.mu_static, law.stribeck)
     parts = int(min(max(math.ceil(20.0 * law.bristle_stiffness * speed * dt / g), 1.0), 40.0))
@@ -47,7 +47,7 @@ def elastoplastic(law, z, v, load, dt):
 
 
 class ElastoPlastic(NamedTuple):
-    """LuGre friction that does not creep: below `elastic` of static friction nothing slips."""
+    """LuGre friction without creep: no slip below the fraction `elastic` of static friction."""
 
     mu_slide: Annotated[float, "1", "> 0"] = 0.5
     mu_static: Annotated[float, "1", "> 0"] = 0.7
@@ -56,10 +56,10 @@ class ElastoPlastic(NamedTuple):
     bristle_damping: Annotated[float, "s/m", ">= 0"] = 1.0
     viscous: Annotated[float, "s/m", ">= 0"] = 0.4
     elastic: Annotated[float, "1", ">= 0", "< 1"] = 0.9
-    rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
+    rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
 
     advance, stored = elastoplastic, energy  # type: ignore[misc]
 
     def caution(self):
-        """What of its settings lets the law generate energy; "" where nothing does."""
+        """Settings that let the law generate energy; "" for a passive law."""
         return active(self)

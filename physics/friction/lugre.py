@@ -15,7 +15,7 @@ from palpate.physics.kernel import kernel
 
 @kernel(error_model="numpy")
 def stribeck(speed, mu_slide, mu_static, fall):
-    """g [1], the coefficient of friction of bristles at a speed [m/s]."""
+    """g(v) = mu_c + (mu_s - mu_c) e^{-(v/v_s)²} [1], the steady coefficient of friction at a speed v [m/s]."""
     ratio = speed / fall
     return mu_slide + (mu_static - mu_slide) * math.exp(-ratio * ratio)
 
@@ -33,11 +33,12 @@ def force(law, before, after, v, load, dt):
 
 @kernel(error_model="numpy")
 def lugre(law, z, v, load, dt, path):
-    """Exact at constant velocity, a = sigma0 v/g:  z+ = z e^{-aT} + v T phi(aT),  phi(x) = (1 - e^{-x})/x. z+ is a mean
-    of z and of the steady z, so |z| <= mu_s/sigma0 for any v and T, plus `play`. Backward Euler is the alternative. In
-    the wear aT the path [m] of the point that the finger drags takes the place of v T (bristle.py).
+    """z+ = z e^{-aT} + v T phi(aT),  phi(x) = (1 - e^{-x})/x,  a = sigma0 v/g: exact at constant velocity.
 
-    The contact sticks while less than half of the motion is lasting slip: sigma0 z.v/|v| < g(v)/2, or v = 0.
+    z+ is a weighted mean of z and the steady z, so |z| <= mu_s/sigma0 + `play` for any v and T. `update` selects
+    backward Euler instead. In aT the path [m] of the dragged point replaces v T (bristle.py).
+
+    The contact sticks while less than half of the motion is plastic slip: sigma0 z.v/|v| < g(v)/2, or v = 0.
     """
     speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     g = stribeck(speed, law.mu_slide, law.mu_static, law.stribeck)
@@ -55,16 +56,16 @@ def lugre(law, z, v, load, dt, path):
 
 @kernel
 def energy(law, z, load):
-    """Energy [J] that the bristles hold at the deflection z [m] (3) and the load [N]."""
+    """Energy f_n sigma0 |z|²/2 [J] stored in the bristles at the deflection z [m] (3) and the load f_n [N]."""
     return 0.5 * load * law.bristle_stiffness * (z[0] * z[0] + z[1] * z[1] + z[2] * z[2])
 
 
 class LuGre(NamedTuple):
-    """LuGre friction: presliding, Stribeck dip and viscous rise, in proportion to the normal force.
+    """LuGre friction: presliding, Stribeck effect and viscous friction, proportional to the normal force.
 
-    The contact sticks while less than half of the finger's motion is lasting slip; it does not stick when apart. Below
-    viscous = bristle_damping (mu_static - mu_slide)/mu_slide the law can give out energy. Under a load that swings
-    below static friction it creeps: friction.ElastoPlastic does not.
+    The contact sticks while less than half of the finger's motion is plastic slip; it does not stick when apart. Below
+    viscous = bristle_damping (mu_static - mu_slide)/mu_slide the law can generate energy. Under an oscillating load
+    below static friction it creeps; friction.ElastoPlastic does not.
     """
 
     mu_slide: Annotated[float, "1", "> 0"] = 0.5
@@ -74,24 +75,24 @@ class LuGre(NamedTuple):
     bristle_damping: Annotated[float, "s/m", ">= 0"] = 1.0
     viscous: Annotated[float, "s/m", ">= 0"] = 0.4
     update: Annotated[Literal["exponential", "euler"], "1"] = "exponential"
-    rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise give energy
-    play: Annotated[float, "m", ">= 0"] = 0.0  # wandering by less does not wear the bristles: half an encoder count
+    rescale: Annotated[bool, "1"] = True  # the bristles shrink where a rising load would otherwise generate energy
+    play: Annotated[float, "m", ">= 0"] = 0.0  # smaller motion does not relax the bristles: half an encoder count
 
     advance, stored = lugre, energy  # type: ignore[misc]
 
     def caution(self):
-        """What of its settings lets the law generate energy; "" where nothing does."""
+        """Settings that let the law generate energy; "" for a passive law."""
         return active(self)
 
 
 def passive_viscous(mu_slide: float, mu_static: float, bristle_damping: float) -> float:
-    """Least sigma2 [s/m] at which LuGre friction under constant load is passive: sigma1 (mu_s - mu_c)/mu_c
+    """sigma1 (mu_s - mu_c)/mu_c [s/m], the least sigma2 at which LuGre friction under constant load is passive
     (Barabanov & Ortega, IEEE Trans. Autom. Control 45, 2000, 675-686)."""
     return bristle_damping * (mu_static - mu_slide) / mu_slide
 
 
 def active(law) -> str:
-    """Which settings of LuGre's family let it generate energy under a constant load, in words; "" for a passive one."""
+    """A warning about settings of a LuGre law that generate energy under constant load; "" for a passive law."""
     least = passive_viscous(law.mu_slide, law.mu_static, law.bristle_damping)
     if law.viscous >= least * (1.0 - 1e-9):
         return ""

@@ -73,7 +73,7 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
 
 
 def weld(vertices: np.ndarray) -> np.ndarray:
-    """For each vertex the index of one that stands for all at exactly its position (V,) int32."""
+    """For each vertex the index of the representative of all vertices at exactly its position (V,) int32."""
     key = product(vertices, np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)]))
     order = np.argsort(key, kind="stable")
     inside = vertices[order]
@@ -132,7 +132,7 @@ def _discs(vertices, triangles, leaves, discs):
     """Bounding discs of all nodes: centre, axis, radius, half height.
 
     Small nodes are fitted to their vertices; large ones, from `WHOLE` leaves on, to the discs of the nodes of `PART`
-    leaves below them, which costs a hundredth.
+    leaves below them, at 1 % of the cost.
     """
     count = len(triangles)
     sums = np.zeros((2 * leaves, 7))

@@ -1,4 +1,4 @@
-"""How much a surface is stretched, by its triangles alone."""
+"""Stretch of a triangulated surface."""
 
 import numpy as np
 

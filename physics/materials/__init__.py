@@ -1,1 +1,1 @@
-"""What tissue is made of: hyperelastic energies and viscoelastic chains."""
+"""Material laws of tissue: hyperelastic energies and viscoelastic chains."""

@@ -1,4 +1,4 @@
-"""Compiled functions as arguments of compiled functions: one loop serves every law, and is cached on disk."""
+"""Passes compiled functions to compiled functions, so that one cached loop serves every law."""
 
 from collections.abc import Callable
 from functools import lru_cache
@@ -16,8 +16,8 @@ LAW = types.UniTuple(types.float64, 4)(MATRIX, types.float64, VECTOR, MATRIX, MA
 
 @lru_cache(maxsize=128)
 def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResultWAP:
-    """The function compiled for a signature such as `LAW`, in the form that a kernel takes. TypeError: it is not a
-    `numba.njit` function, or does not fit the signature."""
+    """The function compiled for a signature such as `LAW`, in the form that a kernel accepts. TypeError: not a
+    `numba.njit` function, or it does not match the signature."""
     if not hasattr(function, "compile"):
         raise TypeError(f"{function!r}: expected a function compiled with numba.njit")
     name = getattr(function, "__name__", "function")
@@ -29,7 +29,7 @@ def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResul
 
 
 def address(law: Callable[..., Any]) -> int:
-    """Where a law's code begins in this process, for `law_at`."""
+    """Address of a law's machine code in this process, for `law_at`."""
     return compiled(law, LAW).__wrapper_address__()
 
 
@@ -47,4 +47,4 @@ def _law_at(typingctx, address):  # type: ignore[no-untyped-def]
 
 
 law_at: Any = intrinsic(_law_at)
-"""The law at an address, within a kernel: numbers travel into a kernel faster than functions, which take 40 us each."""
+"""The law at an address, in a kernel. Passing an address is cheap; passing a function costs 40 us."""

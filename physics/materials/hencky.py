@@ -2,8 +2,7 @@
 
     W = mu |dev ln U|²,    U = (kappa/2) (ln J)²
 
-It stays stiff in compression, where the law of St. Venant and Kirchhoff softens. H. Hencky, Z. Tech. Phys. 9 (1928)
-215-220.
+Unlike the St. Venant-Kirchhoff law it does not soften in compression. H. Hencky, Z. Tech. Phys. 9 (1928) 215-220.
 """
 
 import numpy as np
@@ -18,11 +17,13 @@ EXAMPLE = (1e4, 0.3)
 
 @kernel
 def log_stretch(F, C, N, E):
-    """ln U of F = R U into E (3,3); C and N (3,3) are memory.
+    """The logarithmic strain ln U of F = R U [1] (3,3), into E (3,3); C and N (3,3) are scratch.
 
-    ln U = atanh Z = Z (1 + Y/3 + Y²/5 + ...), Z = (C - 1)(C + 1)^-1, Y = Z², C = F'F: where strains are moderate,
-    tr Y < 0.12 (stretches of 0.7 to 1.4), to 1e-13. The powers of Y are taken by its own characteristic equation, so
-    that the series is one of three numbers. Beyond, by the eigenvectors of C.
+    For moderate strain, tr Y < 0.12 (stretches of 0.7 to 1.4), by a series, exact to 1e-13:
+
+        ln U = atanh Z = Z (1 + Y/3 + Y²/5 + ...),    Z = (C - 1)(C + 1)^-1,    Y = Z²,    C = F'F
+
+    The Cayley-Hamilton theorem reduces the powers of Y to 1, Y and Y². For larger strain by the eigenvectors of C.
     """
     c00, c11, c22, c01, c02, c12, _ = strain_squares(F)
     b00, b11, b22 = c00 + 1.0, c11 + 1.0, c22 + 1.0
@@ -75,7 +76,7 @@ def log_stretch(F, C, N, E):
 
 @kernel
 def _stress_alone(F, J, p, P, A):
-    """`energy` without its tangent: A lends the memory. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 is
+    """`energy` without the tangent; A is scratch. As ln U commutes with C, P = F 2 mu dev(ln U) C^-1 equals
     2 mu F^-T dev(ln U)."""
     shear, bulk = p[0], p[1]
     E = A[6:9, 0:3]

@@ -1,25 +1,25 @@
-"""Hyperelastic materials: a law, which is one file of this folder, with its constants.
+"""Hyperelastic materials: a law, which is one file of this folder, and its constants.
 
-A law splits its energy into a part that sees shape and a part that sees volume,
+A law splits its energy into an isochoric and a volumetric part,
 
     Psi(F) = W(F) + U(J),    W(a F) = W(F) for any number a,
 
-so that the mixed element can take one mean volume ratio for a whole element. A file `x.py` of this folder is a law if
-it has
+so that the mixed element can use one mean volume ratio per element. A file `x.py` of this folder is a law if it has
 
     energy      the compiled law, below        x(...)   a function that gives a `Material` from its constants
     EXAMPLE     constants that x takes, for tests and tables
 
-and the equation at its head. Nothing is registered: finite elements (`palpate.models.fe.x`), sampled bodies, checks,
-`palpate list laws` and the tests of consistency take every file that they find. Compiled with `numba.njit(cache=True)`,
+and the equation in its docstring. Laws are found, not registered: finite elements (`palpate.models.fe.x`), sampled
+bodies, checks, `palpate list laws` and the consistency tests use every file. Compiled with `numba.njit(cache=True)`,
 
     energy(F, J, p, P, A) -> (W, U, U', U'')
 
-F  [1]  (3,3)  deformation gradient        P [Pa] (3,3)  gets dW/dF, first Piola-Kirchhoff
-J  [1]  ()     volume ratio                A [Pa] (9,9)  gets d2W/dF2, row 3i + j for F[i, j]; NaN at A[0, 0] says
-p       (n,)   constants of the material                 that nobody wants it: it is memory to work in then
+F  [1]  (3,3)  deformation gradient        P [Pa] (3,3)  output dW/dF, first Piola-Kirchhoff
+J  [1]  ()     volume ratio                A [Pa] (9,9)  output d2W/dF2, row 3i + j for F[i, j]. NaN at A[0, 0]: no
+p       (n,)   constants of the material                 tangent is needed, and A is scratch
 
-A law in the invariants I and II needs its derivatives by these only: see `neo_hooke` and `invariants.shape_stress`.
+A law in the invariants I and II only has to supply its derivatives by these: see `neo_hooke` and
+`invariants.shape_stress`.
 """
 
 import importlib
@@ -39,18 +39,17 @@ from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
 
-RUBBER = 1e9  # [Pa] Young's modulus above which no solid is rubber-like: ten times that of the hardest rubber
-
+RUBBER = 1e9  # [Pa] Largest Young's modulus of a rubber-like solid: ten times that of the hardest rubber
 
 MIXED_FROM = 0.47
-"""Poisson's ratio at rest from which a law of this folder takes the mixed element. Below it takes the plain one, whose
-error in smooth fields falls with the third power of the size, not with the 1.4th, and which carries a deep press
-further; above, the plain one is too stiff near edges (docs/equations/finite-elements.md)."""
-PLAIN_UP_TO = 0.499  # Poisson's ratio at rest above which the plain element locks: refused
+"""Poisson's ratio at rest from which a law of this folder uses the mixed element. Below it, the plain element converges
+faster in smooth fields (error ~ size³ instead of size^1.4) and withstands deeper indentation; above it, the plain
+element is too stiff near edges (docs/equations/finite-elements.md)."""
+PLAIN_UP_TO = 0.499  # Poisson's ratio at rest above which the plain element locks and is refused
 
 
 class MaterialError(PalpateError, ValueError):
-    """Constants that no stable material has, or no such law; says which, what was found and what is expected."""
+    """Constants of an unstable material, or an unknown law; says which, what was found and what is expected."""
 
     exit_code = MISUSE
 
@@ -69,15 +68,15 @@ class Material:
 
     @property
     def name(self) -> str:
-        """Of its law, as `law` takes it: that of its file, or the full name of a function elsewhere."""
+        """Name of its law, as the argument of `law`: the file, or the full name of a function elsewhere."""
         module, function = (getattr(self.law, key, "") for key in ("__module__", "__qualname__"))
         folder, _, file = module.rpartition(".")
         return file if folder == materials.__name__ and function == "energy" else f"{module}.{function}"
 
 
 def moduli(young: float, poisson: float) -> tuple[float, float]:
-    """Shear and bulk modulus [Pa] of Young's modulus [Pa] and Poisson's ratio. MaterialError: a modulus that is not
-    positive, or a ratio outside (-1, 0.5)."""
+    """Shear and bulk modulus [Pa], mu = E/(2 (1 + nu)) and kappa = E/(3 (1 - 2 nu)), from Young's modulus [Pa] and
+    Poisson's ratio. MaterialError: a modulus that is not positive, or a ratio outside (-1, 0.5)."""
     if not (np.isfinite(young) and young > 0):
         raise MaterialError(f"Young's modulus {young} Pa: expected a positive number")
     if not -1.0 < poisson < 0.5:
@@ -89,7 +88,7 @@ def moduli(young: float, poisson: float) -> tuple[float, float]:
 
 
 def of_rest(law: str, shear: float, poisson: float) -> tuple[float, float]:
-    """Shear and bulk modulus [Pa] of a rubber-like law's shear modulus at rest [Pa] and its Poisson's ratio.
+    """Shear and bulk modulus [Pa] of a rubber-like law from its shear modulus at rest [Pa] and Poisson's ratio.
     MaterialError: see `moduli`; a modulus above that of any rubber."""
     if not (np.isfinite(shear) and shear > 0):
         raise MaterialError(f"{law}, shear modulus {shear:.4g} Pa at rest: expected a positive number")
@@ -111,17 +110,15 @@ def _uniaxial(law, p, stretch, stress):
 
 
 def uniaxial(material: Material, stretch: np.ndarray) -> np.ndarray:
-    """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch (n,), sides free.
-
-    P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2); U takes no part.
-    """
+    """Nominal stress [Pa] (n,) of an incompressible body of this law under uniaxial stretch [1] (n,), sides free:
+    P = dW/dF11 - dW/dF22 l2/l1 with l2 = l1^(-1/2). U does not contribute."""
     stress = np.empty(len(stretch))
     _uniaxial(compiled(material.law, LAW), np.array(material.parameters), np.asarray(stretch, float), stress)
     return stress
 
 
 def rest_moduli(material: Material) -> tuple[float, float]:
-    """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law. MaterialError: one that is
+    """Shear and bulk modulus [Pa] of the undeformed material, from the tangent of its law. MaterialError: one is
     not positive."""
     P, A = np.zeros((3, 3)), np.zeros((9, 9))
     law: Any = compiled(material.law, LAW)
@@ -136,17 +133,17 @@ def rest_moduli(material: Material) -> tuple[float, float]:
 
 
 def poisson_of(shear: float, bulk: float) -> float:
-    """Poisson's ratio of moduli."""
+    """Poisson's ratio [1] from the shear and bulk modulus [Pa], (3 kappa - 2 mu)/(2 (3 kappa + mu))."""
     return (3.0 * bulk - 2.0 * shear) / (2.0 * (3.0 * bulk + shear))
 
 
 def wants_mixed(shear: float, bulk: float) -> bool:
-    """Whether a material with these moduli at rest is better served by the mixed element, see `MIXED_FROM`."""
+    """Whether the mixed element suits a material with these moduli at rest, see `MIXED_FROM`."""
     return poisson_of(shear, bulk) > MIXED_FROM - 1e-9
 
 
 def rubberlike(law: str, young: float) -> None:
-    """MaterialError: a Young's modulus [Pa] at rest that no rubber-like solid has."""
+    """MaterialError: the Young's modulus [Pa] at rest is too large for a rubber-like solid."""
     if young > RUBBER:
         raise MaterialError(
             f"{law}, Young's modulus {young:.4g} Pa: no rubber-like solid has more than {RUBBER:g} Pa. Moduli are in "
@@ -155,13 +152,13 @@ def rubberlike(law: str, young: float) -> None:
 
 
 def laws() -> dict[str, ModuleType]:
-    """The files of this folder that hold a law, by name."""
+    """The files of this folder that define a law, by name."""
     every = modules(materials).items()
     return {name: module for name, module in every if hasattr(module, "energy") and hasattr(module, name)}
 
 
 def constructor(name: str) -> Callable[..., Material]:
-    """The function that makes a material of a law of this folder. AttributeError: no such law."""
+    """The function that makes a material of a law of this folder. AttributeError: an unknown law."""
     modules = laws()
     if name not in modules:
         raise AttributeError(f"no material law {name!r}; laws: {', '.join(modules)}")
@@ -174,8 +171,8 @@ def example(name: str) -> Material:
 
 
 def law(name: str) -> Law:
-    """The compiled law of a name, see `Material.name`, which may stand in a file: a function elsewhere is found where
-    the program has imported its module, and nothing is imported for its sake. MaterialError: no such law."""
+    """The compiled law of a name, see `Material.name`. The name may come from an untrusted file: a function outside
+    palpate is found only if the program has already imported its module. MaterialError: an unknown law."""
     module, _, function = name.rpartition(".")
     if module and module not in sys.modules and not module.startswith(f"{__name__.partition('.')[0]}."):
         raise MaterialError(f"law {name!r} lies outside palpate, and no file imports code: import {module} first")
@@ -192,12 +189,12 @@ _placed: dict[int, str] = {}
 
 
 def place_of(law: Law, name: str) -> int:
-    """Where the code of a law is in this process, for kernels that hold several (`compiled.law_at`)."""
+    """Address of a law's code in this process, for kernels with several laws (`compiled.law_at`)."""
     place = address(law)
     _placed[place] = name
     return place
 
 
 def name_at(place: int) -> str:
-    """The name of the law there, one that `place_of` has told."""
+    """The name of the law at an address that `place_of` returned."""
     return _placed[int(place)]

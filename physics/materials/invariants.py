@@ -1,8 +1,8 @@
-"""What laws in the invariants of the isochoric strain share: stress and tangent, from their derivatives by these.
+"""Stress and tangent of laws in the isochoric invariants, from their derivatives by these.
 
 I = J^(-2/3) I1 - 3,    II = J^(-4/3) I2 - 3,    I1 = tr C,    I2 = ((tr C)² - tr C²)/2,    C = F'F
 
-Most stand in the law itself when it is compiled, so that invariants and stress take the strain and its root once.
+Most functions are inlined into the law, so that the strain and J^(-2/3) are computed once.
 """
 
 import math
@@ -15,7 +15,7 @@ from palpate.physics.kernel import kernel
 
 @numba.njit(inline="always")
 def cofactor(F, G):
-    """Write the cofactors of F (3,3) into G; returns det F."""
+    """G = det(F) F^-T, the cofactors of F (3,3); returns det F."""
     a, b, c = F[0, 0], F[0, 1], F[0, 2]
     d, e, f = F[1, 0], F[1, 1], F[1, 2]
     g, h, i = F[2, 0], F[2, 1], F[2, 2]
@@ -27,8 +27,8 @@ def cofactor(F, G):
 
 @kernel
 def volume_tangent(F, C, dU, ddU, A):
-    """Add the tangent of U(J) to A (9,9): U'' C C' with the cofactors C of F, and U' d2J/dF dF, which is
-    eps_ikm eps_jln F_mn."""
+    """Add the tangent of U(J) to A (9,9): U'' C_ij C_kl + U' d2J/dF_ij dF_kl, with the cofactors C of F and
+    d2J/dF_ij dF_kl = eps_ikm eps_jln F_mn."""
     for i in range(3):
         k, m = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
@@ -58,7 +58,7 @@ def products(F, C, B):
 
 @numba.njit(inline="always")
 def strain_squares(F):
-    """Entries 00, 11, 22, 01, 02, 12 of F'F, and det F; no memory is taken."""
+    """Entries 00, 11, 22, 01, 02, 12 of F'F, and det F, without allocation."""
     c00 = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
     c11 = F[0, 1] * F[0, 1] + F[1, 1] * F[1, 1] + F[2, 1] * F[2, 1]
     c22 = F[0, 2] * F[0, 2] + F[1, 2] * F[1, 2] + F[2, 2] * F[2, 2]
@@ -75,7 +75,7 @@ def strain_squares(F):
 
 @numba.njit(inline="always")
 def shape_invariants(F):
-    """J and the isochoric invariants less 3: J, J^(-2/3) I1 - 3, J^(-4/3) I2 - 3."""
+    """J, I = J^(-2/3) I1 - 3 and II = J^(-4/3) I2 - 3 of F (3,3)."""
     c00, c11, c22, c01, c02, c12, J = strain_squares(F)
     i1 = c00 + c11 + c22
     i2 = c00 * c11 + c11 * c22 + c22 * c00 - c01 * c01 - c02 * c02 - c12 * c12
@@ -103,8 +103,8 @@ def _shape_stress_alone(F, w1, w2, P):
 
 @numba.njit(inline="always")
 def shape_stress(F, w1, w2, w11, w12, w22, P, A):
-    """Stress and tangent of an energy W(I, II) in the isochoric invariants, from its first and second derivatives; no
-    tangent where it is not wanted."""
+    """P = dW/dF and A = d2W/dF2 of W(I, II) from its derivatives w1, w2, w11, w12, w22 [Pa] by I and II; no tangent if
+    A[0, 0] is NaN."""
     if np.isnan(A[0, 0]):
         _shape_stress_alone(F, w1, w2, P)
     else:
@@ -117,7 +117,7 @@ def _shape_stress_and_tangent(F, w1, w2, w11, w12, w22, P, A):
     D1, D2 = np.empty((3, 3)), np.empty((3, 3))
     J = cofactor(F, G)
     products(F, C, B)
-    # C = F'F, B = FF', G = F^-T; i1, i2 the invariants of C, of volume-preserving strain after a1, a2
+    # C = F'F, B = FF', G = F^-T; i1, i2 invariants of C, isochoric after multiplication with a1, a2
     i1 = C[0, 0] + C[1, 1] + C[2, 2]
     i2 = 0.0
     for i in range(3):

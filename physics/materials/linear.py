@@ -1,4 +1,4 @@
-"""Linear elasticity in the small strain e = sym F - 1, for small displacements only: a rotation strains it.
+"""Linear elasticity in the small strain e = sym F - 1, for small displacements only: rotations cause strain.
 
 W = mu |dev e|²,    U = (kappa/2) (tr e)²
 """

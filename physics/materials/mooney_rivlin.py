@@ -1,4 +1,4 @@
-"""Mooney and Rivlin, five terms: rubber and skin that stiffen as they change their shape.
+"""Mooney-Rivlin with five terms: rubber and skin that stiffen with strain.
 
     W = c10 I + c01 II + c20 I² + c11 I II + c02 II²,    U = (J - 1)²/d1
 

@@ -5,13 +5,13 @@ the axis of a uniform pressure over a circle of radius R on an incompressible ha
 
     u(z)/u(0) = 1/sqrt(1 + (z/R)²)
 
-so what lies between the depths z1 and z2 carries the share W = u(z1)/u(0) - u(z2)/u(0) of the indentation. Tissue that
-is `ratio` times stiffer there makes the surface stiffer by
+so the layer between the depths z1 and z2 contributes the share W = u(z1)/u(0) - u(z2)/u(0) of the indentation. If that
+layer is `ratio` times stiffer, the surface is stiffer by
 
     k = 1/(1 - W (1 - 1/ratio))
 
-It neglects that the nodule attracts stress, that neighbouring columns shear each other, and that the nodule can move
-as a whole. Trust the place and the trend with depth, size and ratio; for the height of the effect use ReducedFE.
+Neglected: the stress concentration in the nodule, the shear between neighbouring columns, and rigid motion of the
+nodule. The position and the trend with depth, size and ratio are reliable; for the magnitude use ReducedFE.
 """
 
 import numpy as np

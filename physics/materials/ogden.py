@@ -1,10 +1,10 @@
-"""Ogden, any number of terms: rubber and soft tissue in the principal stretches.
+"""Ogden with any number of terms: rubber and soft tissue in the principal stretches.
 
     W = sum_k (2 mu_k/alpha_k²) (l1^alpha_k + l2^alpha_k + l3^alpha_k - 3),    U = (kappa/2) (J - 1)²
 
-with l = J^(-1/3) times a principal stretch. The shear modulus at rest is sum_k mu_k, whatever the exponents. Other
-conventions name other numbers: of (mu/alpha) sum (l^alpha - 1) take mu alpha/2, of (c/alpha²) sum (l^alpha - 1) take
-c/2, with the same alpha.
+with l = J^(-1/3) times a principal stretch. The shear modulus at rest is sum_k mu_k, for any exponents. To convert from
+other conventions with the same alpha: for (mu/alpha) sum (l^alpha - 1) use mu alpha/2, for (c/alpha²) sum (l^alpha - 1)
+use c/2.
 
 R. W. Ogden, Proc. R. Soc. Lond. A 326 (1972) 565-584; S. Budday et al., Acta Biomater. 48 (2017) 319-340 for the form.
 """

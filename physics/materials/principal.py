@@ -1,4 +1,4 @@
-"""What laws in the principal stretches share: stress and tangent, from the Kirchhoff stresses and their slopes."""
+"""Stress and tangent of laws in the principal stretches, from the Kirchhoff stresses and their derivatives."""
 
 import numpy as np
 
@@ -7,13 +7,13 @@ from palpate.physics.kernel import kernel
 
 @kernel
 def principal_axes(C, N):
-    """Turn C (3,3) into its diagonal form, eigenvectors as the columns of N, by Jacobi's rotations."""
+    """Diagonalise the symmetric C (3,3) in place by Jacobi rotations; its eigenvectors are the columns of N (3,3)."""
     for i in range(3):
         for j in range(3):
             N[i, j] = 1.0 if i == j else 0.0
     for _ in range(12):
         off = abs(C[0, 1]) + abs(C[0, 2]) + abs(C[1, 2])
-        if not off > 1e-17 * (C[0, 0] + C[1, 1] + C[2, 2]):  # bone is so stiff that less would show in its stress
+        if not off > 1e-17 * (C[0, 0] + C[1, 1] + C[2, 2]):  # tight, because bone is stiff
             return
         for p in range(2):
             for q in range(p + 1, 3):
@@ -49,16 +49,16 @@ def principal_squares(F):
 
 @kernel
 def principal_stress(F, c, N, tau, curve, P, A):
-    """P = dW/dF and, where it is wanted, A = d2W/dF2 of an energy in the logarithms of the principal stretches.
+    """P = dW/dF and A = d2W/dF2 of an energy in the logarithms of the principal stretches.
 
     c      [1]  (3,)   eigenvalues of F'F, squares of the stretches; N (3,3) its eigenvectors, in columns
     tau    [Pa] (3,)   principal Kirchhoff stresses dW/d(ln stretch)
-    curve  [Pa] (3,3)  their slopes by the three logarithms
+    curve  [Pa] (3,3)  their derivatives by the three logarithms
     P, A               as in `hyperelastic`; NaN at A[0, 0]: no tangent
 
     R. W. Ogden, Non-Linear Elastic Deformations (1984), 6.1.4.
     """
-    S = tau / c  # second Piola-Kirchhoff, in its own frame
+    S = tau / c  # second Piola-Kirchhoff, in the principal frame
     M, full = np.zeros((3, 3)), np.zeros((3, 3))  # F N, rows i, columns in the principal frame; N S N'
     for i in range(3):
         for j in range(3):

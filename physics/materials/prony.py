@@ -1,8 +1,8 @@
-"""Prony series: how stress relaxes, in quasi-linear viscoelasticity (QLV).
+"""Prony series: stress relaxation in quasi-linear viscoelasticity (QLV).
 
     g(t) = 1 - sum_i g_i (1 - exp(-t/tau_i)),    stress(t) = integral of g(t - s) d(elastic stress)(s)
 
-The elastic law is that of an instant, G(0) its shear modulus; after long holding G(0) (1 - sum g_i) is left.
+The elastic law is the instantaneous one with shear modulus G(0); the long-term modulus is G(0) (1 - sum g_i).
 
 Y. C. Fung, Biomechanics: Mechanical Properties of Living Tissues (1993), 7.6; R. L. Taylor, K. S. Pister, G. L.
 Goudreau, Int. J. Numer. Methods Eng. 2 (1970) 45-59 for the recursion.
@@ -49,7 +49,7 @@ class Prony:
             raise MaterialError(f"Prony times {self.times.tolist()} s: expected positive numbers")
 
     def relaxed(self, time: np.ndarray, elastic: np.ndarray) -> np.ndarray:
-        """The response (n,) to an elastic one (n,) at increasing times [s] (n,): from rest before the first, straight
-        from one to the next."""
+        """The relaxed response (n,) to an elastic response (n,) at increasing times [s] (n,), which is piecewise linear
+        and starts from rest with a jump at the first time."""
         time, elastic = np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float)
         return _relaxed(self.shares, self.times, time, elastic)

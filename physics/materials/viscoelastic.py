@@ -1,10 +1,10 @@
-"""Materials of the fingertip, with where each number comes from.
+"""Materials of the fingertip and the sources of their constants.
 
-The moduli of tissue and skin stand in Table I of the beam bundle paper and agree with Maeno, Kobayashi & Yamazaki,
-"Relationship between the structure of human finger tissue and the location of tactile receptors" (1998), recalled,
-not read again. Those of bone and nail are the best reading of a damaged table and only matter as "rigid". The printed
-viscosities (0.1, 10, 1 Pa s) give relaxation within 3 to 74 microseconds, against the seconds that the paper shows;
-here the viscosity is E times a relaxation time after Pawluk & Howe (1999). Full account: docs/equations/beam-bundle.md.
+The moduli of tissue and skin are from Table I of the beam bundle paper and agree with Maeno, Kobayashi & Yamazaki,
+"Relationship between the structure of human finger tissue and the location of tactile receptors" (1998; quoted from
+memory). Those of bone and nail were read from a damaged table and only have to be large. The printed viscosities (0.1,
+10, 1 Pa s) give relaxation within 3 to 74 microseconds, while the paper shows seconds. Here the viscosity is E times a
+relaxation time after Pawluk & Howe (1999). Details: docs/equations/beam-bundle.md.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 class ViscoelasticMaterial:
     """A linear viscoelastic material.
 
-    status      where the numbers come from: "stated", "literature", "inferred" or "assumed", in that order of trust
+    status      source of the numbers: "stated", "literature", "inferred" or "assumed", in decreasing reliability
     """
 
     modulus: float  # [Pa] E

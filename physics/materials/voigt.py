@@ -1,32 +1,32 @@
-"""Generalised Voigt chain: spring-damper elements in series, by backward Euler in closed form.
+"""Generalised Voigt chain: spring-damper elements in series, one backward Euler step in closed form.
 
 One beam is h elements in series. Element j has length L_j, modulus E_j [Pa] and viscosity c_j [Pa s]:
 
     sigma = E_j e_j + c_j de_j/dt,        e = sum_j phi_j e_j,        phi_j = L_j / L
 
-Compression is positive. A step of length T from the strains e_j to the imposed strain e has the answer
+Compression is positive. A step of length T from the strains e_j to the imposed strain e has the solution
 
     b_j = E_j + c_j/T,   sigma = (e - sum_j phi_j (c_j/T) e_j / b_j) / sum_j phi_j / b_j,
     e_j <- ((c_j/T) e_j + sigma) / b_j
 
-which is unconditionally stable, first order in T, and holds for c_j = 0 and for any T > 0.
+It is unconditionally stable, first order in T, and valid for c_j = 0 and for any T > 0.
 
-V. A. Ho, S. Hirai, "Beam bundle model of human fingertip", eq. 2-5; there phi_j = 1, which holds for strains counted on
-equal lengths only.
+V. A. Ho, S. Hirai, "Beam bundle model of human fingertip", eq. 2-5, with phi_j = 1, which is correct for elements of
+equal length only.
 """
 
 from palpate.physics.kernel import kernel
 
 STRAIN_LIMIT = 0.9
-"""Largest compressive strain of an element [1]; the linear law has no meaning beyond, and at 1 the length is gone."""
+"""Largest compressive strain of an element [1]: the linear law is invalid beyond it, and at 1 the length is zero."""
 
 
 @kernel
 def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
-    """Step one chain to an imposed strain; `strains` is changed in place. Stress [Pa], >= 0: a plate pushes only.
+    """Step one chain to an imposed strain, see the equation above; updates `strains` and returns the stress [Pa] >= 0.
 
-    A chain that would pull lets go and recovers freely (stress 0). An element that would pass STRAIN_LIMIT is held
-    there, and the others take the rest. Elements of share 0 are absent.
+    A chain that would pull separates and recovers freely (stress 0). Elements are limited to STRAIN_LIMIT, and the
+    others take up the remaining strain. Elements of share 0 are absent.
 
     strains     [1]    (h)  of the elements, compression positive
     moduli      [Pa]   (h)  viscosities [Pa s] (h)   shares [1] (h)  L_j / L, sum 1
@@ -35,7 +35,7 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
     """
     h = strains.shape[0]
     held = 0
-    # implicit Euler with one stress for the whole chain; then again with the elements that passed the limit held there
+    # implicit Euler with one stress for the whole chain, repeated with the elements that passed the limit fixed at it
     for _ in range(h + 1):
         rest = strain
         compliance = 0.0
@@ -66,7 +66,7 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
                     strains[j] = (rate * strains[j] + stress) / (moduli[j] + rate)
             return stress
         held |= passed
-    # all are at the limit: the stress that takes them there
+    # all elements are at the limit: the stress that brings them there
     stress = 0.0
     for j in range(h):
         if shares[j] > 0.0:
@@ -77,10 +77,8 @@ def chain_strain_step(strains, moduli, viscosities, shares, strain, dt):
 
 @kernel
 def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
-    """Step one chain under an imposed stress >= 0; `strains` is changed in place. Strain [1] of the whole chain.
-
-    No element passes STRAIN_LIMIT. Arguments as `chain_strain_step`, `stress` [Pa].
-    """
+    """Step one chain under an imposed stress [Pa] >= 0, e_j <- min(((c_j/T) e_j + sigma)/b_j, STRAIN_LIMIT); updates
+    `strains` and returns the strain [1] of the chain. Other arguments as for `chain_strain_step`."""
     total = 0.0
     for j in range(strains.shape[0]):
         if shares[j] > 0.0:
@@ -92,7 +90,7 @@ def chain_stress_step(strains, moduli, viscosities, shares, stress, dt):
 
 @kernel
 def chain_compliance(moduli, viscosities, shares, dt):
-    """d strain / d stress [1/Pa] of the next step of length dt > 0 [s], no element at its limit."""
+    """d strain/d stress = sum_j phi_j/(E_j + c_j/T) [1/Pa] of a step of length dt > 0 [s], no element at its limit."""
     total = 0.0
     for j in range(moduli.shape[0]):
         if shares[j] > 0.0:

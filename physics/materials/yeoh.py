@@ -1,4 +1,4 @@
-"""Yeoh: rubber and soft tissue by powers of the first invariant.
+"""Yeoh: rubber and soft tissue, a polynomial in the first invariant.
 
     W = c1 I + c2 I² + c3 I³,    U = (kappa/2) (J - 1)²,    I = J^(-2/3) I1 - 3
 

@@ -1,8 +1,8 @@
-"""Equilibrium of a sampled body, the q at which W(q) - p.q is least: quasi-Newton that keeps its curvature.
+"""Equilibrium of a sampled body, the minimum of W(q) - p.q over q, by a quasi-Newton method with a warm start.
 
-The inverse H of the tangent lives on from step to step: each accepted step improves it (C. G. Broyden, R. Fletcher,
-D. Goldfarb, D. F. Shanno, 1970), and where an iteration stalls it is made anew from the tangent itself. Every step goes
-down in energy; the number of evaluations is bounded, and what is left over is left to the next call.
+The approximate inverse H of the tangent is kept between steps. Each accepted step updates it (BFGS: C. G. Broyden, R.
+Fletcher, D. Goldfarb, D. F. Shanno, 1970); when the iteration stalls it is recomputed from the tangent. Every step
+reduces the energy. The number of evaluations is bounded, and the next call continues from the remaining residual.
 """
 
 import numpy as np
@@ -12,13 +12,13 @@ from palpate.physics.dot import inner, times
 from palpate.physics.kernel import kernel
 
 TOLERANCE = 3e-3  # Energy norm of the residual over that of the solution
-STALLED = 5  # Evaluations after which the tangent is made anew
-MOST = 14  # Evaluations in a call that has time
-EACH = 2  # Evaluations in a step of the loop; what is left of the residual is left to the next step
+STALLED = 5  # Evaluations after which the tangent is recomputed
+MOST = 14  # Evaluations in a call outside real time
+EACH = 2  # Evaluations in a real-time step; the next step continues from the remaining residual
 
 
 def unhurried() -> np.ndarray:
-    """The budget of a call that has time."""
+    """The budget of a call outside real time."""
     return np.array([float(MOST), 1.0])
 
 
@@ -124,7 +124,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
                 turned = 0.0
                 for i in range(r):
                     turned += d[i] * (slope[i] - p[i])
-                # where the energy's change drowns in rounding its slope still tells
+                # if rounding hides the change of the energy, use its slope
                 if after <= before + 1e-4 * length * along or abs(turned) <= 0.5 * abs(along):
                     break
             shorter = 0.25
@@ -150,7 +150,8 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
 
 @kernel(error_model="numpy")
 def _improve(H, s, y, Hy, curve):
-    """The update of Broyden, Fletcher, Goldfarb and Shanno of the inverse; Hy is memory."""
+    """BFGS update of the inverse H (r,r) for the step s (r,) and the change y (r,) of the gradient, curve = s.y > 0;
+    Hy (r,) is scratch."""
     r = len(s)
     times(H, y, Hy)
     own = (1.0 + inner(Hy, y) / curve) / curve

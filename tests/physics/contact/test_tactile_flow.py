@@ -32,7 +32,7 @@ def test_rigid_motion_has_no_strain():
     turn, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((5, 3, 3)))
     turn *= np.sign(np.linalg.det(turn))[:, None, None]
     assert equivalent_strain(logarithmic_strain(turn)) == approx(0.0, abs=1e-12)
-    with pytest.raises(ValueError, match="inside out"):
+    with pytest.raises(ValueError, match="inverted"):
         logarithmic_strain(np.diag([1.0, 1.0, -1.0]))
 
 
