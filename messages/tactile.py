@@ -37,8 +37,8 @@ class Subsurface(Message):
     points         [m]     (k,3)  x and y from the foot point, and the depth; z points into the tissue, x lies along the
                                   world's x axis (y axis where the normal is nearer to x)
     stress         [Pa]    (k,6)  xx, yy, zz, yz, xz, xy along these axes; tension is positive
-    von_mises      [Pa]    (v)    equivalent stress; v = k, 0 where nobody reads it
-    energy_density [J/m^3] (w)    strain energy density; w = k, 0 where nobody reads it
+    von_mises      [Pa]    (v)    equivalent stress; v = k, 0 if no node reads it
+    energy_density [J/m^3] (w)    strain energy density; w = k, 0 if no node reads it
     """
 
     points: Annotated[Floats, "m", ("k", 3)] = NO_VECTORS
@@ -53,7 +53,7 @@ class Spikes(Message):
     unit    [1]   (s)  which afferent fired: a place among those of the sender, one type after the other
     moment  [s]   (s)  when, on the graph's clock, at the receptor; conduction along the nerve is left out
     mean    [1/s] (3)  mean rates of all SA1, RA1 and PC afferents, smoothed over the sender's `smoothing`
-    rate    [1/s] (n)  smoothed rate of each afferent; empty where nobody reads it
+    rate    [1/s] (n)  smoothed rate of each afferent; empty if no node reads it
     """
 
     unit: Annotated[Ints, "1", ("s",)] = NO_INTS
