@@ -19,8 +19,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from palpate.models.fit.tissue import relaxing
-from palpate.models.fit.tissue.fit import Fit, fit_tissue
-from palpate.models.fit.tissue.measured import Press, prepared
+from palpate.models.fit.tissue.fit import TissueFit, fit_tissue
+from palpate.models.fit.tissue.measured import MeasuredPress, prepared
 from palpate.models.fit.tissue.rigs import Rig, closed_form
 
 RIG = Rig("ball", 8e-3, 20e-3)
@@ -47,12 +47,14 @@ def noise(count: int, correlation: float, rng: np.random.Generator) -> np.ndarra
     return white
 
 
-def trial(seed: int, kind: str = "none", correlation: float = 0.0, size: float = 0.01, rows: int = 300) -> Press:
+def trial(
+    seed: int, kind: str = "none", correlation: float = 0.0, size: float = 0.01, rows: int = 300
+) -> MeasuredPress:
     """A press of 10 s: 2 s in, then held where something relaxes; 1 s of free motion before."""
     rng = np.random.default_rng(seed)
     time = np.linspace(-1.0, 9.0 if kind != "none" else 2.0, rows)
     depth = np.clip(time / 2.0, -0.5, 1.0) * 2e-3
-    ideal = Press("synthetic", time, depth, np.zeros(rows), 0.0, 1e-4, 0.0)
+    ideal = MeasuredPress("synthetic", time, depth, np.zeros(rows), 0.0, 1e-4, 0.0)
     force = relaxing.force(kind, closed_form(RIG, "layer"), TRUTH, ideal, 0.0)
     return prepared("synthetic", time, depth + OFFSET, force + size * force.max() * noise(rows, correlation, rng))
 
@@ -68,7 +70,7 @@ def covered(trials: int, kind: str, correlation: float, first: int = 0) -> dict[
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
-def flawed(flaw: str, correlation: float, seed: int) -> tuple[Fit, float, bool]:
+def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, bool]:
     """A press with a flaw, fitted by Hertz's law, its modulus [Pa], and whether the flaw exceeds the noise: what
     Hertz's law misses of the force without noise (RMS) is greater than the noise (RMS)."""
     rng = np.random.default_rng(seed)

@@ -22,7 +22,7 @@ from tables import parser, tell
 
 from palpate.messages import Load
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
-from palpate.models.fe.reduce.holdout import settled
+from palpate.models.fe.reduce.holdout import equilibrium
 from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
 from palpate.models.fe.reduce.reduction import CELLS, finger_touches
 from palpate.models.fe.reduce.snapshots import STIFFENING, PressSolution, press
@@ -50,14 +50,14 @@ def errors(full: Reducible, presses: list[PressSolution], basis: SampledBasis) -
         means = np.einsum("nv,lni->lvi", full.hats, own.solutions)
         deep = np.array([float(-along @ (u @ own.touch.normal)) for u in means])
         for k, level in enumerate(levels):
-            missed[k].append(abs(settled(body, own, nodes, float(level))[3] / deep[k] - 1.0))
+            missed[k].append(abs(equilibrium(body, own, nodes, float(level))[3] / deep[k] - 1.0))
             depths[k].append(deep[k])
             approach = deep[k] + np.log1p(level * finger.second / finger.first) / finger.second
             low, high = 0.0, 4.0 * float(level)
             for _ in range(40):  # the force at which finger and body together have come as far
                 force = 0.5 * (low + high)
                 own_depth = np.log1p(force * finger.second / finger.first) / finger.second
-                further = settled(body, own, nodes, force)[3] + own_depth > approach
+                further = equilibrium(body, own, nodes, force)[3] + own_depth > approach
                 low, high = (low, force) if further else (force, high)
             forces[k].append(abs(force / level - 1.0))
     return [

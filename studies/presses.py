@@ -8,7 +8,7 @@ import numpy as np
 from palpate.launch.load.values.units import UnitError, convert, split
 from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue.measured import Press, prepared, read_presses
+from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
 from palpate.records.reader import Recording
 
 APART = 0.02  # [1] Of the greatest force, below which it does not press
@@ -29,13 +29,13 @@ class Presses:
         for key in set(self.names) - {"time", "force", "indentation"}:
             raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
 
-    def __call__(self, file: Path) -> list[Press]:
+    def __call__(self, file: Path) -> list[MeasuredPress]:
         """SessionError, RecordingError: what is wrong with it."""
         if file.suffix == ".mcap":
             return [self._recorded(file)]
         return read_presses(file, self.names, self.units, convert)
 
-    def _recorded(self, file: Path) -> Press:
+    def _recorded(self, file: Path) -> MeasuredPress:
         recording = Recording(file)
         contacts, poses = ([s for s, c in recording.streams.items() if c.type is kind] for kind in (Contact, Pose))
         if len(contacts) != 1 or len(poses) > 1:
@@ -67,7 +67,7 @@ def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def recorded_press(name: str, poses: Sequence[Pose], contacts: Sequence[Contact], bone: bool) -> Press:
+def recorded_press(name: str, poses: Sequence[Pose], contacts: Sequence[Contact], bone: bool) -> MeasuredPress:
     """The deepest press of one stream of contacts; that of poses says the way of a probe whose contact is measured.
 
     bone  whether indentation means the approach of the fingertip's bone, not the tissue's own

@@ -1,4 +1,4 @@
-"""The basis of a reduced finite-element body: the full model is pressed and condensed, and the result stored."""
+"""Builds the basis of a reduced finite-element body: presses the full model, condenses it and stores the result."""
 
 import json
 import shutil
@@ -23,16 +23,16 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import MIXED_FROM
 from palpate.physics.writable import check_folder
 
-INDEX = "index.json"  # of a folder of bases that is shipped; there they have readable names
-MOST = 2500  # Vertices of a surface that is condensed: with these the dense compliance takes half a gigabyte
-MOST_ELEMENTS = 18_000  # Elements of a body that is sampled: what its points are chosen from takes three gigabytes
+INDEX = "index.json"  # Of the folder of shipped bases, whose files have readable names
+MOST = 2500  # Vertices of a condensed surface; its dense compliance matrix then uses 0.5 GB
+MOST_ELEMENTS = 18_000  # Elements of a sampled body; the selection of its points then uses 3 GB
 
 
-class Stages(Protocol):
-    """Shows how far a build is."""
+class BuildProgress(Protocol):
+    """Shows the progress of a build."""
 
     def begin(self, name: str, note: str, total: float | None = 1.0) -> Callable[[float], None]:
-        """A stage: called with the share of it that is done; `total` None where it cannot say."""
+        """Begin a stage. Returns a function of its completed share; `total` None if the share is unknown."""
 
 
 class Silent:
@@ -43,31 +43,35 @@ class Silent:
 
 
 def expected(node: ReducedFE, vertices: int) -> str:
-    """How long a build takes on one idle core, for people: 12 s of processor time were measured for 300 vertices, 34 s
-    for 602; a sampled one presses the full model as well."""
+    """Estimated duration of a build on one idle core, as text: measured were 12 s of CPU time for 300 vertices and 34 s
+    for 602. A sampled basis takes longer, because the full model is pressed."""
     seconds = 10.0 + 24.0 * (vertices / 602) ** 1.5
     return "several minutes" if node.model == "sampled" else f"roughly {seconds:.0f} s"
 
 
 def home(node: ReducedFE, folder: Path) -> Path:
-    """Where the basis of a node lies in a folder."""
+    """Path of the basis of a node in a folder."""
     name = node.filename()
     return folder / (f"{name.rpartition('-')[0]}.npz" if (folder / INDEX).exists() else name)
 
 
-def make(node: ReducedFE, path: Path, stages: Stages | None = None, commit: str | None = None) -> dict[str, float]:
-    """Build the basis of a node, and store it whole or not at all. Its errors [1] where it was not made from.
-    SettingError: a surface or a material that no basis can be made of, or a folder that cannot be written to."""
+def make(
+    node: ReducedFE, path: Path, stages: BuildProgress | None = None, commit: str | None = None
+) -> dict[str, float]:
+    """Build the basis of a node and store it atomically. Returns its errors [1] at held-out touches.
+
+    SettingError: an unsupported surface or material, or a folder without write permission.
+    """
     if node.surface == "fingertip" and node.model != "sampled":
         raise SettingError(
-            f"model {node.model!r} with surface 'fingertip': expected 'sampled', as its layers stiffen a hundredfold. "
-            "Take --set model=sampled"
+            f"model {node.model!r} with surface 'fingertip': expected 'sampled', because its layers stiffen by a "
+            "factor of 100. Use --set model=sampled"
         )
     try:
         check_folder(path.parent)
     except OSError as error:
         raise SettingError(
-            f"folder {path.parent}: {error.strerror}; expected one that can be written, such as -o bases"
+            f"folder {path.parent}: {error.strerror}; expected a writable folder, such as -o bases"
         ) from None
     basis, missed = built(node, stages or Silent())
     inputs = node.inputs()
@@ -84,13 +88,12 @@ def make(node: ReducedFE, path: Path, stages: Stages | None = None, commit: str 
 
 
 def kept(node: ReducedFE) -> Path:
-    """Folder of the full solutions that are kept while the basis of a node is built, so that the build can resume."""
+    """Folder of the full solutions, from which an interrupted build resumes."""
     return touches() if node.surface == "fingertip" else touches() / node.key()
 
 
-def built(node: ReducedFE, stages: Stages, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
-    """The basis, and its errors [1] at touches that it was not made from; none of a condensed one, or without
-    `check`."""
+def built(node: ReducedFE, stages: BuildProgress, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
+    """The basis and its errors [1] at held-out touches; {} for a condensed basis or without `check`."""
     if node.model == "sampled":
         return _sampled(node, stages, check)
     organ = of_organ(_organ(node, stages))
@@ -100,7 +103,7 @@ def built(node: ReducedFE, stages: Stages, check: bool = True) -> tuple[Basis | 
     return Basis(organ.surface.vertices, organ.surface.triangles, compliance), {}
 
 
-def _organ(node: ReducedFE, stages: Stages) -> Organ:
+def _organ(node: ReducedFE, stages: BuildProgress) -> Organ:
     surface = node.coarse_mesh()
     _check_size(node, surface)
     count = len(surface.vertices)
@@ -117,49 +120,51 @@ def _organ(node: ReducedFE, stages: Stages) -> Organ:
 
 
 def _check_size(node: ReducedFE, surface: Mesh) -> None:
-    """SettingError: more vertices than can be condensed."""
+    """SettingError: too many vertices to condense."""
     if len(surface.vertices) > MOST:
         raise SettingError(
-            f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {MOST}, as the body keeps a "
-            "number for each pair of them. Coarsen it in a mesh editor"
+            f"surface {node.surface!r}: {len(surface.vertices)} vertices, expected at most {MOST}, as the body stores "
+            "a number for each pair of vertices. Coarsen it in a mesh editor"
         )
 
 
-def _sampled(node: ReducedFE, stages: Stages, check: bool) -> tuple[SampledBasis, dict[str, float]]:
-    """Press the full model, reduce it to modes, and press it at other places: the basis and its error there."""
+def _sampled(node: ReducedFE, stages: BuildProgress, check: bool) -> tuple[SampledBasis, dict[str, float]]:
+    """Press the full model and reduce it to modes; measure the errors at held-out touches."""
     finger = node.surface == "fingertip"
     body = of_finger(FingertipDimensions(cells=reduction.CELLS)) if finger else of_organ(_organ(node, stages))
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(
             f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
-            "'sampled'. Fewer vertices make fewer: set `coarse`, or coarsen a file in a mesh editor"
+            "'sampled'. Reduce the vertices: set `coarse`, or coarsen a file in a mesh editor"
         )
     if any(law.mixed for law in body.materials(1.0).values()):
         raise SettingError(
-            f"poisson {node.poisson} with model 'sampled': expected less than {MIXED_FROM}: from there on the points "
-            "of an element share their pressure and cannot be sampled one by one. Take model=nonlinear"
+            f"poisson {node.poisson} with model 'sampled': expected less than {MIXED_FROM}; above it, the points of "
+            "an element share their pressure and cannot be sampled separately. Use model=nonlinear"
         )
+    # solutions of the full model, and modes and integration points from them
     pressing = stages.begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
-    seen, held = (reduction.finger_pressed if finger else reduction.organ_pressed)(body, pressing, kept(node))
-    if len(seen) < 2 or not held:
+    seen, held_out = (reduction.finger_pressed if finger else reduction.organ_pressed)(body, pressing, kept(node))
+    if len(seen) < 2 or not held_out:
         raise SettingError(
-            f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held)} touches, "
-            "too few for modes. A larger `bed` would support it"
+            f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held_out)} "
+            "touches, too few for modes. A larger `bed` would support it"
         )
     sampling = stages.begin("sampling", f"{node.modes} modes")
-    basis = reduction.build(body, seen, held, node.modes, sampling)
+    basis = reduction.build(body, seen, held_out, node.modes, sampling)
     sampling(1.0)
-    if not finger:  # 2 MB a touch; those of the fingertip serve any number of modes
+    if not finger:  # 2 MB per touch; those of the fingertip serve any number of modes
         shutil.rmtree(kept(node), ignore_errors=True)
     if not check:
         return basis, {}
-    checked = stages.begin("checking", f"{reduction.UNSEEN} touches that it was not made from")
+    # errors at touches that the basis was not built from
+    checked = stages.begin("checking", f"{reduction.UNSEEN} held-out touches")
     others = (reduction.finger_touches if finger else reduction.organ_touches)(
         body, reduction.UNSEEN, reduction.UNSEEN_SEED
     )
     presses = (press if finger else press_from_rest)(body, others, checked)
     if not any(len(other.solutions) for other in presses):
         return basis, {}
-    own, linear = (abs(miss) for miss in errors(body, basis, presses))
-    found = {"mean": own.mean(), "worst": own.max(), "linear_mean": linear.mean(), "linear_worst": linear.max()}
+    sampled, linear = (abs(error) for error in errors(body, basis, presses))
+    found = {"mean": sampled.mean(), "worst": sampled.max(), "linear_mean": linear.mean(), "linear_worst": linear.max()}
     return basis, {name: float(value) for name, value in found.items()}

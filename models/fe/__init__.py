@@ -1,6 +1,6 @@
-"""Finite elements for soft layered bodies, off-line: the reference that the fast models are measured against.
+"""Offline finite elements for soft layered bodies: the reference solution for the fast models.
 
-Each material law of `palpate.physics.materials` is here by its name: `neo_hooke(20e3, 0.48)`.
+Each material law of `palpate.physics.materials` is available by its name: `neo_hooke(20e3, 0.48)`.
 """
 
 from collections.abc import Callable

@@ -1,9 +1,9 @@
-"""How far a computation is."""
+"""Progress of a computation."""
 
 from collections.abc import Callable
 
-Report = Callable[[float], None]  # Hears the share that is done, or of a solver the load that is reached
+Report = Callable[[float], None]  # Called with the completed share; a solver calls it with the load it has reached
 
 
 def unheard(done: float) -> None:
-    """Nobody listens."""
+    """Ignores the progress."""

@@ -1,24 +1,25 @@
-"""How a force model is chosen from measured sessions: folds, errors on seen and unseen sessions, and the band.
+"""Selection of a force model by cross-validation over measured sessions, and its prediction band.
 
-Protocol `published`, that of the experiment, for S sessions (20 there) at the same depths:
+Protocol `published`, as in the experiment, for S sessions (20 there) at the same depths:
 
-1. Of the sums of force, the sessions with the largest and the smallest are dropped (the first of equals).
-2. The rest, in their order, are cut into nine consecutive groups. Fold k tests on group k, validates on group k + 1
-   (the first after the last) and trains on the others: 14, 2 and 2 sessions of 18.
-3. Each model of the force is fitted to the training sessions. Its training error is sqrt(SSE/(n - p)); the errors on
-   validation and test sessions are plain root mean squares, since nothing was fitted to them.
-4. The standard deviation over sessions (n - 1 in the denominator) at each depth > 0 is fitted by the same models, once
-   per fold on the training sessions and once on all that were kept.
-5. Chosen are the force model with the least mean validation error and the deviation model with the least error on all
-   kept sessions; both are then fitted to all kept sessions. The test sessions take no part in the choice.
+1. Drop the sessions with the largest and the smallest sum of force (the first of equal ones).
+2. Split the others, in order, into nine consecutive groups. Fold k tests on group k, validates on group k + 1 (cyclic)
+   and trains on the others: 14, 2 and 2 sessions of 18.
+3. Fit each force model to the training sessions. The training error is sqrt(SSE/(n - p)); the errors on validation and
+   test sessions are root mean squares.
+4. Fit the same models to the standard deviation over sessions (n - 1 in the denominator) at each depth > 0, once per
+   fold on the training sessions and once on all kept sessions.
+5. Choose the force model with the lowest mean validation error and the deviation model with the lowest error on all
+   kept sessions, and fit both to all kept sessions. The test sessions do not influence the choice.
 
-Its band, F +- 1.96 sigma, holds too few forces of a new session: without the extreme sessions sigma is too small, and
-so are the errors. Protocol `whole` keeps to the steps above with these changes:
+The coverage of its band, F +- 1.96 sigma, is too low for a new session: sigma and the errors are too small without the
+extreme sessions. Protocol `whole` differs in these steps:
 
 1. No session is dropped.
-3. Errors are roots of the mean square over all folds, not means of the folds' roots, which lie below it.
-4. The scatter is taken about the chosen curve, not about the mean at each depth: it holds what the curve misses.
-5. The band is Student's t with the scale and the degrees of freedom of `band`.
+3. Errors are root mean squares over all folds, not means of the roots of each fold, which are lower.
+4. The scatter is relative to the chosen curve, not to the mean at each depth, so that it includes the error of the
+   curve.
+5. The band uses Student's t with the scale and the degrees of freedom of `band`.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from palpate.models.fit.band import Spread, prediction_spread
-from palpate.models.fit.curve_fit import Fit, FitError, fit_curve
+from palpate.models.fit.curve_fit import CurveFit, FitError, fit_curve
 from palpate.physics.contact.force_models import MODELS
 
 FOLDS = 9
@@ -44,17 +45,18 @@ class Fold(NamedTuple):
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """What the protocol finds for one subject.
+    """Result of the protocol for one subject.
 
     protocol         "whole" or "published"
-    dropped          indices of the sessions with the smallest and the largest sum of force; () where none is dropped
+    dropped          indices of the sessions with the smallest and the largest sum of force; () if none is dropped
     folds            indices of the kept sessions in each
     force            model name -> (training, validation, test) error over the folds [N]
     spread           model name -> (training error over the folds, error on all kept sessions) [N]
     mean             chosen force model, fitted to all kept sessions
-    deviation        chosen model of the standard deviation, fitted to all kept sessions; None where they do not scatter
-    band             how a new force lies about the mean
-    means, deviations  [N] (D)  over the kept sessions at each depth; the deviations as their model was fitted to
+    deviation        chosen model of the standard deviation, fitted to all kept sessions; None without scatter
+    band             distribution of a new force around the mean
+    means            [N] (D)  of the kept sessions at each depth
+    deviations       [N] (D)  to which the model of the standard deviation was fitted
     test_share  [1]  test error of the chosen force model over the mean force of the kept sessions
     """
 
@@ -63,8 +65,8 @@ class ModelChoice:
     folds: list[Fold]
     force: dict[str, tuple[float, float, float]]
     spread: dict[str, tuple[float, float]]
-    mean: Fit
-    deviation: Fit | None
+    mean: CurveFit
+    deviation: CurveFit | None
     band: Spread
     means: np.ndarray
     deviations: np.ndarray
@@ -118,12 +120,12 @@ def choose(
 ) -> ModelChoice:
     """Run a protocol on one subject.
 
-    depths  [m]  (D)    growing        forces  [N]  (S,D)
+    depths  [m]  (D)    increasing     forces  [N]  (S,D)
     count   [1]         number of folds
-    mean, deviation     names of models to take instead of the best
+    mean, deviation     names of models to use instead of the best
 
-    FitError: constant forces, or too few depths for the models. ValueError: fewer sessions than folds (+ 2 where two
-    are dropped).
+    FitError: constant forces, or too few depths for the models. ValueError: fewer sessions than folds (+ 2 if two are
+    dropped).
     """
     depths, forces = np.asarray(depths, float), np.asarray(forces, float)
     if np.ptp(forces) == 0:
@@ -132,13 +134,15 @@ def choose(
     folds = make_folds(kept, count)
     used = forces[kept]
     scatters = float(np.max(np.ptp(used, axis=0))) > 1e-12 * float(np.max(np.abs(used)))
+    # force model with the lowest validation error
     force = {name: score(name, depths, forces, folds, protocol) for name in MODELS}
     mean = mean or min(force, key=lambda name: force[name][1])
     curve = _fit_mean(mean, depths, forces, kept)
+    # model of the standard deviation with the lowest error, and the band
     scatter, spread, around, band = used.std(axis=0, ddof=1), {}, None, Spread()
     if scatters:
         groups = [fold.train for fold in folds]
-        curves: list[Fit | None] = [None] * len(groups)
+        curves: list[CurveFit | None] = [None] * len(groups)
         if protocol == "whole":
             scatter = _scatter(depths, used, curve)
             curves = [_fit_mean(mean, depths, forces, rows) for rows in groups]
@@ -154,10 +158,10 @@ def choose(
                   force[mean][2] / float(used.mean()))  # fmt: skip
 
 
-def fit_band(depths, forces, mean: str, deviation: str) -> tuple[Fit, Fit, Spread]:
-    """Curve, scatter about it and spread of a new session's forces; depths [m] (D), forces [N] (S,D), names of models.
+def fit_band(depths, forces, mean: str, deviation: str) -> tuple[CurveFit, CurveFit, Spread]:
+    """Curve, scatter around it and spread of a new session; depths [m] (D), forces [N] (S,D), names of models.
 
-    A force of a new session lies within curve +- spread.reach(0.95) * scatter with a probability of 0.95.
+    A force of a new session is within curve +- spread.reach(0.95) * scatter with a probability of 0.95.
     """
     depths, forces = np.asarray(depths, float), np.asarray(forces, float)
     curve = _fit_mean(mean, depths, forces, np.arange(len(forces)))
@@ -165,22 +169,22 @@ def fit_band(depths, forces, mean: str, deviation: str) -> tuple[Fit, Fit, Sprea
     return curve, around, prediction_spread(forces[:, depths > 0], curve, around)
 
 
-def _fit_mean(name: str, depths: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> Fit:
+def _fit_mean(name: str, depths: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> CurveFit:
     labels = np.repeat(np.arange(len(rows)), len(depths))
     return fit_curve(MODELS[name], np.tile(depths, len(rows)), forces[rows].ravel(), labels, constant=True)
 
 
-def _scatter(depths: np.ndarray, forces: np.ndarray, curve: Fit | None) -> np.ndarray:
-    """Standard deviation [N] (D) of forces (S,D) about a curve, or about their means; n - 1 in the denominator."""
+def _scatter(depths: np.ndarray, forces: np.ndarray, curve: CurveFit | None) -> np.ndarray:
+    """Standard deviation [N] (D) of forces (S,D) from a curve, or from their means; n - 1 in the denominator."""
     about = forces.mean(axis=0) if curve is None else curve(depths)
     return np.sqrt(((forces - about) ** 2).sum(axis=0) / (len(forces) - 1))
 
 
-def _fit_deviation(name: str, depths: np.ndarray, scatter: np.ndarray) -> Fit:
+def _fit_deviation(name: str, depths: np.ndarray, scatter: np.ndarray) -> CurveFit:
     pressed = depths > 0
     return fit_curve(MODELS[name], depths[pressed], scatter[pressed], constant=True)
 
 
 def _spread(name: str, depths: np.ndarray, over_folds: list[np.ndarray], scatter: np.ndarray) -> tuple[float, float]:
-    train = [_fit_deviation(name, depths, own).rmse for own in over_folds]
+    train = [_fit_deviation(name, depths, fold).rmse for fold in over_folds]
     return float(np.mean(train)), _fit_deviation(name, depths, scatter).rmse

@@ -1,8 +1,8 @@
-"""Least-squares fit of a force model, with the errors of its parameters.
+"""Least-squares fit of a force model, with the standard errors of its parameters.
 
-Variable projection (Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973): for given nonlinear parameters the linear ones
-follow from linear least squares, so that only a line or a plane is searched. The search begins on a grid over the whole
-permitted range, which no local minimum can mislead, and ends with Gauss-Newton steps on all parameters.
+Variable projection (Golub & Pereyra, SIAM J. Numer. Anal. 10, 1973): linear least squares eliminates the linear
+parameters, so that the search has one or two dimensions. It starts with a grid over the whole range, which avoids local
+minima, and ends with Gauss-Newton steps on all parameters.
 """
 
 from dataclasses import dataclass
@@ -16,18 +16,18 @@ from palpate.physics.errors import PalpateError
 
 
 class FitError(PalpateError, ValueError):
-    """Data that cannot determine the model."""
+    """The data do not determine the model."""
 
 
 @dataclass(frozen=True)
-class Fit:
+class CurveFit:
     """A fitted model.
 
     parameters  (p)    linear ones first, units as in the model
-    covariance  (p,p)  of the parameters; inf where the data do not determine them
-    rmse        [N]    sqrt(sum of squares / (n - p)), the residual's standard deviation
+    covariance  (p,p)  of the parameters; inf if the data do not determine them
+    rmse        [N]    sqrt(sum of squares / (n - p)), standard deviation of the residuals
     freedom     [1]    degrees of freedom of the errors: n - p, or sessions - 1
-    at_limit           names of the parameters that the search found at the end of their range
+    at_limit           names of the parameters at an end of their range
     """
 
     model: ForceModel
@@ -52,21 +52,21 @@ class Fit:
         return np.stack([self.parameters - half, self.parameters + half], axis=1)
 
     def rms(self, depth, force) -> float:
-        """Root mean square error [N] on data that the fit has not seen."""
+        """Root mean square error [N] on other data."""
         return float(np.sqrt(np.mean((np.asarray(force) - self(depth)) ** 2)))
 
 
-def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False) -> Fit:
+def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False) -> CurveFit:
     """Fit `model` to y [N] (n) at x [m] (n).
 
-    sessions  (n)  labels. Forces of one session err together, since the finger lies a little differently each time.
-                   With labels the errors allow for that, and for a scatter that grows with depth: the sandwich of
-                   A. C. Cameron, D. L. Miller, J. Human Resources 50 (2015), eq. 11, with Student's t of sessions - 1
-                   degrees of freedom. Without, all rows count as independent and equally scattered.
+    sessions  (n)  labels. Errors of one session are correlated, because the position of the finger varies between
+                   sessions. With labels the standard errors are cluster-robust and allow for a scatter that grows with
+                   depth: sandwich estimator of A. C. Cameron, D. L. Miller, J. Human Resources 50 (2015), eq. 11, with
+                   sessions - 1 degrees of freedom. Without labels, rows are independent and homoscedastic.
 
-    constant       whether one and the same y everywhere is a result, not a sign of a dead sensor
+    constant       accept a constant y, which otherwise indicates a dead sensor
 
-    FitError: fewer rows than parameters + 1, fewer than two sessions, not finite, or all y the same.
+    FitError: fewer rows than parameters + 1, fewer than two sessions, values that are not finite, or constant y.
     """
     x, y = np.asarray(x, float), np.asarray(y, float)
     count, size = len(y), len(model.parameters)
@@ -83,18 +83,20 @@ def fit_curve(model: ForceModel, x, y, sessions=None, *, constant: bool = False)
     jacobian = model.jacobian(x, parameters)
     covariance, freedom = _errors(jacobian, residual, sessions)
     rmse = float(np.sqrt(residual @ residual / (count - size)))
-    return Fit(model, parameters, covariance, rmse, freedom, at_limit)
+    return CurveFit(model, parameters, covariance, rmse, freedom, at_limit)
 
 
 def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, tuple[str, ...]]:
     starts = model.start(x)
     if not starts:
         return _linear(np.stack(model.basis(x), axis=-1), y), ()
+    # grid search: the point whose basis explains most of y
     grid = [axis.ravel() for axis in np.meshgrid(*starts, indexing="ij")]
     columns = np.stack(model.basis(x, *(axis[:, None] for axis in grid)), axis=-1)
     scale = np.linalg.norm(columns, axis=1, keepdims=True)
     q, _ = np.linalg.qr(columns / np.where(scale > 0, scale, 1.0))
     explained = np.sum((np.swapaxes(q, 1, 2) @ y) ** 2, axis=1)
+    # refine by least squares on the projected residual
     best = int(np.argmax(explained))
     begin = np.array([axis[best] for axis in grid])
     low, high = np.array([s[0] for s in starts]), np.array([s[-1] for s in starts])
@@ -111,7 +113,7 @@ def _search(model: ForceModel, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray
     parameters = np.concatenate([_linear(basis, y), optimum])
     near = 1e-6 * (high - low)
     at_end = (optimum < low + near) | (optimum > high - near)
-    at_limit = tuple(name for name, own in zip(model.nonlinear, at_end, strict=True) if own)
+    at_limit = tuple(name for name, limited in zip(model.nonlinear, at_end, strict=True) if limited)
     return (parameters if at_limit else _polish(model, x, y, parameters, low, high)), at_limit
 
 

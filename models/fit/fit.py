@@ -1,4 +1,4 @@
-"""What `palpate fit force` does: read sessions, choose models, write."""
+"""`palpate fit force`: read sessions, choose models, write the result."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from palpate.physics.writable import check_file
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a fit found: plain data by subject, tables, notes, the file written, and what can be drawn."""
+class SessionsFit:
+    """Result of `fit_sessions`: plain data by subject, tables, notes, the file written, and the chosen models."""
 
     data: dict[str, Any]
     tables: list[Table]
@@ -39,10 +39,10 @@ def fit_sessions(
     depth_limit: float | None,
     protocol: str = "whole",
     any_stiffness: bool = False,
-) -> Told:
-    """Fit the models of the force to a file of sessions; arguments as of `palpate fit force`.
+) -> SessionsFit:
+    """Fit the models of the force to a file of sessions; arguments as in `palpate fit force`.
 
-    SessionError: what is wrong with the file or the arguments, by row and column.
+    SessionError: faults of the file, with row and column, or of the arguments.
     """
     _known(mean, MODELS, "--mean")
     _known(deviation, MODELS, "--deviation")
@@ -62,15 +62,15 @@ def fit_sessions(
     notes = report.choice_notes(chosen)
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
     _write(target, report.model_yaml(chosen, sessions))
-    return Told(report.choice_data(chosen), list(report.model_tables(chosen)), notes, target, chosen)
+    return SessionsFit(report.choice_data(chosen), list(report.model_tables(chosen)), notes, target, chosen)
 
 
 def write_example(path: Path) -> None:
-    """Write synthetic sessions of two subjects, 20 sessions each. SessionError: the file is there already."""
+    """Write synthetic sessions of two subjects, 20 sessions each. SessionError: the file exists."""
     if path.exists():
-        raise SessionError(f"{path}: is there already; --example writes a new file only")
+        raise SessionError(f"{path}: file exists; --example writes a new file only")
     lines = [
-        "# Synthetic sessions, not measurements: the published mean and deviation of one subject, and the same scaled.",
+        "# Synthetic sessions, not measurements: the published mean and deviation of one subject, and a scaled copy.",
         "subject,session,depth [mm],force [N]",
     ]
     for seed, (name, scale) in enumerate({"A": 1.0, "B": 1.3}.items()):

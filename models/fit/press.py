@@ -1,4 +1,4 @@
-"""From the messages of a press to the forces at even depths."""
+"""Forces at equally spaced depths from the messages of a press."""
 
 import csv
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
-AROUND = 10e6  # [ns] before and after a sample, over which its rate is measured: steps of the encoder average out
+AROUND = 10e6  # [ns] before and after a sample, over which its rate is averaged, because of encoder quantization
 NOISE = 5.0
-"""[1] Standard deviations above the force before the press, from which a force is one."""
+"""[1] Standard deviations above the force before the press, above which a force is not noise."""
 
 
 @dataclass(frozen=True)
-class Press:
-    """The first loading of a press: depth [m] (n) from 0 in even steps, rate [m/s] (n) of the depth, force [N] (n)."""
+class Loading:
+    """The first loading of a press: depth [m] (n) from 0 in equal steps, rate [m/s] (n) of the depth, force [N] (n)."""
 
     depth: np.ndarray
     rate: np.ndarray
@@ -27,13 +27,14 @@ class Press:
 
 def press_of(
     poses: Sequence[Pose], contacts: Sequence[Contact], deepest: float, step: float, touch: float, file: Path
-) -> Press:
-    """The first loading that messages show, all of one press.
+) -> Loading:
+    """The first loading in the messages of one press.
 
-    deepest  [m]  touch  [N] above which it touches; the depth is counted from where the force last was within the noise
-    file     where they are from, for what is said of them
+    deepest  [m]  of the result, in steps of `step` [m]
+    touch    [N]  force of contact; depth 0 is the last sample before it with a force within the noise
+    file     source of the messages, for errors
 
-    SessionError: it never touches, or not as deep.
+    SessionError: no contact, or a smaller depth.
     """
     if not poses or not contacts:
         raise SessionError(f"{file}: nothing was recorded")
@@ -41,53 +42,53 @@ def press_of(
     forces = np.array([m.force for m in contacts])
     normal = np.array(contacts[0].normal)
     when = np.array([m.time for m in poses], float)
-    way = -np.interp(times, when, np.array([m.position for m in poses]) @ normal)
+    position = -np.interp(times, when, np.array([m.position for m in poses]) @ normal)
     late, early = np.minimum(times + AROUND, times[-1]), np.maximum(times - AROUND, times[0])
-    speed = 1e9 * (np.interp(late, times, way) - np.interp(early, times, way)) / np.maximum(late - early, 1.0)
+    speed = 1e9 * (np.interp(late, times, position) - np.interp(early, times, position)) / np.maximum(late - early, 1.0)
     first = int(np.argmax(forces > touch))
     if not forces[first] > touch:
         raise SessionError(f"{file}: never more than {forces.max():.3g} N, expected a touch of more than {touch:g} N")
     start = _onset(forces[: first + 1])
-    depth = way[start:] - way[start]
+    depth = position[start:] - position[start]
     last = int(np.argmax(depth >= deepest))
     if not depth[last] >= deepest:
         raise SessionError(
-            f"{file}: pressed {1e3 * depth.max():.3g} mm deep, expected {1e3 * deepest:g} mm. Press deeper, or take a"
+            f"{file}: pressed {1e3 * depth.max():.3g} mm deep, expected {1e3 * deepest:g} mm. Press deeper, or set a"
             " smaller --depth."
         )
     deep = np.maximum.accumulate(depth[: last + 1])
-    rising = np.concatenate([[True], np.diff(deep) > 0.0])  # the way in, without the tremor
+    rising = np.concatenate([[True], np.diff(deep) > 0.0])  # monotone envelope, without tremor
     depths = np.arange(0.0, deepest + 0.5 * step, step)
     at = (np.interp(depths, deep[rising], series[start:][: last + 1][rising]) for series in (speed, forces))
-    return Press(depths, *at)
+    return Loading(depths, *at)
 
 
 def _onset(forces: np.ndarray) -> int:
-    """Index of the last force [N] (n) within the noise before the touch that the last of them is."""
+    """Index of the last force [N] (n) within the noise; the last element is the first contact."""
     middle = float(np.median(forces))
-    noise = 1.4826 * float(np.median(np.abs(forces - middle)))  # as of a normal distribution, by the median deviation
+    noise = 1.4826 * float(np.median(np.abs(forces - middle)))  # standard deviation from the median absolute deviation
     quiet = np.flatnonzero(forces <= middle + NOISE * noise)
     return int(quiet[-1])
 
 
 def rows_before(file: Path, subject: str, session: str) -> list[list[str]]:
-    """Rows of a CSV, its head included, to which this session can be added.
+    """Rows of a CSV file with its header, to which this session can be added.
 
-    SessionError: the file is another kind, or has this session already.
+    SessionError: the file has another header, or contains this session.
     """
     if not file.is_file():
         return []
     with file.open(encoding="utf-8", newline="") as text:
         rows = [row for row in csv.reader(text) if row]
     if rows and rows[0] != HEAD:
-        raise SessionError(f"{file}: its head is {','.join(rows[0])}, expected {','.join(HEAD)}. Take another file.")
+        raise SessionError(f"{file}: its header is {','.join(rows[0])}, expected {','.join(HEAD)}. Use another file.")
     if any(row[:2] == [subject, session] for row in rows[1:]):
-        raise SessionError(f"{file}: subject {subject}, session {session} is there already. Take another --session.")
+        raise SessionError(f"{file}: subject {subject}, session {session} exists. Use another --session.")
     return rows
 
 
-def add_session(file: Path, subject: str, session: str, press: Press) -> int:
-    """Add rows to a CSV; its head is written where there is none. The number of sessions that the subject then has.
+def add_session(file: Path, subject: str, session: str, press: Loading) -> int:
+    """Append a session to a CSV file, with a header if it is new. Returns the number of sessions of the subject.
 
     SessionError: as `rows_before`.
     """
@@ -95,7 +96,7 @@ def add_session(file: Path, subject: str, session: str, press: Press) -> int:
     ended = not file.is_file() or file.read_bytes()[-1:] in (b"\n", b"")
     with file.open("a", encoding="utf-8", newline="") as text:
         writer = csv.writer(text)
-        if not ended:  # an editor has left its last line without an end
+        if not ended:  # the last line lacks a newline
             text.write("\n")
         if not rows:
             writer.writerow(HEAD)

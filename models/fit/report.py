@@ -1,4 +1,4 @@
-"""What `palpate fit force` tells: tables for people, plain data for programs, YAML for the node."""
+"""Output of `palpate fit force`: tables, plain data for `--json`, YAML for the node."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from palpate.models.fit.crossvalidation import ModelChoice
-from palpate.models.fit.curve_fit import Fit
+from palpate.models.fit.curve_fit import CurveFit
 from palpate.models.fit.sessions import Subject
 from palpate.nodes.contact.probabilistic import LAW_SETTINGS
 from palpate.physics.contact.force_models import MODELS
@@ -27,7 +27,7 @@ class Chosen(NamedTuple):
 
 
 def model_tables(choices: list[Chosen]) -> Iterator[Table]:
-    """Errors of each model for each subject, the smallest marked, then the parameters of the chosen ones."""
+    """Errors of each model for each subject, with the smallest marked, and the parameters of the chosen models."""
     yield _rmse("RMSE of the force on training sessions [mN], mean of the folds", choices, lambda c, m: c.force[m][0])
     yield _rmse("RMSE of the force on validation sessions [mN]", choices, lambda c, m: c.force[m][1])
     yield _rmse("RMSE of the force on test sessions [mN]", choices, lambda c, m: c.force[m][2])
@@ -54,8 +54,8 @@ def _rmse(title: str, choices: list[Chosen], value: Callable[[ModelChoice, str],
     return table
 
 
-def parameters(title: str, fit: Fit) -> Table:
-    """Parameters of one fit; its model in the title."""
+def parameters(title: str, fit: CurveFit) -> Table:
+    """Table of the parameters of one fit."""
     model = f"{fit.model.name}, {fit.model.formula}; RMSE {fit.rmse * 1e3:.3g} mN"
     table = Table(title=escape(title + model), title_justify="left", min_width=78)
     table.add_column("parameter")
@@ -73,15 +73,14 @@ def parameters(title: str, fit: Fit) -> Table:
     return table
 
 
-def _listed(fit: Fit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
-    """Name, unit, value, standard error and interval of each parameter, and of those that follow from them."""
-    intervals = fit.interval()
-    numbers = fit.parameters.tolist(), fit.errors.tolist(), map(tuple, intervals.tolist())
-    return [(name, unit, *own) for (name, unit), *own in zip(fit.model.parameters.items(), *numbers, strict=True)]
+def _listed(fit: CurveFit) -> list[tuple[str, str, float, float, tuple[float, float]]]:
+    """Name, unit, value, standard error and interval of each parameter."""
+    numbers = fit.parameters.tolist(), fit.errors.tolist(), map(tuple, fit.interval().tolist())
+    return [(name, unit, *rest) for (name, unit), *rest in zip(fit.model.parameters.items(), *numbers, strict=True)]
 
 
 def choice_notes(choices: list[Chosen]) -> list[str]:
-    """What was dropped, the test error of the chosen force model, and how its band was made."""
+    """Dropped sessions, test error of the chosen force model, and its band, one note per subject."""
     notes = []
     for subject, _, _, choice in choices:
         test, band = choice.force[choice.mean.model.name][2], choice.band
@@ -101,12 +100,12 @@ def choice_notes(choices: list[Chosen]) -> list[str]:
 
 
 def _dropped(subject: Subject, choice: ModelChoice) -> dict[str, str]:
-    """Labels of the dropped sessions; nothing where none was dropped."""
+    """Labels of the dropped sessions, if any."""
     return dict(zip(("smallest", "largest"), (subject.sessions[i] for i in choice.dropped), strict=False))
 
 
 def choice_data(choices: list[Chosen]) -> dict[str, Any]:
-    """Plain data of all errors and of the chosen models for each subject."""
+    """All errors and the chosen models of each subject as plain data."""
     return {
         subject.name: {
             "protocol": choice.protocol,
@@ -128,8 +127,8 @@ def choice_data(choices: list[Chosen]) -> dict[str, Any]:
     }
 
 
-def plain(fit: Fit) -> dict[str, Any]:
-    """A fit as data."""
+def plain(fit: CurveFit) -> dict[str, Any]:
+    """A fit as plain data."""
     found = {}
     for name, unit, value, error, ends in _listed(fit):
         known = {"error": error, "interval": list(ends)} if math.isfinite(error) else {"error": None, "interval": None}
@@ -139,9 +138,9 @@ def plain(fit: Fit) -> dict[str, Any]:
 
 
 def model_yaml(choices: list[Chosen], source: Path) -> str:
-    """The file that `contact.Probabilistic` takes as its `model`; each subject holds settings of that node."""
+    """The file for `model` of `contact.Probabilistic`; each subject contains settings of that node."""
     lines = [
-        f"# Fitted by `palpate fit force` to {source.name}. SI units. Each subject holds settings of",
+        f"# Fitted by `palpate fit force` to {source.name}. SI units. Each subject contains settings of",
         "# contact.Probabilistic: name this file as its `model`, or copy a subject into a scene.",
         "subjects:",
     ]
@@ -158,25 +157,27 @@ def model_yaml(choices: list[Chosen], source: Path) -> str:
                 model.parameters.items(), law[f"{role}_parameters"], errors, strict=True
             ):
                 lines.append(f"      - {_number(value)}  # {key} [{unit}], standard error {error:.3g}")
-        lines.append(f"    depth_limit: {_number(law['depth_limit'])}  # [m] deepest that was measured")
-        lines.append(f"    freedom: {_number(law['freedom'])}  # of Student's t for a new session; 0: the normal law")
+        lines.append(f"    depth_limit: {_number(law['depth_limit'])}  # [m] largest measured depth")
+        lines.append(
+            f"    freedom: {_number(law['freedom'])}  # of Student's t for a new session; 0: normal distribution"
+        )
     return "\n".join(lines) + "\n"
 
 
 def _number(value: float) -> str:
-    """A float as YAML 1.1 reads it: with a point and a signed exponent, every digit kept."""
+    """A float in YAML 1.1, with a point and a signed exponent, without rounding."""
     return yaml.safe_dump(value).split("\n")[0]
 
 
 def _scalar(text: str) -> str:
-    """A subject's label, quoted so that it stays a text."""
+    """A subject's label as a quoted string."""
     return yaml.safe_dump(text, default_style='"', allow_unicode=True).strip()
 
 
 def law_settings(choice: ModelChoice, deepest: float) -> dict[str, Any]:
     """The settings of `contact.Probabilistic` for a fitted subject; `deepest` [m] is its deepest indentation.
 
-    Sessions that do not scatter have the deviation 0; the others one that is widened by the error of the curve.
+    The deviation is 0 for sessions without scatter, otherwise widened by the error of the curve.
     """
     spread = choice.deviation
     widened = np.zeros(2) if spread is None else spread.parameters.copy()

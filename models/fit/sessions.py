@@ -1,11 +1,11 @@
-"""Indentation sessions from a CSV file: named columns with units, every fault with its row and column.
+"""Indentation sessions from a CSV file: columns with names and units; errors report row and column.
 
     subject,session,depth [mm],force [N]
     anna,1,0,0
     anna,1,0.5,0.09
 
-The order of columns is free; comma, semicolon or tab separates; lines that begin with # are left out. Lengths may be in
-m, mm or µm, forces in N or mN. Other columns are ignored, and named.
+Columns may be in any order, separated by comma, semicolon or tab; lines that begin with # are comments. Lengths are in
+m, mm or µm, forces in N or mN. Other columns are ignored and reported.
 """
 
 import csv
@@ -24,11 +24,11 @@ UNITS = {
     "force": {"N": 1.0, "mN": 1e-3},
 }
 MOST = {"depth": 1.0, "force": 1e4}
-"""Largest sizes in SI units that can be meant; beyond them the unit in the header is wrong."""
+"""Upper bounds in SI units; a larger value means a wrong unit in the header."""
 NOISE = 0.05
-"""[1] Of a subject's largest force: a force may be negative by that much, as noise about zero is."""
+"""[1] Largest negative force, over a subject's largest force, that counts as noise."""
 STIFFNESS = (5.0, 1e5)
-"""[N/m] Largest force over its depth that soft tissue under a probe as large as a fingertip may have."""
+"""[N/m] Range of largest force over depth for soft tissue under a probe of the size of a fingertip."""
 LABELS = ("subject", "session")
 NEEDED = (*LABELS, "depth", "force")
 SHOWN = 20
@@ -36,7 +36,7 @@ HEAD = re.compile(r"\s*(?P<name>[^\[\](]*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\
 
 
 class SessionError(PalpateError, ValueError):
-    """A file that cannot be used; all its faults, one a line."""
+    """A file that cannot be used; the message has one line per fault."""
 
     exit_code = MISUSE
 
@@ -48,7 +48,7 @@ class SessionError(PalpateError, ValueError):
 class Subject:
     """The rows of one subject.
 
-    rows     [1]    (n)  line of the file      session  (n)  labels as they stand in the file
+    rows     [1]    (n)  line of the file      session  (n)  labels as in the file
     depth    [m]    (n)                        force    [N]  (n)
     units                column -> SI units in the unit of the header
     """
@@ -67,9 +67,9 @@ class Subject:
         return list(dict.fromkeys(self.session.tolist()))
 
     def grid(self) -> tuple[np.ndarray, np.ndarray]:
-        """(depths (D), growing; forces (S,D)) of sessions that were all measured at the same depths.
+        """(increasing depths (D), forces (S,D)) of sessions that were all measured at the same depths.
 
-        SessionError: a depth that a session lacks, has twice, or has alone; names session, depth and row.
+        SessionError: depths that are missing, repeated or extra in a session, with session, depth and row.
         """
         steps = np.round(self.depth * 1e9).astype(np.int64)
         depths = np.unique(steps)
@@ -103,9 +103,9 @@ class Subject:
 
 
 def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subject], list[str]]:
-    """(subjects in the order of the file, ignored columns); rows deeper than `depth_limit` [m] are left out.
+    """(subjects in the order of the file, ignored columns); rows deeper than `depth_limit` [m] are excluded.
 
-    SessionError: no such file, no such columns, no units, or rows that cannot be used.
+    SessionError: a missing file, column or unit, or invalid rows.
     """
     numbered = numbered_lines(path)
     if not numbered:
@@ -132,13 +132,13 @@ def read_sessions(path: Path, depth_limit: float = math.inf) -> tuple[list[Subje
         if row["force"] < -NOISE * max(largest[row["subject"]], 0.0):
             faults.append(
                 f"{path}, row {number}, column 'force': found {row['force'] / factors['force']:g}, expected a force"
-                f" that is not negative, but for noise of at most {100 * NOISE:g} % of the subject's largest one"
+                f" that is not negative, except for noise of at most {100 * NOISE:g} % of the subject's largest one"
             )
     _refuse(faults)
     if not rows:
         raise SessionError(f"{path}: no row is left up to the depth limit of {depth_limit * 1e3:g} mm")
     of = {name: [(n, r) for n, r in rows if r["subject"] == name] for name in names}
-    return [_subject(path, name, own, factors) for name, own in of.items()], ignored
+    return [_subject(path, name, part, factors) for name, part in of.items()], ignored
 
 
 def numbered_lines(path: Path) -> list[tuple[int, str]]:
@@ -153,12 +153,12 @@ def numbered_lines(path: Path) -> list[tuple[int, str]]:
 
 
 def separator_of(header: str) -> str:
-    """What parts the cells of a file with this header."""
+    """Separator of a file with this header."""
     return next((s for s in "\t;" if s in header), ",")
 
 
 def cells_of(path: Path, number: int, line: str, separator: str) -> list[str]:
-    """The cells of a line. SessionError: it is none of a CSV file."""
+    """The cells of a line. SessionError: not valid CSV."""
     try:
         return next(csv.reader([line], delimiter=separator))
     except csv.Error as error:
@@ -166,16 +166,16 @@ def cells_of(path: Path, number: int, line: str, separator: str) -> list[str]:
 
 
 def _too_many(path: Path, number: int, cells: list[str], count: int, separator: str) -> str:
-    """What is wrong with a row of more cells than the header has."""
+    """Message for a row with more cells than the header."""
     where = f"{path}, row {number}: {len(cells)} cells, the header has {count}"
     if separator == "," and any(re.fullmatch(r"\s*[+-]?\d+\s*", a) and re.fullmatch(r"\d+([eE][+-]?\d+)?\s*", b)
                                 for a, b in pairwise(cells)):  # fmt: skip
-        return f"{where}; are there decimal commas? Write numbers with a point, such as 0.5"
+        return f"{where}; decimal commas? Write numbers with a point, such as 0.5"
     return f"{where}; expected as many"
 
 
 def check_stiffness(subjects: list[Subject]) -> None:
-    """SessionError: a subject whose largest force, over its depth, soft tissue cannot have; a unit is wrong."""
+    """SessionError: the largest force over depth is impossible for soft tissue, so that a unit must be wrong."""
     faults = []
     low, high = STIFFNESS
     for subject in subjects:
@@ -239,7 +239,7 @@ def _header(path: Path, cells: list[str]) -> tuple[dict[str, int], dict[str, flo
 def _row(
     path: Path, number: int, cells: list[str], columns: dict[str, int], factors: dict[str, float], faults: list[str]
 ) -> dict | None:
-    """The values of one row in SI units; None, and faults, where it cannot be used."""
+    """The values of one row in SI units; None, with entries in `faults`, for an invalid row."""
     before = len(faults)
     measurement: dict = {}
     for name, place in columns.items():

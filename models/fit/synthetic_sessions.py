@@ -1,4 +1,4 @@
-"""Synthetic indentation sessions with known laws, to try and to test the fitting. They are not measurements."""
+"""Synthetic indentation sessions with known laws, for examples and tests of the fits."""
 
 import numpy as np
 from scipy.special import ndtr
@@ -13,12 +13,12 @@ DEPTHS = np.linspace(0.0, 5.0e-3, 11)
 def synthetic_sessions(
     seed: int, sessions: int = 20, depths=DEPTHS, band: Band = PUBLISHED, together: float = 0.5
 ) -> np.ndarray:
-    """Forces [N] (sessions,D), 0 at depth 0, otherwise of N(F(d), sigma(d)²) restricted to f >= 0.
+    """Forces [N] (sessions,D), 0 at depth 0, otherwise drawn from N(F(d), sigma(d)²) truncated to f >= 0.
 
     seed      [1]     the same seed gives the same forces
     depths    [m]     (D)
     band              laws of mean and deviation
-    together  [1]     correlation of two forces of one session, in [0, 1]: the finger lies a little differently in each
+    together  [1]     correlation of two forces of one session, in [0, 1]
     """
     random = np.random.Generator(np.random.Philox(seed))
     depths = np.asarray(depths, float)

@@ -11,8 +11,7 @@ from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 
 def measures(tip: FingertipSurfaces, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
-    """Sizes [mm], volumes [mm³], and the number of beams that touch a plate at a depth [m], with their units in the
-    names."""
+    """Sizes [mm], volumes [mm³], and the number of beams in contact with a plate at a depth [m]."""
     inside = np.argwhere(tip.skin < 0)
     size = (np.ptp(inside, axis=0) + 1) * tip.spacing * 1e3
     x, y = np.meshgrid(*(tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in (0, 1)))
@@ -29,7 +28,7 @@ def measures(tip: FingertipSurfaces, depth: float = 2e-3, pitch: float = 1.2e-3)
 
 
 def of_images(stack: Stack, frame: FingerFrame) -> dict[str, Any]:
-    """How many slices, how far apart, how the finger lies in them, and how left and right are known."""
+    """Number and spacing of the slices, orientation of the finger, and source of the handedness."""
     return {
         "slices": len(stack.volume),
         "spacing_mm": [s * 1e3 for s in stack.spacing],

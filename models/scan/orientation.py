@@ -1,13 +1,13 @@
 """Orientation of the images: handedness from a header or from the user, and cross-sections for any slice axis.
 
-Three letters say where slices, rows and columns run, in this order and in the words of the finger:
+Three letters give the directions of slices, rows and columns, in this order:
 
     T, H  to the tip, to the hand        N, P  to the nail, to the pulp
-    R, L  to the right, to the left, for one who looks from the tip towards the hand with the nail up
+    R, L  to the right, to the left, as seen from the tip towards the hand with the nail up
 
-So HPR are slices from the tip on, with the nail up, seen from the tip. What is not said is found from the images (tip,
-nail, the finger's own axes), except left and right: a mirrored image of a finger is the image of another hand's finger.
-Without a header and without letters the next slice is taken to lie behind the one before.
+HPR are slices from the tip on, with the nail up, seen from the tip. Missing directions are found from the images (tip,
+nail, axes of the finger), except left and right: the mirror image of a finger is a finger of the other hand. Without a
+header and without letters, each slice is assumed to be behind the previous one.
 """
 
 import dataclasses
@@ -25,10 +25,10 @@ OPPOSITE = dict(zip("RLHTNP", "LRTHPN", strict=True))
 def oriented(stack: Stack, axes: str, mirrored: bool | None) -> Stack:
     """The stack, right-handed.
 
-    axes      three letters, or "" where the user said nothing
-    mirrored  whether columns, rows and slices are left-handed as they were read; None: nothing says so
+    axes      three letters, or "" if not given
+    mirrored  whether columns, rows and slices are left-handed in the file; None: unknown
 
-    ScanError: letters that are no axes.
+    ScanError: invalid letters.
     """
     handed = "assumed" if mirrored is None else "header"
     if axes:
@@ -49,10 +49,10 @@ def _reversed(stack: Stack) -> Stack:
 
 
 def cross_sections(stack: Stack) -> Stack:
-    """The stack with slices across the finger, right-handed as before.
+    """The stack with slices across the finger, right-handed.
 
-    Across is what the user said; else the side of the volume that the finger leaves by; else, where it leaves by none,
-    its longest extent.
+    The axis is the given one, else that of the side where the finger leaves the volume, else that of its longest
+    extent.
     """
     along = next((k for k, a in enumerate(stack.axes) if a in "TH"), None)
     along = _along(stack) if along is None else along
@@ -69,7 +69,7 @@ def cross_sections(stack: Stack) -> Stack:
 
 
 def _along(stack: Stack) -> int:
-    """The axis of the array that is nearest to that of the finger; 0 where nothing can be seen."""
+    """The axis of the array nearest to that of the finger; 0 if no finger is visible."""
     volume = stack.volume
     if volume.ndim != 3 or min(volume.shape) < 3 or not np.isfinite(volume).all() or not min(stack.spacing) > 0:
         return 0

@@ -1,9 +1,9 @@
 """Segmentation: closed smooth outlines of skin, inner border of the skin, and bone in every slice.
 
-Brightness levels are measured, not assumed: air from outside, skin from the shell below the outer border, tissue from
-the bright inside, bone from the dark inside. An outline runs where the brightness is midway between its two sides; with
-partial volume that is where the border is, to a part of a pixel. The nail gives no signal: the outline runs along the
-tissue it sits on.
+Brightness levels are measured: air outside, skin in the shell below the outer border, tissue in the bright inside,
+bone in the dark inside. An outline is the contour of the mean brightness of its two sides; with the partial volume
+effect this gives the border with subpixel resolution. The nail gives no signal: the outline follows the
+tissue below it.
 """
 
 from dataclasses import dataclass
@@ -18,17 +18,17 @@ from skimage.measure import find_contours, points_in_poly
 from palpate.models.scan.stack import ScanError, Stack
 
 SMOOTHING = 0.2e-3  # [m] Standard deviation of the filter against noise, in the plane of the slices
-HARMONICS = 12  # Of an outline round its length: finer waves than a twelfth of the way round are noise
+HARMONICS = 12  # Fourier harmonics of an outline; shorter waves are noise
 POINTS = 256
-LEAST_AREA = 3e-6  # [m²] A smaller outline is no part of a finger
+LEAST_AREA = 3e-6  # [m²] Smaller outlines are ignored
 FINGER = (6e-3, 40e-3)  # [m] Breadth of a finger
-BELOW_SKIN = 0.4e-3  # [m] From the inner border of the skin to where bone is looked for
-LEAST_BONE = 20e-9  # [m³] A smaller dark core is no bone
+BELOW_SKIN = 0.4e-3  # [m] Distance from the inner border of the skin in which bone is not searched
+LEAST_BONE = 20e-9  # [m³] A smaller dark core is not bone
 
 
 @dataclass(frozen=True)
 class Outlines:
-    """Outlines by slice, (256, 2) [m] as (row, column) from the centre of the image; None where there is none."""
+    """Outlines by slice, (256, 2) [m] as (row, column) from the centre of the image; None: no outline."""
 
     spacing: float  # [m] between slices
     skin: list[np.ndarray | None]
@@ -38,15 +38,21 @@ class Outlines:
 
 
 def segment(stack: Stack, skin: float | None = None) -> Outlines:
-    """Outlines of a stack. `skin` [m] is the thickness of the skin where the images do not show it. ScanError: no
-    finger, more than one, a finger of impossible breadth, no bone, no skin to be seen."""
+    """Outlines of a stack.
+
+    skin  [m]  thickness of the skin, for images that do not show it
+
+    ScanError: no finger, several fingers, an implausible breadth, no bone, no visible skin.
+    """
     between, *plane = stack.spacing
     where = stack.source
+    # foreground, and one object in it
     image = gaussian_filter(stack.volume.astype(np.float64), (0.0, SMOOTHING / plane[0], SMOOTHING / plane[1]))
     low = _foreground(image, where)
     inside = np.stack([binary_fill_holes(s) for s in image > low])
     inside = _one_finger(inside, between * plane[0] * plane[1], where)
     _plausible(inside, plane, where)
+    # brightness levels
     deep = np.stack([distance_transform_edt(s, sampling=plane) for s in inside])
     air = _level(image[~inside], "air", where)
     bright = inside & (image > low)
@@ -57,6 +63,7 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
         raise ScanError(f"{where}: skin is as bright as tissue; give its thickness (--skin, in mm)")
     outer = 0.5 * (air + (shell if visible else tissue))
 
+    # outer and inner border of the skin
     reach = round(0.8e-3 / min(plane))
     wide = [binary_dilation(mask, iterations=reach) if mask.any() else mask for mask in inside]
     borders = [_largest(slice_image, outer, plane, mask) for slice_image, mask in zip(image, wide, strict=True)]
@@ -68,6 +75,7 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
         ]
     else:
         inner = [None if b is None else _inner(b, skin, image.shape[1:], plane) for b in borders]
+    # bone: the largest dark core
     core = np.stack([
         np.zeros(slice_image.shape, bool) if curve is None
         else (slice_image < 0.5 * (air + tissue)) & (_level_of(curve, slice_image.shape, plane) < -BELOW_SKIN)
@@ -87,7 +95,7 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
 
 
 def _foreground(image: np.ndarray, where: str) -> float:
-    """Brightness that parts the finger from air, from the noise of the rim of the images and from what stands out."""
+    """Brightness threshold of the finger, from the noise at the rim of the images and the brightness above it."""
     wide = max(2, round(0.04 * min(image.shape[1:])))
     rim = np.concatenate([image[:, :wide].ravel(), image[:, -wide:].ravel(), image[:, :, :wide].ravel(),
                           image[:, :, -wide:].ravel()])  # fmt: skip
@@ -103,7 +111,7 @@ def _foreground(image: np.ndarray, where: str) -> float:
 def _one_finger(inside: np.ndarray, voxel: float, where: str) -> np.ndarray:
     names, count = label(inside)
     if count == 0:
-        raise ScanError(f"{where}: nothing bright in it, expected a finger")
+        raise ScanError(f"{where}: no bright object, expected a finger")
     sizes = np.bincount(names.ravel())[1:] * voxel
     order = np.argsort(-sizes)
     first, second = ((names == k + 1).any(axis=(1, 2)) for k in (order[0], order[min(1, count - 1)]))
@@ -126,15 +134,15 @@ def _plausible(inside: np.ndarray, plane, where: str) -> None:
     if not FINGER[0] <= across <= FINGER[1]:
         least, most = (f * 1e3 for f in FINGER)
         raise ScanError(f"{where}: {across * 1e3:.1f} mm across, expected {least:g} ... {most:g} mm for a finger: "
-                        f"the spacing is wrong, or it is no finger")  # fmt: skip
+                        f"the spacing is wrong, or the object is not a finger")  # fmt: skip
     rim = np.concatenate([inside[:, 0], inside[:, -1], inside[:, :, 0], inside[:, :, -1]], axis=1)
     if rim.mean() > 0.3:
-        raise ScanError(f"{where}: no air round the object; expected whole cross-sections of one finger")
+        raise ScanError(f"{where}: no air around the object; expected whole cross-sections of one finger")
 
 
 def _level(values: np.ndarray, what: str, where: str) -> float:
     if not len(values):
-        raise ScanError(f"{where}: no {what} to be seen; expected air, skin, bright tissue and dark bone")
+        raise ScanError(f"{where}: no {what} visible; expected air, skin, bright tissue and dark bone")
     return float(np.median(values))
 
 
@@ -144,7 +152,7 @@ def _largest_part(mask: np.ndarray) -> np.ndarray:
 
 
 def _largest(image: np.ndarray, level: float, plane, mask: np.ndarray) -> np.ndarray | None:
-    """The largest closed outline at a level that lies over the mask, smoothed; None where there is none."""
+    """The largest closed contour at a level within the mask, smoothed; None: no contour."""
     if not mask.any():
         return None
     best, size = None, LEAST_AREA
@@ -191,7 +199,7 @@ def enclosed(curve: np.ndarray) -> float:
 
 
 def smooth(curve: np.ndarray) -> np.ndarray:
-    """A closed curve (n,2) as 256 points (256,2) evenly along its length, without its highest harmonics."""
+    """A closed curve (n,2) as 256 points (256,2) with equal spacing, without harmonics above `HARMONICS`."""
     if np.allclose(curve[0], curve[-1]):
         curve = curve[:-1]
     closed = np.concatenate([curve, curve[:1]])
@@ -205,9 +213,9 @@ def smooth(curve: np.ndarray) -> np.ndarray:
 
 
 def _next_area(area: float, step: float) -> float:
-    """Area of the next slice of a rounded tip, both as parts of the finger's; `step` to it in lengths of the tip.
+    """Area of the next slice of an ellipsoidal tip, 1 - (1 - y)² at y lengths of the tip from its end.
 
-    An ellipsoidal tip has the area 1 - (1 - y)² at y lengths from its end.
+    Areas are relative to the largest; `step` is the spacing in lengths of the tip.
     """
     return 1.0 - max(np.sqrt(max(1.0 - area, 0.0)) - step, 0.0) ** 2
 

@@ -15,26 +15,25 @@ import numpy as np
 from palpate.models.scan.orientation import cross_sections, oriented
 from palpate.models.scan.stack import ScanError, Stack, checked
 
-MOST_PACKED = 1032  # [1] Bytes out of one of deflate, at most (zlib, technical details)
-MOST_VOXELS = 1 << 28  # [1] Of a stack: one gigabyte as it is computed with, four litres at 0.25 mm
-MOST_FILE = 1 << 30  # [bytes] Of a series of DICOM files together
+MOST_PACKED = 1032  # [1] Largest compression ratio of deflate (zlib, technical details)
+MOST_VOXELS = 1 << 28  # [1] Of a stack: 1 GB in memory, 4 l at 0.25 mm
+MOST_FILE = 1 << 30  # [bytes] Of all files of a DICOM series
 MOST_HEAD = 1 << 24  # [bytes] Before the voxels of a NIfTI file
-DEFLATED = b"1.2.840.10008.1.2.1.99"  # The transfer syntax of DICOM files that are packed as a whole
-PNG = struct.Struct(">8s8xII")  # Signature, width and height at the head of a PNG file
+DEFLATED = b"1.2.840.10008.1.2.1.99"  # Transfer syntax of deflated DICOM files
+PNG = struct.Struct(">8s8xII")  # Signature, width and height in the header of a PNG file
 PICTURES = (".png", ".tif", ".tiff")
 
 
 def read(path: str | Path, spacing: tuple[float, float, float] | None = None, axes: str = "") -> Stack:
     """The stack in a file (.nii, .nii.gz, .tif) or a folder (DICOM series, or numbered .png, .tif images).
 
-    spacing  [m] between slices, rows, columns; needed for images, as their files count them, and takes the place of
-             what DICOM or NIfTI say of the cross-sections
-    axes     where slices, rows and columns run, as `scan.orientation` says; takes the place of what DICOM or NIfTI say
+    spacing  [m] between slices, rows, columns: of the file for images, where it is required; of the cross-sections for
+             DICOM or NIfTI, where it replaces that of the header
+    axes     directions of slices, rows and columns, see `scan.orientation`; replaces those of the header
 
-    Slices of the answer are cross-sections of the finger, whichever way the file has them.
+    The slices of the result are cross-sections of the finger for any orientation of the file.
 
-    ScanError: nothing to read, missing slices, slices of different size or spacing, a spacing that no finger scan has,
-    axes that are none.
+    ScanError: nothing to read, missing slices, slices of different size or spacing, implausible spacing, invalid axes.
     """
     path = Path(path)
     if not path.exists():
@@ -69,10 +68,10 @@ def _nifti(path: Path):
         claimed = math.prod(map(int, image.shape)) * int(image.get_data_dtype().itemsize)
         held = path.stat().st_size * (MOST_PACKED if path.name.lower().endswith(".gz") else 1)
         if not 0 < claimed <= held:  # memory is reserved before the voxels are read
-            raise ValueError(f"its header says {claimed} bytes of voxels, the file holds at most {held}")
+            raise ValueError(f"its header claims {claimed} bytes of voxels, the file contains at most {held}")
         unit = {"meter": 1.0, "micron": 1e-6}.get(image.header.get_xyzt_units()[0], 1e-3)
         data = np.squeeze(np.asanyarray(image.dataobj).astype(np.float32))
-    except Exception as error:  # nibabel and its compressors raise many types; all mean the same to the user
+    except Exception as error:  # nibabel and its compressors raise many types; all mean an unreadable file
         raise ScanError(f"{path}: cannot be read as NIfTI: {error}") from None
     if data.ndim != 3:
         raise ScanError(f"{path}: found {data.ndim} dimensions, expected one volume of three")
@@ -92,7 +91,7 @@ def _nifti(path: Path):
 
 
 def _check_head(path: Path) -> None:
-    """ValueError: voxels so far behind the head that the extensions between them, which are read first, are no text."""
+    """ValueError: implausible offset of the voxels; nibabel would read everything before it as extensions."""
     unpacked = gzip.open if path.name.lower().endswith(".gz") else open
     with unpacked(path, "rb") as file:
         head = file.read(352)
@@ -109,12 +108,12 @@ def _check_head(path: Path) -> None:
 
 def _check_voxels(count: int) -> None:
     if not 0 < count <= MOST_VOXELS:
-        raise ValueError(f"its header says {count} voxels, expected 1 to {MOST_VOXELS}")
+        raise ValueError(f"its header claims {count} voxels, expected 1 to {MOST_VOXELS}")
 
 
 def _picture(path: Path):
-    """The pixels of a picture. ValueError: one that says it has more than it can hold, or another file by the name of
-    one; many others."""
+    """The pixels of a picture. ValueError: not a PNG file, or a header that claims more pixels than the file can
+    contain. Readers raise other types as well."""
     from skimage.io import imread
 
     if path.suffix.lower() == ".png":
@@ -131,7 +130,7 @@ def _picture(path: Path):
             claimed = max((int(series.size) * series.dtype.itemsize for series in file.series), default=0)
             _check_voxels(max((int(series.size) for series in file.series), default=0))
         if claimed > MOST_PACKED * path.stat().st_size:  # memory is reserved before the pixels are read
-            raise ValueError(f"its header says {claimed} bytes of pixels, the file has {path.stat().st_size}")
+            raise ValueError(f"its header claims {claimed} bytes of pixels, the file has {path.stat().st_size}")
     return imread(path)
 
 
@@ -158,7 +157,7 @@ def _images(folder: Path, files: list[Path]):
     for (a, before), (b, after) in pairwise(numbered):
         if b - a != usual:
             raise ScanError(f"{folder}: from {before.name} to {after.name} the number goes up by {b - a}, elsewhere by "
-                            f"{usual}: a slice is missing or there twice")  # fmt: skip
+                            f"{usual}: a slice is missing or repeated")  # fmt: skip
     slices = []
     for _, file in numbered:
         try:
@@ -191,12 +190,12 @@ def _series(folder: Path, files: list[Path]):
         raise ScanError(f"{folder}: {len(files)} files of {size} bytes together, expected at most {MOST_FILE}")
     for file in files:
         try:
-            # From memory: a file's `read` makes room for as much as a damaged length claims.
-            held = file.read_bytes()
-            if DEFLATED in held:
-                raise ScanError(f"{file}: deflated DICOM, whose size is not known before it is unpacked; convert it to "
+            # From memory: reading from a file allocates as much as a damaged length claims.
+            content = file.read_bytes()
+            if DEFLATED in content:
+                raise ScanError(f"{file}: deflated DICOM, whose size is unknown before decompression; convert it to "
                                 "another transfer syntax, or to NIfTI")  # fmt: skip
-            data = pydicom.dcmread(io.BytesIO(held))
+            data = pydicom.dcmread(io.BytesIO(content))
         except (pydicom.errors.InvalidDicomError, OSError):
             continue
         if "PixelData" in data:
@@ -205,7 +204,8 @@ def _series(folder: Path, files: list[Path]):
         raise ScanError(f"{folder}: no DICOM, PNG or TIFF images in it")
     if len(series) > 1:
         counts = ", ".join(f"{len(s)} of …{uid[-12:]}" for uid, s in series.items())
-        raise ScanError(f"{folder}: {len(series)} series ({counts}), expected one; put each in a folder of its own")
+        raise ScanError(f"{folder}: {len(series)} series ({counts}), expected one; put each in a separate folder")
+    # headers: complete, single frames, equal geometry
     slices = next(iter(series.values()))
     for name in ("PixelSpacing", "ImagePositionPatient", "ImageOrientationPatient"):
         if any(s.get(name) is None for s in slices):
@@ -216,6 +216,7 @@ def _series(folder: Path, files: list[Path]):
     for name in ("PixelSpacing", "ImageOrientationPatient", "Rows", "Columns"):
         if any(not np.allclose(s.get(name), slices[0].get(name), rtol=1e-4, atol=1e-4) for s in slices):
             raise ScanError(f"{folder}: {name} differs from slice to slice, expected one for the series")
+    # order of the slices along their normal, with equal spacing
     turn = np.array(slices[0].ImageOrientationPatient, float)
     normal = np.cross(turn[:3], turn[3:])
     placed = sorted(((float(np.dot(normal, np.array(s.ImagePositionPatient, float))), s) for s in slices),
@@ -232,7 +233,8 @@ def _series(folder: Path, files: list[Path]):
     if len(wrong):
         k = int(wrong[0])
         raise ScanError(f"{folder}: {gaps[k]:.3f} mm between slices {k + 1} and {k + 2} of {len(placed)}, elsewhere "
-                        f"{usual:.3f} mm: a slice is missing or there twice")  # fmt: skip
+                        f"{usual:.3f} mm: a slice is missing or repeated")  # fmt: skip
+    # brightness
     try:
         volume = np.stack([(s.pixel_array * float(s.get("RescaleSlope", 1)) + float(s.get("RescaleIntercept", 0)))
                            .astype(np.float32) for _, s in placed])  # fmt: skip

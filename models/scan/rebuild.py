@@ -1,10 +1,10 @@
-"""From outlines to surfaces: interpolation of shapes between slices, and the frame of the fingertip.
+"""Surfaces from outlines: shape-based interpolation between slices, and the frame of the fingertip.
 
-Between slices the signed distance to the outline is interpolated, not the outline itself (shape-based interpolation,
-Raya & Udupa 1990), so that no points need to be paired. Beyond the last outline a surface closes as an ellipsoid does:
-its inscribed radius falls with the root of the way to the tip, which the last two outlines tell.
+Between slices the signed distance to the outline is interpolated (shape-based interpolation, Raya & Udupa 1990), which
+needs no correspondence of points. Beyond the last outline a surface closes as an ellipsoid: its inscribed radius falls
+with the square root of the distance to the tip, extrapolated from the last two outlines.
 
-The surfaces are first made in the frame of the images, then turned to the finger's own axes (`align`).
+The surfaces are computed in the frame of the images, then rotated to the axes of the finger (`align`).
 """
 
 from typing import Literal, NamedTuple
@@ -17,35 +17,37 @@ from palpate.models.scan.outline import Outlines, distance, enclosed
 from palpate.models.scan.stack import ScanError
 from palpate.physics.fingertip.surfaces import FingertipSurfaces
 
-MARGIN = 1.5e-3  # [m] Of air round the finger
+MARGIN = 1.5e-3  # [m] Of air around the finger
 Side = Literal["auto", "up", "down", "left", "right"]
 TOWARDS = {"up": (0, 1), "down": (0, -1), "left": (-1, 0), "right": (1, 0)}
 """Side of an image -> direction (right, up) in it."""
 
 
 class Rebuilt(NamedTuple):
-    """A fingertip, and where it lay: its frame in that of the images (column, slice from the tip on, upwards; right-
-    handed, so that columns are counted from the other side where the tip is in the last slice)."""
+    """A fingertip, and its frame in that of the images: column, slice from the tip on, upwards.
+
+    The frame is right-handed: columns count from the other side if the tip is in the last slice.
+    """
 
     tip: FingertipSurfaces
     frame: FingerFrame
 
 
 def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> FingertipSurfaces:
-    """The surfaces of a finger from its outlines; as `reconstruct`."""
+    """`reconstruct` without the frame."""
     return reconstruct(outlines, grid, dorsal).tip
 
 
 def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Rebuilt:
-    """The surfaces of a finger from its outlines, and where it lay in the images.
+    """The surfaces of a finger from its outlines, and its frame in the images.
 
     grid    [m] spacing of the distances
-    dorsal  where the nail is in the images; "auto": on the side of the finger on which the bone lies
+    dorsal  side of the nail in the images; "auto": the side of the finger with the bone
 
-    The frame: the axis of the bone is y, from the tip of the skin; x runs across where the finger is broadest, z to the
-    nail.
-    ScanError: neither end of the stack is a tip, or the side of the nail cannot be told.
+    The frame: y is the axis of the bone, from the tip of the skin; x the broad direction of the finger; z to the nail.
+    ScanError: neither end of the stack is a tip, or the side of the nail is ambiguous.
     """
+    # outlines in order from the tip, and the grid
     last = _tip_is_last(outlines)
     side = -1 if last else 1
     order = range(len(outlines.skin) - 1, -1, -1) if last else range(len(outlines.skin))
@@ -57,6 +59,7 @@ def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -
     first = next(k for k, c in enumerate(curves["skin"]) if c is not None)
     y = np.arange((first - 1) * outlines.spacing - MARGIN, (len(order) - 1) * outlines.spacing, grid)
     plane = np.stack(np.meshgrid(x, z, indexing="ij"), -1).reshape(-1, 2)
+    # signed distances, then the finger's frame
     levels = [
         _between(curves[name], outlines.spacing, plane, y).reshape(len(y), len(x), len(z)).transpose(1, 0, 2)
         for name in ("skin", "tissue", "bone")
@@ -79,9 +82,9 @@ def _tip_is_last(outlines: Outlines) -> bool:
 
 
 def _nail(axes: str, dorsal: Side, side: int) -> np.ndarray | None:
-    """Direction of the nail (3) in the frame of the images, None where nobody said."""
+    """Direction of the nail (3) in the frame of the images; None: not given."""
     if dorsal == "auto" and axes:
-        # Growing rows run down, growing columns to the right.
+        # Rows count downwards, columns to the right.
         sides: dict[str, tuple[Side, Side]] = {"N": ("down", "right"), "P": ("up", "left")}
         dorsal = next(sides[a][k] for k, a in enumerate(axes[1:]) if a in sides)
     if dorsal == "auto":
@@ -91,7 +94,7 @@ def _nail(axes: str, dorsal: Side, side: int) -> np.ndarray | None:
 
 
 def _placed(curve: np.ndarray | None, side: int) -> np.ndarray | None:
-    """(row, column) of an image as (across, up); seen from behind where the slices are taken in their other order."""
+    """(row, column) of an image as (across, up); seen from behind if the order of the slices is reversed."""
     return None if curve is None else np.stack([side * curve[:, 1], -curve[:, 0]], axis=1)
 
 
@@ -112,7 +115,7 @@ def _between(curves: list[np.ndarray | None], spacing: float, plane: np.ndarray,
 
 
 def _cap(last: np.ndarray, before: np.ndarray, spacing: float) -> list[tuple[float, np.ndarray]]:
-    """Ways beyond the last outline and the signed distances there, up to the tip."""
+    """(distance beyond the last outline, signed distances there) of the ellipsoidal cap up to the tip."""
     r, inner = -last.min(), -before.min()
     rest = spacing * np.clip(r**2 / max(inner**2 - r**2, 1e-12), 0.1, 1.0)
     return [(rest * (1 - t), last + r * (1 - np.sqrt(t))) for t in (0.75, 0.5, 0.25, 0.06, 0.0)]

@@ -1,4 +1,4 @@
-"""A stack of cross-sections, and what it must have to be one of a finger."""
+"""A stack of cross-sections of a finger, and its checks."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ LEAST_SLICES = 6
 
 
 class ScanError(PalpateError, ValueError):
-    """A scan that cannot be used; says where, what was found, what was expected and what would work."""
+    """A scan that cannot be used."""
 
     exit_code = MISUSE
 
@@ -21,20 +21,20 @@ class ScanError(PalpateError, ValueError):
 class Stack:
     """Cross-sections of a finger.
 
-    volume   [1]  (slices, rows, columns) float32 brightness; in space, the directions in which columns, rows and
-                  slices are counted are right-handed, as of one who looks at the images and sees the next one behind
-    axes     what the user said: where slices, rows and columns run, as `scan.orientation` says; "" where nothing
+    volume   [1]  (slices, rows, columns) float32 brightness; columns, rows and slices are a right-handed frame: each
+                  slice is behind the previous one
+    axes     directions of slices, rows and columns that the user gave, see `scan.orientation`; "": none
     """
 
     volume: np.ndarray
     spacing: tuple[float, float, float]  # [m] between slices, rows, columns
-    source: str = ""  # where it came from
+    source: str = ""  # file or folder
     axes: str = ""
-    handed: str = "assumed"  # what tells left from right: "header", "stated", or "assumed"
+    handed: str = "assumed"  # source of the handedness: "header", "stated", or "assumed"
 
 
 def checked(stack: Stack) -> Stack:
-    """The stack itself. ScanError: too few or empty slices, or a spacing that no scan of a finger has."""
+    """The stack itself. ScanError: too few or empty slices, or a spacing that is implausible for a finger."""
     volume, spacing, where = stack.volume, stack.spacing, stack.source
     if volume.ndim != 3 or volume.shape[0] < LEAST_SLICES or min(volume.shape[1:]) < 16:
         raise ScanError(f"{where}: found {volume.shape} (slices, rows, columns), expected {LEAST_SLICES} slices or "
@@ -45,7 +45,7 @@ def checked(stack: Stack) -> Stack:
     for name, value, (low, high) in zip(("slice", "row", "column"), spacing, limits, strict=True):
         if not low <= value <= high:
             raise ScanError(f"{where}: {name} spacing {value * 1e3:g} mm, expected {low * 1e3:g} ... {high * 1e3:g} mm "
-                            f"for a finger; give the right one with --spacing")  # fmt: skip
+                            f"for a finger; correct it with --spacing")  # fmt: skip
     empty = np.flatnonzero(np.ptp(volume, axis=(1, 2)) == 0)
     if len(empty):
         raise ScanError(f"{where}: slices {_some(empty)} are empty; a slice is missing from the scan")

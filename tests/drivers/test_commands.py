@@ -13,7 +13,7 @@ from palpate.cli.__main__ import app
 from palpate.drivers import discover
 from palpate.engine.faults import GraphError
 from palpate.launch.load.launchfile import find
-from palpate.models.fit.press import Press, _onset, add_session
+from palpate.models.fit.press import Loading, _onset, add_session
 from palpate.models.fit.sessions import SessionError
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}
@@ -95,7 +95,7 @@ def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sa
     recording = tmp_path / "press-gel-1.mcap"
     whole = recording.read_bytes()
     again = run("fit", "record", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
-    assert again.exit_code == 2 and "is there already" in again.stderr
+    assert again.exit_code == 2 and "exists. Use another --session" in again.stderr
     assert recording.read_bytes() == whole, "refused before the first press was written over"
     lines = [line for line in recorded.stdout.splitlines() if line.startswith("next: ")]
     assert len(lines) == 1 and str(recording) in lines[0]
@@ -114,7 +114,7 @@ def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sa
 
 
 def test_sessions_of_one_subject_are_counted(tmp_path):
-    press = Press(np.arange(3.0), np.ones(3), np.arange(3.0))
+    press = Loading(np.arange(3.0), np.ones(3), np.arange(3.0))
     counts = [add_session(tmp_path / "p.csv", who, name, press) for who, name in ("a1", "a2", "b1")]
     assert counts == [1, 2, 1]
 
@@ -131,7 +131,7 @@ def test_the_depth_is_counted_from_where_the_force_leaves_the_noise(noise):
 
 def test_a_table_without_a_last_line_end_is_added_to_on_a_line_of_its_own(tmp_path):
     file = tmp_path / "p.csv"
-    press = Press(np.arange(3.0), np.ones(3), np.arange(3.0))
+    press = Loading(np.arange(3.0), np.ones(3), np.arange(3.0))
     add_session(file, "a", "1", press)
     file.write_text(file.read_text().rstrip())
     add_session(file, "a", "2", press)
@@ -144,7 +144,7 @@ def test_another_file_is_not_added_to(tmp_path):
     with pytest.raises(
         SessionError, match=r"its head is a,b, expected subject,session,depth \[mm\],rate \[mm/s\],force"
     ):
-        add_session(file, "a", "1", Press(np.zeros(1), np.zeros(1), np.zeros(1)))
+        add_session(file, "a", "1", Loading(np.zeros(1), np.zeros(1), np.zeros(1)))
     assert file.read_text() == "a,b\n1,2\n"
 
 

@@ -1,1 +1,1 @@
-"""From the full model to a fast body: touches, modes, integration points, indentation table."""
+"""Model order reduction: touches of the full model, modes, integration points."""

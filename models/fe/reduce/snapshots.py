@@ -1,4 +1,4 @@
-"""Full solutions of a body under growing patch loads: what its modes are made from and measured against."""
+"""Full solutions of a body under increasing patch loads: snapshots for its modes, and reference for its errors."""
 
 from __future__ import annotations
 
@@ -20,42 +20,43 @@ from palpate.physics.archive import replacing
 from palpate.physics.geometry.mesh import Mesh
 
 STIFFENING = np.array([0.003, 0.01, 0.03, 0.1, 0.3, 1.0])
-"""Shares of the greatest load at which a solution is kept, for a body that stiffens a hundredfold."""
-MILD = np.array([0.25, 0.5, 0.75, 1.0])  # The same for a body that does not
+"""Shares of the largest load at which a solution is stored, for a body that stiffens by a factor of 100."""
+MILD = np.array([0.25, 0.5, 0.75, 1.0])  # The same for other bodies
 TOLERANCE, MOST, MEMORY = 3e-4, 40, 8
-"""Step of the iteration from rest, over the displacement, at which it has settled; its length; iterates mixed."""
-YOUNG = 1e3  # [Pa] Modulus that the full model is solved with; displacements do not depend on it
-STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)  # Steps count levels, see `press`
-TURN = np.array([-1.0, 1.0, 1.0])  # Mirrors a place or a vector in x
+"""`press_from_rest`: relative step at convergence, most iterations, iterates in Anderson's method."""
+YOUNG = 1e3  # [Pa] Modulus of the full model; displacements do not depend on it
+STEPS = Settings(tolerance=1e-4, step=1.0, largest=1.0, least=0.1, iterations=12)  # In numbers of levels, see `pressed`
+TURN = np.array([-1.0, 1.0, 1.0])  # Reflection in x
 
 
 @dataclass(frozen=True)
 class LoadPath:
-    """A growing load on the surface.
+    """An increasing load on the surface.
 
-    foot, normal [m], [1] (3)   where, and out of the body
+    foot    [m] (3)  centre
+    normal  [1] (3)  out of the body
     """
 
     foot: np.ndarray
     normal: np.ndarray
     load: np.ndarray  # [1] (V,3) unit force along the inner normal, with its tangential part
-    levels: np.ndarray  # [N] (L,) forces at which the solution is wanted, rising
+    levels: np.ndarray  # [N] (L,) increasing forces
 
     def mirrored(self, vertices: np.ndarray) -> LoadPath:
-        """The same in x, where (V,) is the vertex at each one's mirrored place."""
+        """Reflected in x; vertices (V,) is the index of the vertex at the reflected position of each vertex."""
         return LoadPath(TURN * self.foot, TURN * self.normal, TURN * self.load[vertices], self.levels)
 
 
 @dataclass
 class PressSolution:
-    """A touch and the full solutions (L',N,3) [m] at its first L' levels, as far as the body held."""
+    """A touch and the full solutions (L',N,3) [m] at its first L' levels, up to the last that converged."""
 
     touch: LoadPath
     solutions: np.ndarray
 
 
 def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) -> np.ndarray:
-    """Unit force (V,3) on the vertices of a surface: pressure (1 - d²/R²)² round a foot point, against its normal.
+    """Unit force (V,3) on the vertices of a surface: pressure (1 - d²/R²)² around a foot point, against its normal.
     ValueError: no part of the surface within the radius faces the normal."""
     corner, face, hat = surface.vertices[surface.triangles], surface.face_vectors, face_rule.HATS
     away = np.linalg.norm(np.einsum("qc,fci->fqi", hat, corner) - foot, axis=2) / radius
@@ -71,13 +72,13 @@ def patch(surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float) ->
 def touch(
     surface: Mesh, foot: np.ndarray, normal: np.ndarray, radius: float, levels: np.ndarray, pull: np.ndarray
 ) -> LoadPath:
-    """A patch load round a foot point, with this tangential force [1] (3) for each unit of the normal one."""
+    """A patch load around a foot point, with the tangential force `pull` [1] (3) per unit of normal force."""
     share = -patch(surface, foot, normal, radius) @ normal
     return LoadPath(foot, normal, np.outer(share, pull - normal), levels)
 
 
 def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
-    """Unit vector (3) square to the normal, `turn` revolutions round it from where it is square to `along`, too."""
+    """Unit tangent (3): normal × along, rotated by `turn` revolutions about the normal."""
     across = np.cross(normal, along)
     across /= np.linalg.norm(across)
     return np.cos(2.0 * np.pi * turn) * across + np.sin(2.0 * np.pi * turn) * np.cross(normal, across)
@@ -86,7 +87,7 @@ def aside(normal: np.ndarray, along: np.ndarray, turn: float) -> np.ndarray:
 def scatter(
     surface: Mesh, count: int, region: np.ndarray, radius: float, levels: np.ndarray, seed: int
 ) -> list[LoadPath]:
-    """Normal touches spread evenly over a part of the surface (Halton's sequence, scrambled by `seed`).
+    """Normal touches distributed evenly over a part of the surface (Halton sequence, scrambled by `seed`).
 
     region  (T,) bool, triangles that may be touched
     radius  [m]  of the patches
@@ -108,43 +109,42 @@ def scatter(
 def press(
     body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
 ) -> list[PressSolution]:
-    """The full model's answers. A folder keeps each as soon as it is found: what it holds is not computed again."""
+    """Solutions of the full model. Each is stored in the folder, if any, and read from it when it exists."""
     presses = []
-    for k, own in enumerate(touches):
-        presses.append(_kept(body, own, folder, repr(STEPS), lambda own: pressed(body, own)))
+    for k, path in enumerate(touches):
+        presses.append(_cached(body, path, folder, repr(STEPS), lambda path: pressed(body, path)))
         report((k + 1) / len(touches))
     return presses
 
 
-def _kept(
-    body: Reducible, own: LoadPath, folder: Path | None, how: str, solve: Callable[[LoadPath], PressSolution]
+def _cached(
+    body: Reducible, touch: LoadPath, folder: Path | None, method: str, solve: Callable[[LoadPath], PressSolution]
 ) -> PressSolution:
-    """The solution of a touch, or what the folder holds of it: its file is named by all that it follows from."""
+    """The solution of a touch, from the folder if it exists there; the file name is a hash of all inputs."""
     if folder is None:
-        return solve(own)
-    name = hashlib.sha256(body.digest + how.encode())
-    for part in (own.load, own.levels):
+        return solve(touch)
+    name = hashlib.sha256(body.digest + method.encode())
+    for part in (touch.load, touch.levels):
         name.update(np.ascontiguousarray(part).tobytes())
     path = folder / f"{name.hexdigest()[:24]}.npy"
-    with suppress(OSError, ValueError, EOFError):  # none yet, or one that was damaged
-        return PressSolution(own, np.load(path))
-    answer = solve(own)
+    with suppress(OSError, ValueError, EOFError):  # missing or damaged
+        return PressSolution(touch, np.load(path))
+    found = solve(touch)
     with replacing(path) as file:
-        np.save(file, answer.solutions)
-    return answer
+        np.save(file, found.solutions)
+    return found
 
 
-def pressed(body: Reducible, own: LoadPath) -> PressSolution:
-    """The full model's answer to one touch.
+def pressed(body: Reducible, touch: LoadPath) -> PressSolution:
+    """Solution of the full model for one touch.
 
-    The load is stepped by the number of its level, geometrically between levels: the displacement of a body that
-    stiffens grows about as the logarithm of the load, so that a step that is carried on straight from the last one
-    starts near its end.
+    Load steps are in numbers of levels, with geometric interpolation between levels: the displacement of a stiffening
+    body grows roughly with the logarithm of the load, so that linear extrapolation gives a good initial guess.
     """
-    load, number = body.hats @ own.load, np.arange(1.0, len(own.levels) + 1.0)
+    load, number = body.hats @ touch.load, np.arange(1.0, len(touch.levels) + 1.0)
 
     def loads(step: float) -> np.ndarray:
-        size = np.exp(np.interp(step, number, np.log(own.levels))) if step > 1.0 else step * own.levels[0]
+        size = np.exp(np.interp(step, number, np.log(touch.levels))) if step > 1.0 else step * touch.levels[0]
         return YOUNG * float(size) * load
 
     solver, kept = body.solver(YOUNG, loads, STEPS), []
@@ -154,14 +154,14 @@ def pressed(body: Reducible, own: LoadPath) -> PressSolution:
         except ConvergenceError:
             break
         kept.append(solver.displacement.copy())
-    return PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
+    return PressSolution(touch, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
 
 def press_from_rest(
     body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
 ) -> list[PressSolution]:
-    """`press` for a body that stays near its stiffness at rest: one factor, u <- u + K0^-1 (f - r(u)), earlier iterates
-    mixed in (Anderson, as in `fe.curves`). A touch ends where the iteration does not settle."""
+    """`press` for a body whose stiffness stays near that at rest: modified Newton u <- u + K0^-1 (f - r(u)) with a
+    single factorization and Anderson acceleration. A touch ends at the last level that converges."""
     solver = body.elastic.rest(body.fixed)
 
     def solve(force: np.ndarray) -> np.ndarray:
@@ -169,31 +169,31 @@ def press_from_rest(
         displacement[body.fixed] = 0.0
         return displacement
 
-    def answer(own: LoadPath) -> PressSolution:
-        load = body.hats @ own.load
+    def solution(touch: LoadPath) -> PressSolution:
+        load = body.hats @ touch.load
         slope = solve(load)
         last, u, kept = 0.0, np.zeros_like(load), []
-        for level in own.levels:
+        for level in touch.levels:
             start = u
-            after = _settled(body, solve, level * load, u + (level - last) * slope)
+            after = _equilibrium(body, solve, level * load, u + (level - last) * slope)
             if after is None:
                 break
             u = after
             slope, last = (u - start) / (level - last), level
             kept.append(u)
-        return PressSolution(own, np.array(kept).reshape(-1, *body.mesh.points.shape))
+        return PressSolution(touch, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
     presses = []
-    for k, own in enumerate(touches):
-        presses.append(_kept(body, own, folder, repr((TOLERANCE, MOST, MEMORY)), answer))
+    for k, path in enumerate(touches):
+        presses.append(_cached(body, path, folder, repr((TOLERANCE, MOST, MEMORY)), solution))
         report((k + 1) / len(touches))
     return presses
 
 
-def _settled(
+def _equilibrium(
     body: Reducible, solve: Callable[[np.ndarray], np.ndarray], load: np.ndarray, u: np.ndarray
 ) -> np.ndarray | None:
-    """Equilibrium near u; None where there is none to be found."""
+    """Equilibrium near u by modified Newton with Anderson acceleration; None if the iteration does not converge."""
     steps: list[np.ndarray] = []
     points: list[np.ndarray] = []
     for _ in range(MOST):
@@ -201,28 +201,28 @@ def _settled(
         if force is None:
             return None
         step = solve(load - force)
-        miss = abs(float(np.sum(load * step)))
-        if miss < TOLERANCE * abs(float(np.sum(load * u))) and np.linalg.norm(step) < 3 * TOLERANCE * np.linalg.norm(u):
+        work = abs(float(np.sum(load * step)))
+        if work < TOLERANCE * abs(float(np.sum(load * u))) and np.linalg.norm(step) < 3 * TOLERANCE * np.linalg.norm(u):
             return u + step
         steps.append(step)
         points.append(u)
         del steps[: -MEMORY - 1], points[: -MEMORY - 1]
         u = u + step
         if len(steps) > 1:
-            turned, moved = np.diff(steps, axis=0), np.diff(points, axis=0)
-            many = len(turned)
-            share = np.linalg.lstsq(turned.reshape(many, -1).T, step.ravel(), rcond=1e-10)[0]
-            u = u - np.tensordot(share, turned + moved, axes=1)
+            # Anderson: combine the last iterates to minimize the step in least squares
+            residuals, moves = np.diff(steps, axis=0), np.diff(points, axis=0)
+            share = np.linalg.lstsq(residuals.reshape(len(residuals), -1).T, step.ravel(), rcond=1e-10)[0]
+            u = u - np.tensordot(share, residuals + moves, axes=1)
     return None
 
 
 def mirrored(pressed: list[PressSolution], nodes: np.ndarray, vertices: np.ndarray) -> list[PressSolution]:
-    """What the full model answers to the touches mirrored in x; nodes (N,), vertices (V,) those at mirrored places."""
+    """Solutions of the touches reflected in x; nodes (N,) and vertices (V,) are indices at the reflected positions."""
     return [PressSolution(p.touch.mirrored(vertices), TURN * p.solutions[:, nodes]) for p in pressed]
 
 
 def mirror(points: np.ndarray) -> np.ndarray:
-    """Index (N,) of the point at each one's place mirrored in x. ValueError: a point without one."""
+    """Index (N,) of the point at the position of each point reflected in x. ValueError: not symmetric."""
     size = 1e-6 * float(np.ptp(points, axis=0).max())
     away, index = cKDTree(points).query(points * TURN)
     if (away > size).any():

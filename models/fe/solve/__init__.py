@@ -1,1 +1,1 @@
-"""Load steps: assembly, Newton's iteration, checkpoints."""
+"""Static equilibrium: assembly, Newton iteration with load steps, checkpoints."""

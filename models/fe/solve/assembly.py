@@ -15,11 +15,11 @@ from palpate.physics.materials.hyperelastic import Material
 
 
 class Inverted(ArithmeticError):
-    """An element is inverted at some displacement; says which and where."""
+    """An element is inverted; the message has its number and position."""
 
 
 class Balance(NamedTuple):
-    """Unbalanced force [N] (N,3), blocks of the tangent [N/m] (B,3,3), and the size of the inner forces [N]."""
+    """Unbalanced force [N] (N,3), blocks of the tangent [N/m] (B,3,3), and the norm of the internal forces [N]."""
 
     force: np.ndarray
     data: np.ndarray
@@ -30,10 +30,10 @@ class Assembly:
     """A body with its materials, loads and contacts, see `fe.Solver`.
 
     tangent  pattern and factor
-    floor    [N] residual that rounding leaves
+    floor    [N] residual from rounding
     energy   [J] of the elements at the last evaluation
 
-    MeshError: an element that is inside out before it is deformed.
+    MeshError: an element is inverted in the undeformed mesh.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Assembly:
         self.body.couple(self.tangent.pattern)
 
     def recouple(self) -> None:
-        """Widen the pattern where contacts have come to couple other nodes."""
+        """Extend the sparsity pattern to the nodes that contacts couple now."""
         couplings = [c.couples() for c in self.contacts]
         couplings = [x for x in couplings if len(x)]
         if not couplings:
@@ -82,7 +82,7 @@ class Assembly:
         return np.zeros((len(self.tangent.pattern.indices), 3, 3))
 
     def balance(self, u: np.ndarray, load: float) -> Balance:
-        """What is out of balance at a displacement. Inverted: an element is inside out."""
+        """Unbalanced force and tangent at a displacement."""
         force, data = np.zeros_like(u), self._blocks()
         self.energy, bad = self.body.add(u, force, data)
         if bad >= 0:
@@ -95,7 +95,7 @@ class Assembly:
         return Balance(force, data, size)
 
     def switched(self, step: np.ndarray) -> np.ndarray:
-        """Newton's step (N,3) with the active set of contact points at its end, see `contact.switching`."""
+        """Newton's step (N,3) corrected for contact points that switch during the step, see `contact.switching`."""
         switches = [(contact, contact.switching()) for contact in self.contacts]
         parts = [(contact, points) for contact, points in switches if points is not None]
         if not parts:
@@ -104,13 +104,13 @@ class Assembly:
         points = joined([points for _, points in parts])
         right, traction = switched(points, step.ravel(), lambda forces: self.tangent.solve(free * forces))
         start = 0
-        for contact, own in parts:
-            contact.foresee(traction[start : start + len(own.level)])
-            start += len(own.level)
+        for contact, part in parts:
+            contact.foresee(traction[start : start + len(part.level)])
+            start += len(part.level)
         return right.reshape(-1, 3)
 
     def skew(self, change: np.ndarray) -> np.ndarray:
-        """Product of a change of displacement (N,3) with what contacts leave out of the tangent."""
+        """Product of a change of displacement (N,3) with the part of the contacts' tangent that `data` omits."""
         force = np.zeros_like(change)
         for contact in self.contacts:
             contact.skew(change, force)

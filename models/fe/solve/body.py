@@ -1,4 +1,4 @@
-"""An elastic body: its elements in groups of one material, the springs that it lies on, its surface."""
+"""An elastic body: elements in groups of one material, and elastic foundations."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -18,25 +18,24 @@ from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 
-COLUMNS = 16  # Surface vertices whose compliance is solved for at a time
+COLUMNS = 16  # Surface vertices per solve of the compliance
 
 
 class ElementGroup(NamedTuple):
     """Elements of one material."""
 
     material: Material
-    own: np.ndarray  # (G,) their numbers
+    elements: np.ndarray  # (G,) their numbers
     slope: np.ndarray  # [1/m] (G,n,10,3) gradients of the shape functions
-    weight: np.ndarray  # [m³] (G,n) of the points
+    weight: np.ndarray  # [m³] (G,n) of the integration points
 
 
 class ElasticBody:
-    """Elements, each with the material of its region, and springs.
+    """Elements, each with the material of its region, and elastic foundations.
 
     materials  by region number
-    beds       springs that it lies on
 
-    MeshError: an element that is inside out before it is deformed.
+    MeshError: an element is inverted in the undeformed mesh.
     """
 
     def __init__(
@@ -45,14 +44,14 @@ class ElasticBody:
         self.mesh, self.beds = mesh, list(beds)
         self.groups: list[ElementGroup] = []
         for region in np.unique(mesh.region).tolist():
-            own = np.flatnonzero(mesh.region == region)
-            slope, det = gradients(mesh.points, mesh.elements[own])
+            elements = np.flatnonzero(mesh.region == region)
+            slope, det = gradients(mesh.points, mesh.elements[elements])
             if (det <= 0).any():
-                bad = own[np.argmax((det <= 0).any(axis=1))]
+                bad = elements[np.argmax((det <= 0).any(axis=1))]
                 raise MeshError(
                     f"element {bad} at {mesh.place(bad)}: its edges are so curved that its Jacobian is negative"
                 )
-            self.groups.append(ElementGroup(materials[region], own, slope, det / 24.0))
+            self.groups.append(ElementGroup(materials[region], elements, slope, det / 24.0))
         self._where: list[np.ndarray] = []
         for bed in self.beds:
             bed.bind(mesh.points, self.pattern, np.zeros(0))
@@ -65,29 +64,33 @@ class ElasticBody:
         return sparsity
 
     def couple(self, wider: Pattern) -> None:
-        """Take up a pattern that couples more than the elements do, for `add`."""
+        """Use a pattern that contains that of the elements in `add`."""
         where = wider.where(self.mesh.elements)
-        self._where = [where[group.own] for group in self.groups]
+        self._where = [where[group.elements] for group in self.groups]
 
     def add(self, u: np.ndarray, force: np.ndarray, data: np.ndarray | None = None) -> tuple[float, int]:
-        """Energy [J] of the elements at displacements [m] (N,3) and the first that is inside out, or -1; their forces
-        are added to `force` [N] (N,3), their tangent to the blocks `data` (B,3,3) of the pattern if asked."""
+        """Energy [J] of the elements at displacements [m] (N,3) and the number of an inverted element, or -1.
+
+        Adds their forces to `force` [N] (N,3) and their tangent to the blocks `data` (B,3,3) of the pattern, if given.
+        """
         total, tangent = 0.0, data is not None
         blocks = np.zeros((0, 3, 3)) if data is None else data
-        for k, (material, own, slope, weight) in enumerate(self.groups):
+        for k, (material, elements, slope, weight) in enumerate(self.groups):
             where = self._where[k] if tangent else np.zeros((0, 10, 10), dtype=np.int64)
             energy, bad = integrate(
-                compiled(material.law, LAW), slope, weight, self.mesh.elements[own], u, np.array(material.parameters),
-                material.mixed, material.small, tangent, where, force, blocks,
+                compiled(material.law, LAW), slope, weight, self.mesh.elements[elements], u,
+                np.array(material.parameters), material.mixed, material.small, tangent, where, force, blocks,
             )  # fmt: skip
             if bad >= 0:
-                return total, int(own[bad])
+                return total, int(elements[bad])
             total += energy
         return total, -1
 
     def balance(self, u: np.ndarray, data: np.ndarray | None = None) -> tuple[float, np.ndarray] | None:
-        """Energy [J] and inner forces [N] (N,3) of elements and springs at displacements [m] (N,3), their tangent added
-        to the blocks `data` of the pattern if asked; None where an element is inside out."""
+        """Energy [J] and internal forces [N] (N,3) of elements and foundations at displacements [m] (N,3).
+
+        Adds their tangent to the blocks `data` of the pattern, if given. None: an element is inverted.
+        """
         force, springs = np.zeros_like(u), np.zeros_like(u)
         energy, bad = self.add(u, force, data)
         if bad >= 0:
@@ -97,27 +100,24 @@ class ElasticBody:
         return energy + 0.5 * float(np.sum(springs * u)), force + springs
 
     def tangent(self, u: np.ndarray) -> np.ndarray:
-        """Blocks (B,3,3) of the tangent at displacements [m] (N,3), springs included."""
+        """Blocks (B,3,3) of the tangent at displacements [m] (N,3), with foundations."""
         data = np.zeros((len(self.pattern.indices), 3, 3))
         self.balance(u, data)
         return data
 
     def forces(self, u: np.ndarray) -> np.ndarray | None:
-        """Inner forces [N] (N,3) at displacements [m] (N,3), springs included; None where an element is inverted."""
+        """Internal forces [N] (N,3) at displacements [m] (N,3), with foundations; None: an element is inverted."""
         balance = self.balance(u)
         return None if balance is None else balance[1]
 
     def rest(self, fixed: np.ndarray) -> Tangent:
-        """The tangent at rest, factored, these displacement components (N,3) bool held."""
+        """The factored tangent at rest, with displacement components (N,3) bool fixed."""
         tangent = Tangent(self.mesh.points, self.mesh.elements, fixed)
         tangent.factor(self.tangent(np.zeros_like(self.mesh.points)))
         return tangent
 
     def compliance(self, fixed: np.ndarray, hats: np.ndarray, report: Report = unheard) -> np.ndarray:
-        """Mean displacement under each hat for a unit force on each [m/N] (3V,3V), these components (N,3) bool held.
-
-        Symmetric and positive: work of any load on the displacement that it causes is what the body stores.
-        """
+        """Mean displacement over each hat for a unit force on each hat [m/N] (3V,3V), symmetric positive definite."""
         solver, count, means = self.rest(fixed), hats.shape[1], csr_array(hats.T)
         compliance = np.empty((count, 3, count, 3))
         for start in range(0, count, COLUMNS):
@@ -135,11 +135,11 @@ class ElasticBody:
         return 0.5 * (full + full.T)
 
     def digest(self) -> bytes:
-        """A hash of all that its forces depend on."""
+        """Hash of all inputs of its forces."""
         hasher = hashlib.sha256()
-        for law, own, slope, weight in self.groups:
+        for law, elements, slope, weight in self.groups:
             hasher.update(repr((law.name, law.parameters, law.mixed, law.small)).encode())
-            for part in (own, slope, weight):
+            for part in (elements, slope, weight):
                 hasher.update(np.ascontiguousarray(part).tobytes())
         for bed in self.beds:
             hasher.update(repr(bed.stiffness).encode() + np.ascontiguousarray(bed.faces).tobytes())
@@ -149,7 +149,7 @@ class ElasticBody:
 
 
 def hats(mesh: TetMesh, faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Nodal loads (N,V) of a unit force spread over the faces (F,6) round each corner (V,), highest there."""
+    """Nodal loads (N,V) of a unit force per corner (V,), distributed over its faces (F,6) by a hat function."""
     areas = face_rule.areas(mesh.points, faces)
     share = np.einsum("fq,qc,qa->fca", areas, face_rule.HATS, face_rule.VALUES)
     column = np.full(len(mesh.points), -1)

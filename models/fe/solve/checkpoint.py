@@ -1,5 +1,4 @@
-"""The file from which an interrupted run continues: load, displacement, the next step's size and direction, and the
-multipliers of contact."""
+"""Checkpoint of a run: load, displacement, size and direction of the next step, contact multipliers."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,17 +12,17 @@ from palpate.physics.archive import replacing
 
 
 class SolverState(NamedTuple):
-    """Where a run is."""
+    """State of a run."""
 
     load: float  # reached
     displacement: np.ndarray  # [m] (N,3) there
-    step: float  # size of the next one
-    moved: float  # by how much the load went in the last step; 0: there is none to go on from
-    change: np.ndarray  # [m] (N,3) what it changed
+    step: float  # size of the next step
+    moved: float  # change of the load in the last step; 0: no step to extrapolate
+    change: np.ndarray  # [m] (N,3) change of the displacement in the last step
 
 
 def write_state(path: str | Path, state: SolverState, contacts: Sequence[ContactPair]) -> None:
-    """Write a converged state; a run that is killed meanwhile leaves the file as it was."""
+    """Write a converged state atomically."""
     arrays = {name: np.asarray(value) for name, value in state._asdict().items()}
     for k, contact in enumerate(contacts):
         arrays |= {f"contact{k}.{name}": value for name, value in contact.state().items()}
@@ -32,30 +31,28 @@ def write_state(path: str | Path, state: SolverState, contacts: Sequence[Contact
 
 
 def read_state(path: str | Path, like: np.ndarray, contacts: Sequence[ContactPair]) -> SolverState:
-    """The state in a file, and the multipliers into the contacts. ValueError: the file is not of `write_state`, or of
-    another model than that of a displacement like this (N,3)."""
+    """Read a state, and restore the contact multipliers. ValueError: not a file of `write_state`, or of a model with
+    other nodes than the displacement `like` (N,3) or other contacts."""
     try:
         with np.load(path) as file:
             arrays = {name: file[name] for name in file.files}
         load, step, moved = (float(arrays[name]) for name in ("load", "step", "moved"))
         state = SolverState(load, arrays["displacement"], step, moved, arrays["change"])
     except (ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise ValueError(f"{path}: not a saved state ({error}); remove it to begin again") from None
+        raise ValueError(f"{path}: not a saved state ({error}); remove it to start again") from None
     if state.displacement.shape != like.shape:
         raise ValueError(f"{path}: a state of {len(state.displacement)} nodes, the mesh has {len(like)}")
     kept = {name.partition(".")[0] for name in arrays if name.startswith("contact")}
     if len(kept) != len(contacts):
-        raise ValueError(
-            f"{path}: a state of {len(kept)} contacts, the model has {len(contacts)}; it is of another model"
-        )
+        raise ValueError(f"{path}: a state of another model, with {len(kept)} contacts instead of {len(contacts)}")
     states = []
     for k, contact in enumerate(contacts):
         head = f"contact{k}."
-        own = {name.removeprefix(head): value for name, value in arrays.items() if name.startswith(head)}
-        sizes, wanted = ({name: np.shape(x) for name, x in s.items()} for s in (own, contact.state()))
+        stored = {name.removeprefix(head): value for name, value in arrays.items() if name.startswith(head)}
+        sizes, wanted = ({name: np.shape(x) for name, x in s.items()} for s in (stored, contact.state()))
         if sizes != wanted:
-            raise ValueError(f"{path}: contact {k} has {sizes}, the model's {wanted}; it is of another model")
-        states.append(own)
-    for contact, own in zip(contacts, states, strict=True):
-        contact.restore(own)
+            raise ValueError(f"{path}: a state of another model: contact {k} has {sizes}, expected {wanted}")
+        states.append(stored)
+    for contact, stored in zip(contacts, states, strict=True):
+        contact.restore(stored)
     return state

@@ -1,4 +1,4 @@
-"""Checks of a model before it is solved: plausible units, a supported body, functions of the right shape."""
+"""Checks of a model before the solution: units, locking, support, shapes of user functions."""
 
 from collections.abc import Iterable, Mapping
 
@@ -8,17 +8,17 @@ from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.solve.support import pieces
 from palpate.physics.materials.hyperelastic import PLAIN_UP_TO, Material, MaterialError, poisson_of, rest_moduli
 
-SMALLEST, LARGEST = 1e-5, 4.0  # [m] Limits of a mesh's diagonal: what is larger than a body is in another unit
+SMALLEST, LARGEST = 1e-5, 4.0  # [m] Limits of a mesh's diagonal; beyond them the unit is wrong
 SOFTEST, STIFFEST = 50.0, 2e12
-"""[Pa] Limits of Young's modulus: below the softest tissue, where a modulus in kPa would be; above diamond."""
+"""[Pa] Limits of Young's modulus: below the softest tissue (a value in kPa would be lower), above diamond."""
 
 
 def check_units(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
-    """MeshError, MaterialError: lengths that are not in metres, moduli that are not in pascals."""
+    """MeshError, MaterialError: lengths are not in metres, or moduli not in pascals."""
     if not SMALLEST <= mesh.size <= LARGEST:
         raise MeshError(
             f"mesh: {mesh.size:.4g} m across, expected {SMALLEST:g} ... {LARGEST:g} m. Points are in metres: for "
-            "a mesh in millimetres take points * 1e-3"
+            "a mesh in millimetres use points * 1e-3"
         )
     for region in np.unique(mesh.region).tolist():
         E = young(materials[region])
@@ -30,14 +30,14 @@ def check_units(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
 
 
 def check_locking(mesh: TetMesh, materials: Mapping[int, Material]) -> None:
-    """MaterialError: plain elements of a material that is so nearly incompressible that they lock."""
+    """MaterialError: plain elements of a nearly incompressible material, which lock."""
     for region in np.unique(mesh.region).tolist():
         material = materials[region]
         ratio = poisson_of(*rest_moduli(material))
         if not material.mixed and ratio > PLAIN_UP_TO + 1e-9:
             raise MaterialError(
                 f"region {region}: plain elements at a Poisson's ratio of {ratio:.6g}, where they lock; expected at "
-                f"most {PLAIN_UP_TO:g}. Take the mixed element: `Material(..., mixed=True)`"
+                f"most {PLAIN_UP_TO:g}. Use the mixed element: `Material(..., mixed=True)`"
             )
 
 
@@ -48,7 +48,7 @@ def young(material: Material) -> float:
 
 
 def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) -> None:
-    """MeshError: a piece of the mesh none of whose nodes is fixed (N,3) or on a contact."""
+    """MeshError: a connected piece of the mesh without fixed (N,3) nodes and without contact."""
     piece = pieces(mesh)
     held: np.ndarray = np.asarray(fixed.any(axis=1))
     for nodes in touched:
@@ -60,19 +60,19 @@ def check_held(mesh: TetMesh, fixed: np.ndarray, touched: Iterable[np.ndarray]) 
     if not loose.any():
         return
     bad = int(np.argmax(loose))
-    own = mesh.elements[used == used[bad]]
-    at = mesh.points[own[:, :4]].mean(axis=(0, 1))
+    elements = mesh.elements[used == used[bad]]
+    at = mesh.points[elements[:, :4]].mean(axis=(0, 1))
     _, same = np.unique(np.round(mesh.points / (1e-9 * mesh.size)), axis=0, return_counts=True)
     raise MeshError(
-        f"the piece of {len(own)} elements round ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m has no support: none of its "
-        f"nodes is fixed or in contact. Fix some of it, or join it to the rest: {int((same > 1).sum())} places of "
-        "the mesh hold more than one node"
+        f"the piece of {len(elements)} elements around ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m has no support: none "
+        f"of its nodes is fixed or in contact. Fix some of it, or join it to the rest: {int((same > 1).sum())} places "
+        "of the mesh hold more than one node"
     )
 
 
 def checked(what: str, values: np.ndarray, load: float, wanted: np.ndarray) -> np.ndarray:
-    """What a user's function of the load gives, zero where it is not wanted (N,3). ValueError: another shape, or a
-    number that is not finite."""
+    """Values of a user's function of the load, zero outside the mask `wanted` (N,3). ValueError: wrong shape, or values
+    that are not finite."""
     values = np.asarray(values, dtype=np.float64)
     if values.shape != wanted.shape:
         raise ValueError(f"{what} at load {load:.6g}: found shape {values.shape}, expected {wanted.shape}")

@@ -1,4 +1,4 @@
-"""Static equilibrium of a soft body in load steps: Newton with line search, steps cut back where they fail."""
+"""Static equilibrium of a soft body in load steps: Newton iteration with line search and adaptive load steps."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -20,22 +20,22 @@ from palpate.physics.materials.hyperelastic import Material
 
 
 class ConvergenceError(PalpateError, ArithmeticError):
-    """A load step that fails however small; says where and what was reached. The solver keeps that state."""
+    """The smallest load step fails; the message has the load and the cause. The solver keeps its last state."""
 
 
 class _Fault(ArithmeticError):
-    """Why a load step fails."""
+    """A load step fails; the message is the cause."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How the load is stepped and when an iteration has converged."""
+    """Load steps and convergence."""
 
-    tolerance: float = 1e-6  # [1] residual over the greatest of reaction, contact and inner forces
-    iterations: int = 40  # Newton iterations of one load step before it is cut back
-    step: float = 0.1  # load of the first step; it grows to `largest` where Newton converges fast
+    tolerance: float = 1e-6  # [1] residual over the largest of reaction, contact and internal forces
+    iterations: int = 40  # largest number of Newton iterations per load step; then the step is halved
+    step: float = 0.1  # first load step; it grows to `largest` while Newton converges fast
     largest: float = 0.25
-    least: float = 1e-4  # load step below which the solver gives up
+    least: float = 1e-4  # smallest load step
 
     def __post_init__(self) -> None:
         for name in ("tolerance", "iterations", "step", "largest", "least"):
@@ -46,24 +46,24 @@ class Settings:
 DEFAULT = Settings()
 
 LOOSE = 0.1
-"""[1] Residual at which multipliers of contact are raised already where the penetration is above its bound. The step
-after it answers the new multipliers and what was out of balance at once."""
+"""[1] Residual below which contact multipliers are updated while the penetration exceeds its bound; the next step then
+corrects the residual and the new multipliers together."""
 
 
 class Solver:
-    """A body with materials, supports and contacts; `advance` carries it to a load.
+    """A body with materials, supports and contacts; `advance` solves for the equilibrium at a load.
 
     mesh       quadratic tetrahedra
     materials  by region number
-    fixed      (N,3) bool, displacement components that are prescribed
-    held       load -> prescribed displacement [m] (N,3), read where fixed; zero by default
-    loads      load -> outer nodal forces [N] (N,3); none by default
+    fixed      (N,3) bool, prescribed displacement components
+    held       load -> prescribed displacement [m] (N,3) at the fixed components; zero by default
+    loads      load -> external nodal forces [N] (N,3); none by default
     contacts   see `fe.rigid`
 
-    Load is a number that the functions give a meaning; it starts at 0.
+    The load is a scalar parameter of the functions above; it starts at 0.
 
-    MeshError, MaterialError, ValueError: a region without material, an element that is inside out, units that are off,
-    a piece that nothing holds, a mask of another shape.
+    MeshError, MaterialError, ValueError: a region without material, an inverted element, wrong units, an unsupported
+    piece, a mask of the wrong shape.
     """
 
     def __init__(
@@ -103,9 +103,11 @@ class Solver:
         self._support = Support(mesh, self.fixed)
 
     def advance(self, load: float, report: Report = unheard) -> None:
-        """Carry the body to this load in as many steps as it takes; `report` hears the load after each. The first step
-        is as large as the one before would have gone on with. ConvergenceError: a step of the least size fails; the
-        last converged state is kept. ValueError: a load that is not finite."""
+        """Solve up to a load in adaptive steps; `report` is called with the load after each step.
+
+        The step size carries over from the previous call. ConvergenceError: the smallest step fails; the last converged
+        state remains. ValueError: the load is not finite.
+        """
         if not np.isfinite(load):
             raise ValueError(f"load {load}: expected a finite number")
         while abs(load - self.load) > 1e-12 * max(1.0, abs(load)):
@@ -133,7 +135,7 @@ class Solver:
         return f"; nothing touches {', '.join(apart)}: contact is lost or not yet made, so a support is missing"
 
     def _try(self, load: float) -> tuple[str, int]:
-        """One load step: why it failed, empty where it did not; and the iterations used."""
+        """One load step: (cause of failure or "", number of iterations)."""
         before = self.iterations
         for contact in self.contacts:
             contact.begin(self.displacement, self.load)
@@ -155,7 +157,9 @@ class Solver:
         return "", self.iterations - before
 
     def _newton(self, load: float) -> np.ndarray:
-        """Displacement (N,3) in balance at a load. _Fault: says why there is none."""
+        """Displacement (N,3) in equilibrium at a load: Newton iteration with augmented contact. _Fault: no
+        convergence."""
+        # initial guess: extrapolation of the last step, else a linear step
         goal = np.zeros_like(self.displacement)
         if self.held is not None:
             goal = checked("held", self.held(load), load, self.fixed)
@@ -163,6 +167,7 @@ class Solver:
         u, now = self._linear(goal, load) if guess is None else guess
         settings, used, since = self.settings, 0, 0
         while True:
+            # convergence of the residual, and of the penetration
             rest = np.where(self.fixed, 0.0, now.force)
             error = float(np.linalg.norm(rest))
             scale = max(now.size, float(np.linalg.norm(now.force)), self._body.floor / settings.tolerance)
@@ -174,6 +179,7 @@ class Solver:
                 fault = self._support.adrift(u, load, self.contacts, self._body.tangent.pattern)
                 if fault:
                     raise _Fault(fault)
+            # augmentation: update the contact multipliers
             if done or deep:
                 for contact in self.contacts:
                     contact.settle()
@@ -184,10 +190,11 @@ class Solver:
                 if used >= settings.iterations:
                     raise _Fault(f"penetration stays above its bound after {used} iterations")
                 now, since = self._body.balance(u, load), 0
+            # Newton step; a correction larger than the extrapolation discards the extrapolation
             if since >= settings.iterations:
                 worst = int(np.argmax(np.linalg.norm(rest, axis=1)))
                 raise _Fault(
-                    f"no convergence in {since} iterations, residual {error / scale:.2g} of the forces, greatest at "
+                    f"no convergence in {since} iterations, residual {error / scale:.2g} of the forces, largest at "
                     f"node {worst}, {point_text(self.mesh.points[worst])}"
                 )
             du = self._direction(now.data, now.force)
@@ -203,8 +210,7 @@ class Solver:
                 u, now = self._searched(u, du, now, load)
 
     def _extrapolated(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance] | None:
-        """Where the iteration starts, held displacements at their goal: on from the last step as that went. It is given
-        up where Newton's correction is larger than what was carried on."""
+        """Initial guess by linear extrapolation of the last step, with prescribed displacements at their goal."""
         if self._last is None:
             return None
         u = self.displacement
@@ -214,7 +220,7 @@ class Solver:
         return None
 
     def _linear(self, goal: np.ndarray, load: float) -> tuple[np.ndarray, Balance]:
-        """The same, one linear step from where the last one ended."""
+        """Initial guess by one linear step from the last equilibrium."""
         u = self.displacement
         now = self._body.balance(u, load)
         jump = np.where(self.fixed, goal - u, 0.0)
@@ -225,15 +231,18 @@ class Solver:
         return u, now
 
     def _direction(self, data: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """Newton's change of the free displacements (N,3) that answers an unbalanced force (N,3), with the active set
-        at its end where that leads downhill: about a tangent that is not convex it need not."""
+        """Newton's step of the free displacements (N,3) for an unbalanced force (N,3).
+
+        The active set of contacts is that at the end of the step, if the step then is a descent direction; it need not
+        be with an indefinite tangent.
+        """
         self.iterations += 1
         step = self._body.tangent.direction(data, np.where(self.fixed, 0.0, -force), self._body.skew)
         switched = self._body.switched(step)
         return switched if np.sum(switched * force) < 0.0 else step
 
     def _searched(self, u: np.ndarray, du: np.ndarray, now: Balance, load: float) -> tuple[np.ndarray, Balance]:
-        """The point along a direction where the slope has fallen and no element is inside out."""
+        """Line search along du for a smaller slope of the energy without inverted elements."""
         slope, least, best, length = abs(float(np.sum(du * now.force))), np.inf, 0.0, 1.0
         for _ in range(12):
             try:
@@ -253,12 +262,12 @@ class Solver:
         return u, balance if best == length else self._body.balance(u, load)
 
     def save(self, path: str | Path) -> None:
-        """Write what `resume` needs: a run that is resumed takes the steps that it would have taken."""
+        """Write a checkpoint; a resumed run takes the same steps."""
         last = (0.0, np.zeros_like(self.displacement)) if self._last is None else self._last
         write_state(path, SolverState(self.load, self.displacement, self._step, *last), self.contacts)
 
     def resume(self, path: str | Path) -> None:
-        """Go on from a saved state of the same model. ValueError: a file of another model, or none of `save`."""
+        """Resume from a checkpoint. ValueError: a file of another model, or not written by `save`."""
         state = read_state(path, self.displacement, self.contacts)
         self.load, self.displacement, self._step = state.load, state.displacement, state.step
         self._last = (state.moved, state.change) if state.moved else None

@@ -1,4 +1,4 @@
-"""Whether every piece of a body is held against rigid motion: by what is fixed, or by contacts that carry a force."""
+"""Check that fixed nodes or loaded contacts prevent rigid motion of every piece of a body."""
 
 from collections.abc import Sequence
 
@@ -11,10 +11,10 @@ from palpate.models.fe.element.mesh import TetMesh, point_text
 from palpate.models.fe.sparse.pattern import Pattern
 
 FIXED = 1e-12
-"""[1] Stiffness against a rigid motion, over the greatest, above which fixed components hold it; below is rounding."""
-HELD = 1e-8  # [1] The same for contacts: a contact a thousandth of the body wide still holds it against turning
+"""[1] Relative stiffness of a rigid motion above which fixed components prevent it; below is rounding."""
+HELD = 1e-8  # [1] The same for contacts; a contact of 0.1 % of the size of the body still prevents rotation
 CARRIED = 1e-11
-"""[1] Force of the contacts, over their stiffness times the size of the body, below which they carry nothing."""
+"""[1] Force of the contacts over stiffness times size of the body, below which they are unloaded."""
 
 
 def pieces(mesh: TetMesh) -> np.ndarray:
@@ -40,9 +40,9 @@ class Support:
         self.free = np.concatenate(motions, axis=2).reshape(mesh.points.size, -1)  # Displacements (3N,k), at most 1
 
     def adrift(self, u: np.ndarray, load: float, contacts: Sequence[ContactPair], pattern: Pattern) -> str:
-        """What a body in balance may do without resistance, empty where it is held.
+        """Description of a rigid motion without resistance of a body in equilibrium, or "".
 
-        A motion that is free is resisted where the contacts carry a force and their stiffness against it is positive.
+        Contacts prevent a motion if they carry a force and their stiffness against it is positive.
         """
         if not self.free.shape[1]:
             return ""
@@ -59,29 +59,31 @@ class Support:
 
     def _described(self, motion: np.ndarray, carried: bool) -> str:
         piece = self._piece[np.argmax(np.linalg.norm(motion, axis=1))]
-        own = self.mesh.elements[self._piece[self.mesh.elements[:, 0]] == piece]
+        elements = self.mesh.elements[self._piece[self.mesh.elements[:, 0]] == piece]
         rigid = _rigid(self.mesh.points, self._piece == piece).reshape(motion.size, 6)
         part = np.linalg.lstsq(rigid, motion.ravel())[0]
-        way, turn = part[:3], part[3:]
-        straight = np.linalg.norm(way) >= np.linalg.norm(turn)
-        along = np.round((way if straight else turn) / np.linalg.norm(way if straight else turn), 2) + 0.0
+        shift, turn = part[:3], part[3:]
+        straight = np.linalg.norm(shift) >= np.linalg.norm(turn)
+        along = np.round((shift if straight else turn) / np.linalg.norm(shift if straight else turn), 2) + 0.0
         goes = f"{'moving along' if straight else 'turning about'} ({along[0]:g}, {along[1]:g}, {along[2]:g})"
         why = "its contacts carry a force, but not against this" if carried else "no contact carries a force"
-        at = point_text(self.mesh.points[own[:, :4]].mean(axis=(0, 1)))
+        at = point_text(self.mesh.points[elements[:, :4]].mean(axis=(0, 1)))
         return (
-            f"nothing holds the piece of {len(own)} elements round {at} against {goes}: {why}. Fix some of its nodes, "
-            "lay it on an `ElasticFoundation` (palpate.models.fe.contact.bed), or press it from all sides, with "
-            "friction where it may slide"
+            f"nothing holds the piece of {len(elements)} elements around {at} against {goes}: {why}. Fix some of its "
+            "nodes, support it with an `ElasticFoundation` (palpate.models.fe.contact.bed), or press it from all "
+            "sides, with friction where it may slide"
         )
 
 
-def _rigid(points: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Three translations and three rotations about the middle of these nodes (N,) bool, displacements (N,3,6) of 1 at
-    most, 0 at the other nodes."""
-    arm = points - points[own].mean(axis=0)
-    arm /= np.linalg.norm(arm[own], axis=1).max()
+def _rigid(points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Rigid motions (N,3,6) of the nodes (N,) bool: three translations, three rotations about their mean position.
+
+    Displacements are at most 1, and 0 at the other nodes.
+    """
+    arm = points - points[nodes].mean(axis=0)
+    arm /= np.linalg.norm(arm[nodes], axis=1).max()
     motions = np.zeros((*points.shape, 6))
     for k, axis in enumerate(np.eye(3)):
-        motions[own, :, k] = axis
-        motions[own, :, 3 + k] = np.cross(axis, arm[own])
+        motions[nodes, :, k] = axis
+        motions[nodes, :, 3 + k] = np.cross(axis, arm[nodes])
     return motions

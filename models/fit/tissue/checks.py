@@ -1,8 +1,8 @@
-"""What is wrong with a press or with the law that is fitted to it: saturation, no rows before contact, drift, misfit.
+"""Tests for flaws of a press (saturation, no rows before contact, drift) and for lack of fit of its law.
 
-Misfit: `residuals.lack_of_fit` compares the residuals with other shapes of the force. One is F(s) exp(a sqrt(x) + b x),
-x = s/s_max, that bends smoothly and keeps its numbers where the indentation is small. Where another shape follows the
-curve better, it is fitted, and the intervals are widened to hold its numbers too.
+Lack of fit: `residuals.lack_of_fit` tests whether another shape of the force explains the residuals. One shape is
+F(s) exp(a sqrt(x) + b x), x = s/s_max, a smooth factor that tends to 1 at small indentation. If a shape fits
+significantly better, it is fitted, and the intervals are widened to include its parameters.
 """
 
 import math
@@ -12,45 +12,44 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from palpate.models.fit.tissue.estimate import Estimate, Problem, estimate
-from palpate.models.fit.tissue.measured import RARE, SUSPECT, Press
+from palpate.models.fit.tissue.measured import RARE, SUSPECT, MeasuredPress
 from palpate.models.fit.tissue.residuals import inflation, lack_of_fit
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
 SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
-"""[1] Of the indentation: the last parts that are searched for a plateau."""
+"""[1] Last fractions of the indentation in which a plateau is searched."""
 FLAT = 0.3
-"""[1] Slope of the force at the end of the loading over its mean, below which the force has stopped rising."""
+"""[1] Slope at the end of the loading over the mean slope, below which the force has stopped rising."""
 TIES = 4
-"""Rows of exactly the greatest force, from which on it is a limit of the sensor."""
-SURE = 3.3
-"""Standard errors from which on a drift is one."""
+"""Number of rows with exactly the peak force from which on the sensor counts as saturated."""
 WIDE = 0.005
-"""[1] Of the greatest indentation that such rows extend over."""
+"""[1] Least range of indentation of these rows, over the largest indentation."""
+SURE = 3.3
+"""Standard errors above which a drift is significant."""
 HARMLESS = 0.02
-"""[1] Of a parameter: a misfit that moves the end of its interval by less is not worth a note."""
+"""[1] Shift of an end of an interval, over the parameter, below which a misfit is not reported."""
 EXACT = 3e-4
-"""[1] RMS misfit over the peak that is none: no law and no sensor is that exact."""
+"""[1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate."""
 BLOCKS_MOST = 8
-"""Of rows in contact, whose means are compared with the noise."""
+"""Largest number of blocks of rows in contact whose means are compared with the noise."""
 DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", "a factor that rises with the rate"
 BLOCKS = "blocks"
 UNLIKELY = 0.02
-"""Probability of chance below which another shape of the force is fitted, too."""
+"""p-value below which another shape of the force is also fitted."""
 SMOOTH = 0.3
-"""[1] Share of the residuals that count as independent, below which noise may hide a misfit: then `SUSPECT` is the
-probability below which another shape is fitted."""
+"""[1] Share of independent residuals below which noise may hide a misfit; the p-value limit is then `SUSPECT`."""
 WITHHELD = 3.0
-"""[1] Highest over lowest value that fit: beyond, no interval is given."""
+"""[1] Ratio of the ends of an interval above which no interval is given."""
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
 
 
-def plateau(press: Press, relaxes: bool) -> int | None:
-    """The row from which on the force stays the same while the indentation rises; None: there is none.
+def plateau(press: MeasuredPress, relaxes: bool) -> int | None:
+    """First row of a plateau, where the force stays constant while the indentation rises; None: no plateau.
 
-    Two signs: rows of exactly the greatest force over some indentation, as of a converter at its limit, and more than a
-    step of the force explains; and, unless the law relaxes, a last part whose slope, a line by least squares, is less
-    than `FLAT` of the mean slope with two standard errors, which no law here has. Parts where the indenter slows down
-    to less than half of its mean speed do not count: there the force of a damped tissue falls.
+    Two tests. Saturated converter: rows with exactly the peak force extend over more indentation than the resolution of
+    the force explains. Yield, unless the law relaxes: the regression slope of a last part plus two standard errors is
+    below `FLAT` of the mean slope, which no law here allows. Parts where the indenter is slower than half of its mean
+    speed are skipped, because the force of a damped tissue falls there.
     """
     top = int(np.argmax(press.depth))
     s, force = press.depth[: top + 1], press.force[: top + 1]
@@ -78,7 +77,7 @@ def plateau(press: Press, relaxes: bool) -> int | None:
 
 
 def baselines(problem: Problem, best: Estimate) -> list[str]:
-    """A sentence for each press whose baseline drifts, or that may begin in contact."""
+    """A warning for each press whose baseline drifts, or that may begin in contact."""
     said = []
     for press, touch in zip(problem.presses, best.touches, strict=True):
         peak, first = float(press.force.max()), float(press.depth.min())
@@ -87,21 +86,21 @@ def baselines(problem: Problem, best: Estimate) -> list[str]:
         if abs(size) > SURE * error:
             drift = size * 0.01 * float(np.abs(press.force).max())
             said.append(
-                f"{press.name}: the force drifts before the touch already, by {drift:.3g} N over the rows fitted "
-                f"({100 * drift / peak:.2g} % of the peak); a straight baseline was fitted with the parameters, which "
-                "widens the intervals. A drift that is not straight is not corrected"
+                f"{press.name}: the force drifts before contact, by {drift:.3g} N over the rows fitted "
+                f"({100 * drift / peak:.2g} % of the peak); a linear baseline was fitted with the parameters, which "
+                "widens the intervals. A nonlinear drift is not corrected"
             )
         uncertain = best.number(f"touch, {press.name}")[1] * press.slack
         if not press.air and touch - 2.0 * uncertain < first - 0.02 * reach:
             said.append(
-                f"{press.name}: no rows before contact show the zero of the force: it may touch up to "
+                f"{press.name}: no rows before contact show the zero of the force: contact may begin up to "
                 f"{1e3 * (first - touch + 2.0 * uncertain):.2g} mm before the first row. Zero and touch point "
-                "were found from the curve alone, which widens the intervals; begin the press above the surface"
+                "were estimated from the curve, which widens the intervals; begin the press above the surface"
             )
     return said
 
 
-def bent(law: Law, reach: float) -> Law:
+def with_smooth_factor(law: Law, reach: float) -> Law:
     """The law times exp(a sqrt(x) + b x), x = s/reach."""
 
     def force(values: Values, s: np.ndarray) -> np.ndarray:
@@ -112,17 +111,20 @@ def bent(law: Law, reach: float) -> Law:
 
 
 def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
-    """Widen the intervals of a fit where its law does not follow the curve, or give none, and say why: in notes where
-    it misfits, and apart where correlated noise may hide that it does."""
+    """Widen or withhold the intervals of a fit if the law misfits: (notes, notes of what is not determined).
+
+    The second list is for presses whose correlated noise may hide a misfit.
+    """
     chances = _chances(problem, best)
     limit = SUSPECT if best.effective[0] < SMOOTH * problem.count else UNLIKELY
     reach = max(float(p.depth.max()) - t for p, t in zip(problem.presses, best.touches, strict=True))
     drifting = [replace(press, drifts=True) for press in problem.presses]
     others = {
         DRIFT: (drifting, problem.law, problem.kind),
-        BENT: (problem.presses, bent(problem.law, reach), problem.kind),
+        BENT: (problem.presses, with_smooth_factor(problem.law, reach), problem.kind),
         RATE: (problem.presses, problem.law, "hunt-crossley"),
     }
+    # fit each shape that explains the residuals, from the minimum of the law; widen the intervals to include it
     said, lost = [], True
     given = {p.name: replace(best.intervals[p.name]) for p in problem.parameters}
     for what, (presses, law, kind) in others.items():
@@ -133,37 +135,38 @@ def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:
         free = estimate(other, profiles=False, begin=np.array([begin[name] for name in other.names]))
         moved = []
         for p in problem.parameters:
-            own, its = best.intervals[p.name], free.intervals[p.name]
-            if max(given[p.name].low - its.low, its.high - given[p.name].high) > HARMLESS * abs(own.value):
+            now, its = best.intervals[p.name], free.intervals[p.name]
+            if max(given[p.name].low - its.low, its.high - given[p.name].high) > HARMLESS * abs(now.value):
                 moved.append(f"{p.name} {its.value:.4g}")
-            own.low, own.high = min(own.low, its.low), max(own.high, its.high)
+            now.low, now.high = min(now.low, its.low), max(now.high, its.high)
         lost = lost and _chances(other, free)[BLOCKS] < RARE
         if moved:
-            said.append(f"with {what} it follows the curve better and gives {', '.join(moved)}")
+            said.append(f"with {what} it fits better and gives {', '.join(moved)}")
+    # report, and withhold the interval if it spans too much or no shape explains the residuals
     if not said and chances[BLOCKS] > RARE:
         return [], []
-    text = "; ".join(said) or "its residuals in contact are not noise alone"
+    text = "; ".join(said) or "its residuals in contact are not only noise"
     first = best.intervals[problem.parameters[0].name]
     sure = chances[BLOCKS] <= RARE or min(chances[what] for what in chances if what != BLOCKS) <= UNLIKELY
     if sure and (first.low <= 0.0 or first.high / first.low > WITHHELD or lost):
         best.withhold()
-        text += ". No interval is given: no one value belongs to all of this curve"
+        text += ". No interval is given: no single value fits the whole curve"
     else:
-        text += ". The intervals were widened to hold these"
+        text += ". The intervals were widened to include these"
     if sure:
         return [f"law {problem.law.name} misfits: {text}. Try another law (--compare), thickness, or --relaxation"], []
     few, count = best.effective
     return [], [
-        f"law or noise: the residuals follow one another ({few:.0f} of {count} count as independent), which may hide "
-        f"that law {problem.law.name} misfits; {text}"
+        f"law or noise: the residuals are correlated ({few:.0f} of {count} count as independent), which may hide a "
+        f"misfit of law {problem.law.name}; {text}"
     ]
 
 
 def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
-    """Probability that the noise alone is as near to each other shape of the force as the residuals of a fit are.
+    """p-value of each alternative shape of the force, from the residuals of a fit.
 
-    The shapes are small changes: of the baseline, of the law by a smooth factor, of the law with the rate, and of the
-    mean of each of some blocks of rows in contact.
+    The shapes are small changes: a linear baseline, a smooth factor on the law, a factor that depends on the rate, and
+    a shift of each block of rows in contact.
     """
     columns: dict[str, list[np.ndarray]] = {}
     blocks = max(2, min(BLOCKS_MOST, problem.count // (10 * len(problem.presses))))
@@ -171,11 +174,11 @@ def _chances(problem: Problem, best: Estimate) -> dict[str, float]:
         x = np.maximum(press.depth - touch, 0.0)
         x, force = x / max(float(x.max()), 1e-300), best.fitted[i] * w
         pressed = np.flatnonzero(x > 0.0)
-        own: dict[str, list[np.ndarray]] = {BENT: [force * np.sqrt(x), force * x], DRIFT: [w * press.elapsed]}
+        shapes: dict[str, list[np.ndarray]] = {BENT: [force * np.sqrt(x), force * x], DRIFT: [w * press.elapsed]}
         if problem.kind == "none" and press.time is not None:
-            own[RATE] = [force * press.rate]
-        own[BLOCKS] = [w * np.isin(np.arange(len(x)), rows) for rows in np.array_split(pressed, blocks)]
-        for what, each in own.items():
+            shapes[RATE] = [force * press.rate]
+        shapes[BLOCKS] = [w * np.isin(np.arange(len(x)), rows) for rows in np.array_split(pressed, blocks)]
+        for what, each in shapes.items():
             columns.setdefault(what, []).append(np.stack(each, axis=1))
     shared = {BENT: np.concatenate, RATE: np.concatenate}
     groups = {what: shared.get(what, lambda each: block_diag(*each))(each) for what, each in columns.items()}

@@ -1,12 +1,13 @@
-"""Least squares with honest intervals: what presses say of the parameters of a law, and what they do not.
+"""Weighted least squares of a force law, with confidence intervals that allow for correlated residuals.
 
-Residuals of a press are correlated: its noise is filtered, and no law is exact. So many of them count as few,
+The residuals of a press are correlated, because its noise is filtered and no law is exact. The n residuals count as
+n_eff independent ones:
 
     n_eff = n/tau,    tau = 1 + 2 sum rho_k,    s² = SSR/n n_eff/(n_eff - p),    cov = s² tau (J'J)^-1
 
 with the autocorrelation rho of the residuals, corrected for its bias in short records (F. H. C. Marriott, J. A. Pope,
-Biometrika 41 (1954) 390-402), and Student's t of n_eff - p. Profiles are cut at the same level. Of several presses, the
-scatter from press to press bounds the interval from below.
+Biometrika 41 (1954) 390-402). Intervals use Student's t with n_eff - p degrees of freedom, and profile likelihoods the
+same level. With several presses, the interval is at least as wide as the scatter between presses requires.
 """
 
 import math
@@ -19,23 +20,23 @@ from scipy.stats import t as student
 
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import relaxing
-from palpate.models.fit.tissue.measured import Press
+from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
 
 STARTS = 10
-ALIKE = 0.97
-"""[1] Correlation from which two parameters cannot be told apart."""
+INDISTINGUISHABLE = 0.97
+"""[1] Correlation above which two parameters cannot be distinguished."""
 LEVEL = 0.95
 LEAST_EFFECTIVE = 3.0
-"""Independent residuals for each number to find, at least: a law that misses the curve leaves fewer, and no statistics
-then tell how wrong its numbers are. The report gives the misfit apart."""
+"""Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
+the error of its parameters; the report describes the misfit separately."""
 
 
 @dataclass
 class Interval:
-    """95 % interval of a parameter: the widest of the linear one, that of the profile (nan: open on that side) and that
-    of the scatter from press to press."""
+    """95 % interval of a parameter: the widest of the linear interval, the profile likelihood interval (nan: no limit
+    on that side) and the interval from the scatter between presses."""
 
     value: float
     low: float
@@ -47,15 +48,15 @@ class Interval:
 
 @dataclass
 class Estimate:
-    """What a fit found; arrays by press.
+    """Result of a fit; lists have one entry per press.
 
-    correlation  of all that was found: `names`, touch points and zeros of force last
-    condition    of the scaled sensitivities
-    effective    independent residuals, of how many
-    starts       share of the starts that came to this minimum
+    correlation  of all unknowns in the order of `names`: parameters, touch points, baselines
+    condition    number of the scaled Jacobian
+    effective    (number of independent residuals, number of residuals)
+    starts       share of the starts that converged to this minimum
     squares      mean square of the weighted residuals
-    at, errors   what was found, in the search's own numbers as in `names`, and its standard errors
-    withheld     whether the law misfits so far that the intervals are the whole range of the search
+    at, errors   all unknowns in search coordinates, in the order of `names`, and their standard errors
+    withheld     whether no interval is given because of misfit: the intervals are then the whole range of the search
     """
 
     parameters: tuple[Parameter, ...]
@@ -75,13 +76,13 @@ class Estimate:
     withheld: bool = False
 
     def number(self, name: str) -> tuple[float, float]:
-        """What was found, in the search's own numbers, with its standard error; (0, 0): it was not searched."""
+        """An unknown in search coordinates and its standard error; (0, 0) if it was not fitted."""
         if name not in self.names:
             return 0.0, 0.0
         return float(self.at[self.names.index(name)]), float(self.errors[self.names.index(name)])
 
     def withhold(self) -> None:
-        """Give no intervals: they become the whole range of the search."""
+        """Replace the intervals by the whole range of the search."""
         self.withheld = True
         for p in self.parameters:
             self.intervals[p.name].low, self.intervals[p.name].high = p.low, p.high
@@ -92,13 +93,15 @@ class Estimate:
 
 
 class Problem:
-    """Presses, a law and its relaxation: the residual vector in the search's own numbers.
+    """Residuals and Jacobian of a law with relaxation, over presses, as functions of the unknowns x.
 
-    free_touch  whether the touch point of each press is found too
-    relative    weigh by the force itself, at least 5 % of the peak, not evenly
+    x contains the parameters (as logarithms where `Parameter.log`), the touch points and the baselines.
+
+    free_touch  whether the touch point of each press is fitted
+    relative    weight 1/max(force, 5 % of the peak) instead of 1/peak
     """
 
-    def __init__(self, presses: Sequence[Press], law: Law, kind: str, free_touch: bool, relative: bool) -> None:
+    def __init__(self, presses: Sequence[MeasuredPress], law: Law, kind: str, free_touch: bool, relative: bool) -> None:
         self.presses, self.law, self.kind = list(presses), law, kind
         lengths = [float(np.ptp(p.time)) for p in presses if p.time is not None]
         if kind != "none" and len(lengths) < len(presses):
@@ -123,7 +126,7 @@ class Problem:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         low = [p.searched(p.low) for p in self.parameters]
         high = [p.searched(p.high) for p in self.parameters]
-        if self.free_touch:  # in units of what the force leaves open
+        if self.free_touch:  # in units of `MeasuredPress.slack`
             low += [-2.0] * len(self.presses)
             high += [2.0] * len(self.presses)
         limits = [10.0 if self.presses[i].air and name.startswith("zero") else 100.0 for name, i, _ in self.baselines]
@@ -136,8 +139,8 @@ class Problem:
 
     def touches(self, x: np.ndarray) -> list[float]:
         first = len(self.parameters)
-        off = x[first : first + len(self.presses)] if self.free_touch else np.zeros(len(self.presses))
-        return [p.touch + float(o) * p.slack for p, o in zip(self.presses, off, strict=True)]
+        shifts = x[first : first + len(self.presses)] if self.free_touch else np.zeros(len(self.presses))
+        return [p.touch + float(shift) * p.slack for p, shift in zip(self.presses, shifts, strict=True)]
 
     def forces(self, x: np.ndarray) -> list[np.ndarray]:
         values = self.values(x)
@@ -155,19 +158,19 @@ class Problem:
         return np.where(np.isfinite(out), np.clip(out, -1e6, 1e6), 1e6)
 
     def start(self) -> np.ndarray:
-        """The guesses, the first parameter scaled so that the forces are of the size measured."""
+        """Initial guesses, with the first parameter scaled so that the forces have the norm of the measured ones."""
         guess = [p.searched(p.guess) for p in self.parameters]
         x = np.array(guess + [0.0] * ((len(self.presses) if self.free_touch else 0) + len(self.baselines)))
-        made = float(np.linalg.norm(np.concatenate(self.forces(x))))
-        found = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
-        if self.parameters[0].log and made > 0.0 and math.isfinite(made):
-            x[0] += math.log(found / made)
+        guessed = float(np.linalg.norm(np.concatenate(self.forces(x))))
+        measured = float(np.linalg.norm(np.concatenate([p.force for p in self.presses])))
+        if self.parameters[0].log and guessed > 0.0 and math.isfinite(guessed):
+            x[0] += math.log(measured / guessed)
         return np.clip(x, *self.bounds())
 
-    def solve(self, x: np.ndarray, held: int | None = None) -> tuple[np.ndarray, float]:
-        """The minimum from x, one number held or none; and its sum of squares."""
+    def solve(self, x: np.ndarray, fixed: int = -1) -> tuple[np.ndarray, float]:
+        """The minimum that the search reaches from x, and its sum of squares; `fixed` is an unknown that stays."""
         low, high = self.bounds()
-        free = np.arange(len(x)) != (-1 if held is None else held)
+        free = np.arange(len(x)) != fixed
 
         def whole(part: np.ndarray) -> np.ndarray:
             y = x.copy()
@@ -185,7 +188,7 @@ class Problem:
         return whole(found.x), 2.0 * float(found.cost)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """(rows, numbers) Derivatives of the residuals: of a law with slopes its own, else by differences."""
+        """(rows, unknowns) Derivatives of the residuals: analytic if the law has `slopes`, else finite differences."""
         if self.law.slopes is None:
             return self._differences(x)
         values, first = self.values(x), len(self.parameters)
@@ -215,26 +218,28 @@ class Problem:
 
 
 def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:
-    """Fit from several starts, or from this one alone, with intervals.
+    """Fit from `STARTS` random starts, or from `begin` alone, with intervals.
 
-    SessionError: fewer rows than numbers to find.
+    SessionError: fewer than 3 rows per unknown.
     """
     count, size = problem.count, len(problem.start())
     if count < 3 * size:
         raise SessionError(
-            f"{count} rows are left for {size} numbers to find; expected at least {3 * size}. Left out are rows beyond "
-            "--depth-limit and, without --relaxation, those after the deepest"
+            f"{count} rows remain for {size} unknowns; expected at least {3 * size}. Rows deeper than --depth-limit "
+            "are excluded and, without --relaxation, rows after the deepest one"
         )
+    # multistart least squares; the starts are drawn around the initial guess
     rng = np.random.default_rng(0)
     low, high = problem.bounds()
     starts, begin, found = (STARTS, problem.start(), []) if begin is None else (1, begin, [])
     for k in range(starts):
         wide = np.where([p.log for p in problem.parameters], 1.4, 0.15 * (high - low)[: len(problem.parameters)])
-        off = np.zeros(size)
+        shift = np.zeros(size)
         if k:
-            off[: len(wide)] = rng.uniform(-1.0, 1.0, len(wide)) * wide
-        found.append(problem.solve(np.clip(begin + off, low, high)))
+            shift[: len(wide)] = rng.uniform(-1.0, 1.0, len(wide)) * wide
+        found.append(problem.solve(np.clip(begin + shift, low, high)))
     x, least = min(found, key=lambda pair: pair[1])
+    # effective sample size n_eff = n/tau and residual variance s²
     forces = problem.forces(x)
     residuals = [(f - p.force) for f, p in zip(forces, problem.presses, strict=True)]
     weighted = [r * w for r, w in zip(residuals, problem.weight, strict=True)]
@@ -243,12 +248,14 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
     effective = max(count / tau, LEAST_EFFECTIVE * size)
     tau = count / effective
     variance = least / count * effective / (effective - size)
+    # covariance s² tau (J'J)^-1, from the singular values of J with columns of unit length
     scale = np.linalg.norm(J, axis=0)
     scale[scale == 0.0] = 1e-12
     _, sizes, turn = np.linalg.svd(J / scale, full_matrices=False)
     cov = variance * tau * (turn.T / np.maximum(sizes, 1e-9 * sizes[0]) ** 2) @ turn / np.outer(scale, scale)
     errors = np.sqrt(np.diag(cov))
     quantile = float(student.ppf(0.5 + LEVEL / 2, effective - size))
+    # linear interval of each parameter, widened to its profile likelihood interval
     intervals = {}
     for i, p in enumerate(problem.parameters):
         value, reach = float(x[i]), quantile * float(errors[i])
@@ -258,15 +265,15 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
             level = least * (1.0 + quantile**2 / (effective - size))
             profile, points = _profile(problem, x, i, reach / 2.0, least, level)
             ends = [math.nan if math.isnan(v) else p.value(v) for v in profile]
-            own = intervals[p.name]
-            own.profile = (ends[0], ends[1])
-            own.low = min(own.low, p.low if math.isnan(ends[0]) else ends[0])
-            own.high = max(own.high, p.high if math.isnan(ends[1]) else ends[1])
-            own.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
-    alike = sum(c <= least * 1.01 + 1e-12 for _, c in found) / starts
+            interval = intervals[p.name]
+            interval.profile = (ends[0], ends[1])
+            interval.low = min(interval.low, p.low if math.isnan(ends[0]) else ends[0])
+            interval.high = max(interval.high, p.high if math.isnan(ends[1]) else ends[1])
+            interval.curve = sorted((p.value(v), (c - least) / max(level - least, 1e-300)) for v, c in points)
+    converged = sum(c <= least * 1.01 + 1e-12 for _, c in found) / starts
     return Estimate(
         problem.parameters, intervals, problem.touches(x), problem.names, cov / np.outer(errors, errors),
-        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), alike, least / count,
+        float(sizes[0] / max(sizes[-1], 1e-300)), forces, residuals, (effective, count), converged, least / count,
         runs(weighted), x, errors,
     )  # fmt: skip
 
@@ -274,12 +281,16 @@ def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None =
 def _profile(
     problem: Problem, x: np.ndarray, i: int, step: float, least: float, level: float
 ) -> tuple[tuple[float, float], list[tuple[float, float]]]:
-    """Where the least sum of squares with one number held rises to a level on both sides, nan: nowhere; and points."""
+    """Ends of the profile likelihood interval of unknown i, and the points (value, sum of squares) of the profile.
+
+    The profile is the least sum of squares with x_i fixed. An end is where it reaches `level`; nan if it does not
+    within the bounds.
+    """
     low, high = problem.bounds()
     ends, points = [], [(float(x[i]), least)]
     for side in (-1.0, 1.0):
         bound = low[i] if side < 0 else high[i]
-        inner, outer, at, reach = float(x[i]), math.nan, x.copy(), max(step, 1e-6)
+        inner, outer, at, reach = float(x[i]), math.nan, x.copy(), max(step, 1e-6)  # bracket the end
         for _ in range(14):
             trial = at.copy()
             trial[i] = bound if side * (inner + side * reach - bound) >= 0 else inner + side * reach
@@ -308,17 +319,17 @@ def _profile(
     return (ends[0], ends[1]), points
 
 
-def between(problem: Problem, made: Callable[[list[Press]], Problem], pooled: Estimate) -> None:
-    """Fit each press by itself and widen the intervals to what the scatter between them allows."""
+def widen_by_scatter(problem: Problem, made: Callable[[list[MeasuredPress]], Problem], pooled: Estimate) -> None:
+    """Fit each press separately and widen the pooled intervals to t s/sqrt(n) of these n values."""
     if len(problem.presses) < 2:
         return
     alone = [estimate(made([press]), profiles=False) for press in problem.presses]
     n = len(alone)
     for p in problem.parameters:
-        own = np.array([each.values[p.name] for each in alone])
+        values = np.array([each.values[p.name] for each in alone])
         interval = pooled.intervals[p.name]
-        interval.presses = own.tolist()
-        scale = np.log(own) if p.log else own
+        interval.presses = values.tolist()
+        scale = np.log(values) if p.log else values
         reach = float(student.ppf(0.5 + LEVEL / 2, n - 1) * scale.std(ddof=1) / math.sqrt(n))
         middle = p.searched(interval.value)
         low, high = p.value(middle - reach), p.value(middle + reach)

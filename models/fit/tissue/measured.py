@@ -1,4 +1,4 @@
-"""Presses from CSV files: named columns with units, what is wrong with them, and where the indenter touches."""
+"""Presses from CSV files: columns with names and units, checks, touch point and zero of the force."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from palpate.models.fit.tissue.residuals import inflation
 
 NAMES = {"time": ("time", "t"), "force": ("force", "load", "f"), "indentation": ("indentation", "depth", "compression",
          "approach", "d")}  # fmt: skip
-"""What is measured, and what its column is called where nothing is said."""
+"""Quantity -> default names of its column."""
 SI = {"time": "s", "force": "N", "indentation": "m"}
 LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}
-"""Sizes in SI units beyond which a unit must be wrong."""
+"""Upper bounds in SI units; a larger value means a wrong unit."""
 RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
-"""Columns that say what pressed: more than one value is more than one indenter."""
+"""Columns that identify the indenter; a file with several values mixes several indenters."""
 LEAST_ROWS = 10
 LEAST_AIR = 8
-"""Rows before the touch from which on they show the zero of force."""
+"""Least number of rows before contact from which the zero of the force is estimated."""
 STEEPEST = 0.3
-"""[1] Rise of a baseline up to the deepest row, over the peak: more is a press that begins in contact."""
+"""[1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact."""
 LEAST_RISE = 2e-3
-"""[1] The same below which a slope does no harm."""
+"""[1] The same ratio below which a drift is negligible."""
 RARE, SUSPECT = 1e-3, 0.2
-"""[1] Probability below which what is seen is not chance; and below which it is searched for."""
+"""p-values below which an effect is significant, and below which it is included in the fit."""
 MOST_ROWS = 1000
-"""Rows of a press that are fitted: of more, means of neighbours."""
+"""Most rows of a press that are fitted; more rows are averaged in groups of neighbours."""
 
 Convert = Callable[[str, str], float]
 """(quantity such as '1 mm', SI unit) -> number."""
 
 
 @dataclass(frozen=True)
-class Press:
-    """One press: time [s] (n,) or None, indentation [m] (n,), force [N] (n,) less its zero.
+class MeasuredPress:
+    """One press: time [s] (n,) or None, indentation [m] (n,), force [N] (n,) without its zero.
 
-    touch   [m]  where it begins to touch, as the force shows it; uncertain by `slack` [m]
-    zero    [N]  mean force before, taken off; what is left of it is found with the parameters
-    drifts  whether the force seems to change before the touch already: the slope of its baseline is found as well
-    air     whether rows before the touch show the zero of force; else zero and touch point are searched far and wide
+    touch   [m]  indentation at first contact, estimated from the force; its uncertainty is `slack` [m]
+    zero    [N]  mean force before contact, subtracted from `force`; the fit estimates the remaining offset
+    drifts  whether the force changes before contact: the fit then includes the slope of the baseline
+    air     whether rows before contact show the zero of the force; else the fit searches zero and touch point widely
     """
 
     name: str
@@ -64,23 +64,25 @@ class Press:
 
     @property
     def elapsed(self) -> np.ndarray:
-        """[1] (n,) Share of the record, 0 at its first row and 1 at its last; without time by rows."""
+        """[1] (n,) Time from 0 at the first row to 1 at the last; without time, the row number."""
         time = np.arange(len(self.depth), dtype=float) if self.time is None else self.time
         return (time - time[0]) / np.ptp(time)
 
-    def part(self, keep: np.ndarray) -> Press:
-        """The rows (n,) bool."""
+    def part(self, keep: np.ndarray) -> MeasuredPress:
+        """The press with the rows of a mask (n,) only."""
         time = None if self.time is None else self.time[keep]
         return replace(self, time=time, depth=self.depth[keep], force=self.force[keep])
 
 
-def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert) -> list[Press]:
-    """The presses of a file, one for each value of its columns `subject` and `session` where it has them.
+def read_presses(
+    path: Path, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert
+) -> list[MeasuredPress]:
+    """The presses of a file, one for each value of its columns `subject` and `session` if it has them.
 
-    columns  quantity -> its column in the file, with a minus before one that counts the other way
-    units    column or quantity -> unit, for a header that has none
+    columns  quantity -> its column in the file, with a minus sign to invert its direction
+    units    column or quantity -> unit, for a header without units
 
-    SessionError: what is wrong, with file, row and column.
+    SessionError: a fault, with file, row and column.
     """
     lines = numbered_lines(path)
     at, separator, found = _header(path, lines, columns)
@@ -104,13 +106,13 @@ def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str
             if not math.isfinite(value):
                 raise SessionError(f"{where}: found {cells[place].strip()!r}, expected a finite number")
             if abs(value * factors[key]) > LARGEST[key]:
-                raise SessionError(f"{where}: found {value:g}, which is no {key} of a press; is the unit right?")
+                raise SessionError(f"{where}: found {value:g}, too large for the {key} of a press; is the unit right?")
             values.append(sign * value * factors[key])
         rows.setdefault(" ".join(cells[at] for at in labels if at < len(cells)), []).append(values)
         if rig is not None and rig < len(cells):
             pressed.add(cells[rig].strip())
     if len(pressed) > 1:
-        raise SessionError(f"{path}: pressed by {', '.join(sorted(pressed))}: two indenters mixed; fit each by itself")
+        raise SessionError(f"{path}: pressed by {', '.join(sorted(pressed))}: two indenters mixed; fit each separately")
     presses = []
     for session, measured in rows.items():
         name = f"{path.name}{':' if session else ''}{session}"
@@ -122,7 +124,7 @@ def read_presses(path: Path, columns: Mapping[str, str], units: Mapping[str, str
 def _header(
     path: Path, lines: list[tuple[int, str]], columns: Mapping[str, str]
 ) -> tuple[int, str, dict[str, tuple[int, str, float]]]:
-    """The line of the header, what parts its cells, and quantity -> (place, cell, sign)."""
+    """Index of the header line, separator, and quantity -> (column, cell, sign)."""
     best: tuple[str, list[str]] = ("", [])
     for at, (number, line) in enumerate(lines[:60]):
         separator = separator_of(line)
@@ -150,13 +152,13 @@ def _header(
 def _factor(
     path: Path, key: str, cell: str, columns: Mapping[str, str], units: Mapping[str, str], convert: Convert
 ) -> float:
-    """SI units in the unit of a column."""
+    """Factor from the unit of a column to the SI unit."""
     match = HEAD.fullmatch(cell)
     named = columns.get(key, "").removeprefix("-").strip()
     unit = units.get(key) or units.get(named) or units.get(cell.strip()) or (match["unit"] if match else None)
     if not unit:
         if key == "indentation":
-            raise SessionError(f"{path}, column {cell.strip()!r}: no unit; say it with --unit {named or key}=mm")
+            raise SessionError(f"{path}, column {cell.strip()!r}: no unit; give it with --unit {named or key}=mm")
         return 1.0
     try:
         return convert(f"1 {unit}", SI[key])
@@ -164,35 +166,38 @@ def _factor(
         raise SessionError(f"{path}, column {cell.strip()!r}, unit {unit!r}: {error}") from None
 
 
-def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> Press:
-    """A press with its touch point and its zero of force.
+def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.ndarray) -> MeasuredPress:
+    """A press with its touch point and its zero of the force.
 
-    SessionError: too few rows, time that does not grow, no touch, a force of the wrong sign.
+    SessionError: too few rows, time that does not increase, no contact, a force of the wrong sign.
     """
+    # check rows, order and signs
     if len(depth) < LEAST_ROWS:
         raise SessionError(f"{name}: {len(depth)} rows, expected at least {LEAST_ROWS}")
     if time is not None and (np.diff(time) <= 0).any():
         at = int(np.argmax(np.diff(time) <= 0))
-        raise SessionError(f"{name}: time does not grow: {time[at]:.6g} s is followed by {time[at + 1]:.6g} s")
+        raise SessionError(f"{name}: time does not increase: {time[at]:.6g} s is followed by {time[at + 1]:.6g} s")
     if -force.min() > 2.0 * force.max():
-        raise SessionError(f"{name}: the force is negative in the press; --columns force=-F counts it the other way")
+        raise SessionError(f"{name}: the force is negative in the press; --columns force=-F inverts it")
     if depth.max() - depth[0] <= 0.2 * np.ptp(depth):
-        raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d counts it so")
+        raise SessionError(f"{name}: the indentation falls in the press; --columns indentation=-d inverts it")
+    # noise from second differences (median absolute deviation); detection level of contact
     deepest = int(np.argmax(depth))
     noise = float(np.median(np.abs(np.diff(force, 2)))) / 0.6745 / math.sqrt(6.0)
     line = np.full(len(force), float(np.median(force[: max(deepest // 100, 5)])))
     peak = float((force - line).max())
     if not peak > max(10.0 * noise, 1e-9):
-        raise SessionError(f"{name}: never touches: at most {peak:.3g} N, and noise of {noise:.2g} N")
+        raise SessionError(f"{name}: never touches: at most {peak:.3g} N with noise of {noise:.2g} N")
     level = max(5.0 * noise, 1e-4 * peak)
     when = np.arange(len(force), dtype=float) if time is None else time - time[0]
+    # touch point and baseline depend on each other: iterate to a fixed point
     air, drifts, last = np.zeros(0, int), False, -1
-    for _ in range(20):  # the touch point needs the baseline, and the baseline what is before the touch point
+    for _ in range(20):
         apart = np.flatnonzero((force - line)[: deepest + 1] < level)
         before, last = last, int(apart[-1]) if len(apart) else 0
         if last == before:
             break
-        # the force rises out of the noise later than it touches, by Hertz's law by this share of the press
+        # contact begins before the force exceeds the noise; the share of the press is that of Hertz's law
         reach = float(depth[deepest] - depth[last])
         share = min(level / peak, 0.3) ** (2.0 / 3.0)
         back = reach * share / (1.0 - share)
@@ -203,7 +208,7 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
         seen = air if len(air) >= LEAST_AIR else np.arange(last)
         slope, offset, sure = _line(when[seen], force[seen])
         rise = abs(slope) * float(when[deepest] - when[0]) / peak
-        if rise > STEEPEST:  # it touches already
+        if rise > STEEPEST:  # in contact from the first row
             air = air[:0]
             break
         drifts = sure and rise > LEAST_RISE
@@ -212,24 +217,26 @@ def prepared(name: str, time: np.ndarray | None, depth: np.ndarray, force: np.nd
     free = len(air) >= LEAST_AIR
     zero = float(force[air].mean()) if free else 0.0
     slack = max(back, 0.05 * reach) if free else float(np.ptp(depth))
-    press = Press(name, time, depth, force - zero, touch, slack, zero, drifts and free, free)
+    press = MeasuredPress(name, time, depth, force - zero, touch, slack, zero, drifts and free, free)
     return press if len(depth) <= MOST_ROWS else _thinned(press)
 
 
 def _line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, bool]:
-    """Slope and offset of the line through points (n,), and whether its slope may differ from 0; the residuals may
-    be correlated."""
+    """Slope and offset of the regression line through points (n,), and whether the slope may differ from 0.
+
+    The t-test uses the effective number of residuals, since they may be correlated.
+    """
     slope, at = np.polyfit(x, y, 1)
-    off = y - at - slope * x
-    effective = len(x) / inflation([off], 2)
+    residual = y - at - slope * x
+    effective = len(x) / inflation([residual], 2)
     if effective <= 3.0:
         return float(slope), float(at), False
-    error = math.sqrt(float(off @ off) / len(x) / (effective - 2.0)) / float(x.std())
+    error = math.sqrt(float(residual @ residual) / len(x) / (effective - 2.0)) / float(x.std())
     return float(slope), float(at), bool(2.0 * student.sf(abs(slope) / max(error, 1e-300), effective - 2.0) < SUSPECT)
 
 
-def _thinned(press: Press) -> Press:
-    """Means of as many neighbours as leave `MOST_ROWS` at most."""
+def _thinned(press: MeasuredPress) -> MeasuredPress:
+    """The press averaged over groups of neighbouring rows, at most `MOST_ROWS` groups."""
     many = -(-len(press.depth) // MOST_ROWS)
     count = len(press.depth) // many
 

@@ -1,8 +1,8 @@
-"""What time does to a force: none, Kelvin and Voigt, Hunt and Crossley, a Prony series.
+"""Viscous and viscoelastic laws on an elastic force: Kelvin-Voigt, Hunt-Crossley, Prony series.
 
 kelvin-voigt    F = F_e(s) + tau dF_e/dt
 hunt-crossley   F = F_e(s) <1 + c s'>
-prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear in the force
+prony:N         F = integral of g(t - t') dF_e(t'), N terms: quasi-linear viscoelasticity
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue.measured import Press
+from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 from palpate.physics.materials.prony import Prony
 
@@ -18,9 +18,9 @@ KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3
 
 
 def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
-    """Those of a kind of relaxation, for a record of this length [s].
+    """Parameters of a kind of relaxation, with guesses for a record of this length [s].
 
-    SessionError: no such kind.
+    SessionError: an unknown kind.
     """
     if kind not in KINDS:
         raise SessionError(f"--relaxation: found {kind!r}, expected {', '.join(KINDS)}")
@@ -38,13 +38,13 @@ def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
 
 
 Response = Callable[[np.ndarray], np.ndarray]
-"""Force [N] (n,) of an elastic one (n,), linear in it."""
+"""Elastic force [N] (n,) -> force [N] (n,); linear."""
 STEP = 1e-6
-"""[1] Of the differences by the parameters of a relaxation."""
+"""[1] Relative step of finite differences by the parameters of a relaxation."""
 
 
-def response(kind: str, values: Values, press: Press) -> Response:
-    """What time does to an elastic force over the rows of a press."""
+def response(kind: str, values: Values, press: MeasuredPress) -> Response:
+    """Linear map from the elastic force to the force at the rows of a press."""
     if kind == "none" or press.time is None:
         return lambda elastic: elastic
     time = press.time
@@ -54,22 +54,26 @@ def response(kind: str, values: Values, press: Press) -> Response:
         more = np.maximum(1.0 + values["damping"] * press.rate, 0.0)
         return lambda elastic: elastic * more
     shares, left = [], 1.0
-    for i in range(1, int(kind.partition(":")[2]) + 1):  # each a share of what the terms before leave: their sum is < 1
+    for i in range(1, int(kind.partition(":")[2]) + 1):  # each is a share of the remainder, so that their sum is < 1
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
     series = Prony(shares, [values[f"time_{i}"] for i in range(1, len(shares) + 1)])
     return lambda elastic: series.relaxed(time, elastic)
 
 
-def force(kind: str, law: Law, values: Values, press: Press, touch: float) -> np.ndarray:
+def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:
     """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
     made = response(kind, values, press)(law.force(values, np.maximum(press.depth - touch, 0.0)))
     return np.maximum(made, 0.0) if kind == "kelvin-voigt" else made
 
 
-def slopes(kind: str, law: Law, values: Values, press: Press, touch: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Derivatives of `force` (n,) by the touch point, and by each parameter of law and relaxation; the law has
-    slopes."""
+def slopes(
+    kind: str, law: Law, values: Values, press: MeasuredPress, touch: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Derivatives of `force` (n,) by the touch point, and by each parameter of law and relaxation.
+
+    The law must have `slopes`. Relaxation parameters use central differences.
+    """
     assert law.slopes is not None
     s = np.maximum(press.depth - touch, 0.0)
     elastic = law.force(values, s)

@@ -1,4 +1,4 @@
-"""What a fit says: plain data for `report.json`, Markdown for `report.md`, a scene that runs."""
+"""Results of a fit: `report.json`, `report.md`, and `scene.yaml` for `palpate run`."""
 
 import math
 from pathlib import Path
@@ -6,15 +6,15 @@ from typing import Any
 
 import yaml
 
-from palpate.models.fit.tissue.fit import Fit
+from palpate.models.fit.tissue.fit import TissueFit
 from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, under_finger
 
 WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")
-"""What a fit leaves in its folder."""
+"""Files that a fit writes to its folder."""
 
 
-def data(fit: Fit) -> dict[str, Any]:
-    """All that was found, in SI units."""
+def data(fit: TissueFit) -> dict[str, Any]:
+    """The result in SI units."""
     best = fit.estimate
     parameters = {
         p.name: {"value": i.value, "low": i.low, "high": i.high, "unit": p.unit,
@@ -35,7 +35,7 @@ def data(fit: Fit) -> dict[str, Any]:
         "correlation": {"names": best.names, "matrix": best.correlation.tolist()},
         "condition": best.condition,
         "starts": best.starts,
-        "cannot_be_told": fit.open_,
+        "not_determined": fit.open_,
         "fixed": {k: {"value": v, "unit": u} for k, (v, u) in fit.law.fixed.items()}
         | ({"plates": fit.rig.plates} if fit.rig.kind == "cylinder" else {}),
         "change_for_fixed": fit.sensitivity,
@@ -45,9 +45,9 @@ def data(fit: Fit) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def markdown(fit: Fit, pictures: list[Path]) -> str:
-    """The report for people."""
-    told, best = data(fit), fit.estimate
+def markdown(fit: TissueFit, pictures: list[Path]) -> str:
+    """The report as Markdown."""
+    result, best = data(fit), fit.estimate
     remark = f" {fit.law.remark[:1].upper()}{fit.law.remark[1:]}." if fit.law.remark else ""
     lines = [
         f"# {fit.law.name}, {fit.rig.kind}", "", f"Fitted to {', '.join(p.name for p in fit.presses)}.{remark}", "",
@@ -60,32 +60,32 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
         ends = "withheld" if best.withheld else f"{i.low:.4g} to {i.high:.4g}"
         cells = (f"{p.name} [{p.unit}]", f"{i.value:.4g}", ends, f"{low} to {high}", each)
         lines.append(f"| {' | '.join(cells)} |")
-    if shear := told["shear_modulus_at_rest"]:
+    if shear := result["shear_modulus_at_rest"]:
         ends = "interval withheld" if best.withheld else f"{shear['low']:.4g} to {shear['high']:.4g}"
         lines += ["", f"Shear modulus at rest: {shear['value']:.4g} Pa ({ends}).", "", *scene_young(fit)]
     lines += ["", *(f"* {note}" for note in fit.notes)]
-    lines += ["", "## What the data cannot tell", "", *(f"* {text}" for text in fit.open_ or ["nothing was found"])]
-    errors = told["residuals"]
+    lines += ["", "## What the data do not determine", "", *(f"* {text}" for text in fit.open_ or ["nothing found"])]
+    errors = result["residuals"]
     lines += [
-        "", "## How well it fits", "",
-        f"RMS {errors['rms']:.3g} N, {100 * errors['rms_of_peak']:.2g} % of the peak; at worst "
+        "", "## Goodness of fit", "",
+        f"RMS {errors['rms']:.3g} N, {100 * errors['rms_of_peak']:.2g} % of the peak; at most "
         f"{100 * errors['worst_of_force']:.2g} % of the force where that is above 5 % of the peak. {errors['rows']} "
-        f"rows count as {errors['effective']:.0f} independent ones (runs of one sign: {errors['runs']:.1f} standard "
-        f"deviations too few). Condition of the scaled sensitivities {best.condition:.3g}; "
-        f"{100 * best.starts:.0f} % of the starts came to this minimum.",
+        f"rows count as {errors['effective']:.0f} independent ones (runs test: {errors['runs']:.1f} standard "
+        f"deviations too few runs). Condition number of the scaled Jacobian {best.condition:.3g}; "
+        f"{100 * best.starts:.0f} % of the starts converged to this minimum.",
     ]  # fmt: skip
     for tried in fit.held_out:
-        lines.append(f"Not fitted, {tried['press']}: RMS {tried['rms']:.3g} N, {100 * tried['rms_of_peak']:.2g} % of "
-                     f"its peak, at worst {100 * tried['worst_of_force']:.2g} % of the force.")  # fmt: skip
+        lines.append(f"Held out, {tried['press']}: RMS {tried['rms']:.3g} N, {100 * tried['rms_of_peak']:.2g} % of "
+                     f"its peak, at most {100 * tried['worst_of_force']:.2g} % of the force.")  # fmt: skip
     if fit.compared:
-        lines += ["", "| law | numbers found | RMS, of the peak | AICc above the least |", "|---|---|---|---|"]
+        lines += ["", "| law | unknowns | RMS, of the peak | AICc above the lowest |", "|---|---|---|---|"]
         lines += [f"| {row['law']} | {row['numbers']} | {100 * row['rms_of_peak']:.2g} % | {row['aicc']:.3g} |"
                   for row in fit.compared]  # fmt: skip
-    lines += ["", *(f"![{p.stem}]({p.name})" for p in pictures), "", "## What was fixed", ""]
+    lines += ["", *(f"![{p.stem}]({p.name})" for p in pictures), "", "## Fixed values", ""]
     lines += [f"* {k}: {v['value']:.4g} {v['unit']}" if isinstance(v, dict) else f"* {k}: {v}"
-              for k, v in told["fixed"].items()]  # fmt: skip
+              for k, v in result["fixed"].items()]  # fmt: skip
     for key, change in fit.sensitivity.items():
-        what = "0.01 less" if key == "poisson" else "1 % more"
+        what = "0.01 lower" if key == "poisson" else "1 % larger"
         lines.append(f"* {key} {what} changes {best.parameters[0].name} by {change:+.2g} %")
     for press, touch in zip(fit.presses, best.touches, strict=True):
         lines.append(f"* {press.name}: touch at {1e3 * touch:.4g} mm, zero of force {press.zero:.3g} N")
@@ -95,13 +95,13 @@ def markdown(fit: Fit, pictures: list[Path]) -> str:
     return "\n".join([*lines, ""])
 
 
-def _poisson(fit: Fit) -> float:
-    """Poisson's ratio that Young's modulus was found with."""
+def _poisson(fit: TissueFit) -> float:
+    """Poisson's ratio for which Young's modulus was fitted."""
     return 0.5 if fit.rig.kind == "cylinder" or "finite" in fit.law.remark else fit.rig.poisson
 
 
-def scene_young(fit: Fit) -> list[str]:
-    """Why the scene has another Young's modulus than the report, in a sentence; none where it has not."""
+def scene_young(fit: TissueFit) -> list[str]:
+    """Why the Young's modulus of the scene differs from that of the report: one sentence, or none without a modulus."""
     if fit.young is None:
         return []
     tissue = under_finger(fit.young[0] / (1.0 - _poisson(fit) ** 2))
@@ -112,18 +112,22 @@ def scene_young(fit: Fit) -> list[str]:
     ]
 
 
-def scene(fit: Fit) -> str:
-    """A scene that lays the tissue under the kidney's finger: a power law for MassSpring, a modulus for ReducedFE."""
+def scene(fit: TissueFit) -> str:
+    """Scene kidney with the fitted tissue under its finger: a power law for MassSpring, a modulus for ReducedFE."""
     values, young = fit.estimate.values, fit.young
     depth = fit.deepest
     tissue: dict[str, float]
     if young is not None:
         tissue = under_finger(young[0] / (1.0 - _poisson(fit) ** 2))
-        why = f"Hertz's law of a finger of {1e3 * FINGER_RADIUS:g} mm on the modulus at rest; what stiffens is left out"
+        why = (
+            f"Hertz's law of a finger of {1e3 * FINGER_RADIUS:g} mm with the modulus at rest, without strain stiffening"
+        )
     elif "exponent" in values:
-        bent = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
-        tissue = {"stiffness": values["stiffness"] * bent, "exponent": values["exponent"]}
-        why = "the power law as fitted" + ("" if bent == 1.0 else ", for the finger's radius in the indenter's place")
+        ratio = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
+        tissue = {"stiffness": values["stiffness"] * ratio, "exponent": values["exponent"]}
+        why = "the power law as fitted" + (
+            "" if ratio == 1.0 else ", scaled from the indenter's to the finger's radius"
+        )
     else:
         steep = values["hardening"] * depth
         power = steep * math.exp(steep) / math.expm1(steep)

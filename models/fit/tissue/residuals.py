@@ -1,5 +1,4 @@
-"""Statistics of residuals in order: how many count as independent, how many runs of one sign they have, and whether
-other columns explain them."""
+"""Statistics of serially correlated residuals: effective number, runs test, lack-of-fit test."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -8,23 +7,23 @@ import numpy as np
 from scipy.stats import f as f_distribution
 
 CORRELATIONS = np.tanh(np.linspace(0.0, 3.5, 36))
-"""[1] From row to row, of noise that is searched."""
+"""[1] Autocorrelations at lag 1 over which `lack_of_fit` averages."""
 
 
 def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
-    """tau >= 1 of residuals in order, press by press."""
+    """Autocorrelation time tau >= 1 of the residuals of presses, with the bias correction of Marriott and Pope."""
     taus = []
     for r in residuals:
         n = len(r)
-        own = max(parameters // len(residuals), 1)
+        fitted = max(parameters // len(residuals), 1)
         size = float(r @ r)
         if n < 8 or size == 0.0:
             continue
         rho = np.array([float(r[k:] @ r[: n - k]) / size for k in range(1, n // 3)])
-        first = min(rho[0] + (1.0 + 3.0 * rho[0] + own) / n, 0.995)
+        first = min(rho[0] + (1.0 + 3.0 * rho[0] + fitted) / n, 0.995)
         summed = 1.0
-        for k, value in enumerate(rho, 1):  # until the first that is noise
-            value += (1.0 + own) / n
+        for k, value in enumerate(rho, 1):  # up to the first insignificant one
+            value += (1.0 + fitted) / n
             if value < 2.0 / math.sqrt(n) * (0.5 if k > 1 else 1.0):
                 break
             summed += 2.0 * value
@@ -33,25 +32,25 @@ def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:
 
 
 def lack_of_fit(
-    residuals: Sequence[np.ndarray], own: np.ndarray, groups: Mapping[str, np.ndarray], least: float
+    residuals: Sequence[np.ndarray], jacobian: np.ndarray, groups: Mapping[str, np.ndarray], least: float
 ) -> dict[str, float]:
-    """Probability that each group of columns (n, k) explains by chance what it does of the residuals of a fit.
+    """p-value of each group of columns (n, k) as an explanation of the residuals of a fit.
 
     The noise of each press is autoregressive, e_i = rho e_(i-1) + white. For each rho, residuals and columns are
-    whitened, and an F-test compares the columns of the group and of the fit (n, p) with those of the fit alone,
+    whitened, and an F-test compares the fit with the group to the fit alone,
 
-        F = (S_own - S_group)/k / (S_all/(n - p_all)),
+        F = (S_fit - S_group)/k / (S_all/(n - p_all)),
 
-    S the sum of squares that columns leave; what all groups leave is noise. The probability is the mean over rho,
-    weighted with its restricted likelihood (H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545-554): a short record
-    with smooth noise shows little.
+    with S the residual sum of squares; that of all groups together measures the noise. The p-value is the mean over
+    rho, weighted with its restricted likelihood (H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545-554).
 
-    least  RMS that a group must explain; if it explains less, 1 is returned for it
+    jacobian  (n, p) of the fit
+    least     RMS that a group must explain; the p-value is 1 if it explains less
     """
     begins = np.cumsum([0, *map(len, residuals[:-1])])
-    r, every = np.concatenate(residuals), np.column_stack([own, *groups.values()])
+    r, every = np.concatenate(residuals), np.column_stack([jacobian, *groups.values()])
     n, free = len(r), len(r) - every.shape[1]
-    left, noise = _left(own, r, begins), _left(every, r, begins)
+    left, noise = _unexplained(jacobian, r, begins), _unexplained(every, r, begins)
     chances = dict.fromkeys(groups, 1.0)
     if free < every.shape[1]:
         return chances
@@ -60,9 +59,9 @@ def lack_of_fit(
         len(begins) * math.log(1.0 - rho**2) - size - free * math.log(max(squares, 1e-300))
         for rho, (squares, size) in zip(CORRELATIONS, found, strict=True)
     ])  # fmt: skip
-    weights = np.exp(0.5 * (logs - logs.max())) * (1.0 - CORRELATIONS**2)  # their distances
+    weights = np.exp(0.5 * (logs - logs.max())) * (1.0 - CORRELATIONS**2)  # by the spacing of the grid
     for name, columns in groups.items():
-        both, k = _left(np.column_stack([own, columns]), r, begins), columns.shape[1]
+        both, k = _unexplained(np.column_stack([jacobian, columns]), r, begins), columns.shape[1]
         if left(0.0)[0] - both(0.0)[0] > n * least**2:
             gains = np.array([left(rho)[0] - both(rho)[0] for rho in CORRELATIONS])
             ratios = gains / k / np.array([max(squares, 1e-300) / free for squares, _ in found])
@@ -70,9 +69,9 @@ def lack_of_fit(
     return chances
 
 
-def _left(columns: np.ndarray, r: np.ndarray, begins: np.ndarray) -> Callable[[float], tuple[float, float]]:
-    """rho -> what columns (n, p) leave of the squares of r (n,) where both are whitened, and the logarithm of the
-    determinant of the whitened columns, but for a constant."""
+def _unexplained(columns: np.ndarray, r: np.ndarray, begins: np.ndarray) -> Callable[[float], tuple[float, float]]:
+    """rho -> residual sum of squares of the whitened r (n,) on the whitened columns (n, p), and the logarithm of the
+    determinant of their Gram matrix, up to a constant."""
     basis, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
     table = np.column_stack([basis[:, sizes > 1e-9 * sizes[0]], r])
     later = np.setdiff1d(np.arange(len(r)), begins)
@@ -88,7 +87,7 @@ def _left(columns: np.ndarray, r: np.ndarray, begins: np.ndarray) -> Callable[[f
 
 
 def runs(residuals: Sequence[np.ndarray]) -> float:
-    """How many standard deviations fewer runs of one sign there are than in independent residuals (Wald, Wolfowitz)."""
+    """Runs test (Wald, Wolfowitz): standard deviations by which the residuals have too few runs of one sign."""
     signs = np.concatenate([np.sign(r) for r in residuals])
     signs = signs[signs != 0]
     up, n = int((signs > 0).sum()), len(signs)

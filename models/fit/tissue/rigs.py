@@ -1,12 +1,13 @@
-"""Force over indentation of each rig and law, in closed form; those of full finite elements are in `tables`.
+"""Force over indentation of each rig and law in closed form; `tables` has those of full finite elements.
 
 rig        law                                       force at the indentation s
 ball       hertz                                     (4/3) E/(1 - nu²) sqrt(R) s^1.5
-           layer                                     the same times f(sqrt(R s)/h) of `physics.contact.layer`
+           layer                                     hertz times f(sqrt(R s)/h) of `physics.contact.layer`
            exponential                               (b/m) (exp(m s) - 1)
            power, hunt-crossley                      K s^n, K s^n <1 + c s'>
 punch      hertz                                     2 E/(1 - nu²) a s
-fingertip  power                                     the finger's own law in series with K s^n, s their sum
+fingertip  power                                     the exponential law of the finger in series with K s^n; s is
+                                                     the sum of both indentations
 cylinder   linear, neo_hooke, ogden, ogden2,         pi R² P(1 - s/H), P of uniaxial stress: frictionless plates
            demiray, yeoh, yeoh3
 
@@ -29,16 +30,17 @@ from palpate.physics.materials.yeoh import yeoh
 Values = Mapping[str, float]
 Slopes = Callable[[Values, np.ndarray, np.ndarray], tuple[np.ndarray, dict[str, np.ndarray]]]
 RATIO = 0.499
-"""Poisson's ratio of rubber-like laws in full finite elements, which stands for 0.5."""
+"""Poisson's ratio of rubber-like laws in full finite elements, an approximation of 0.5."""
 WIDEST, TALLEST = 0.1, 1.0
-"""[m] Radius and height beyond which a unit must be wrong."""
+"""[m] Upper bounds of radius and height; a larger value means a wrong unit."""
 FINGER = (26.2641, 1681.06)
-"""[N/m] b and [1/m] m of the fingertip's law, as in the scene kidney: two published points on steel."""
+"""b [N/m] and m [1/m] of the fingertip's exponential law, from two published points on steel; same as in the scene
+kidney."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number to find: its unit, where the search begins and ends; `log`: it is positive and searched by factors."""
+    """An unknown with its unit, initial guess and bounds; `log`: it is positive, and its logarithm is searched."""
 
     name: str
     unit: str
@@ -48,19 +50,19 @@ class Parameter:
     log: bool = True
 
     def searched(self, value: float) -> float:
-        """A value in the search's own numbers."""
+        """A value in search coordinates."""
         return math.log(value) if self.log else value
 
     def value(self, searched: float) -> float:
-        """The same the other way round."""
+        """The inverse of `searched`."""
         return math.exp(searched) if self.log else float(searched)
 
 
 @dataclass(frozen=True)
 class Rig:
-    """What pressed: a ball, a flat punch, a fingertip, or plates on a cylinder; lengths in [m].
+    """The indenter: a ball, a flat punch, a fingertip, or plates on a cylinder; lengths in [m].
 
-    SessionError: a length that no such rig has.
+    SessionError: a length out of bounds.
     """
 
     kind: str
@@ -77,12 +79,12 @@ class Rig:
 
 @dataclass(frozen=True)
 class Law:
-    """A force law: `force(values, s)` [N] of indentations [m] (n,) >= 0, its parameters, those that are moduli first.
+    """A force law: `force(values, s)` [N] of indentations [m] (n,) >= 0, and its parameters, moduli first.
 
-    slopes  (values, s, force) -> dF/ds [N/m] (n,) and dF/d(parameter) (n,) of each; None: they are found by differences
-    rest    Young's modulus at rest [Pa] from the values, None where it has none
-    reach   [m] beyond which it does not hold
-    remark  what a reader must know of it
+    slopes  (values, s, force) -> dF/ds [N/m] (n,) and dF/d(parameter) (n,) of each; None: finite differences
+    rest    values -> Young's modulus at rest [Pa]; None if the law has none
+    reach   [m] largest valid indentation
+    remark  assumptions, for the report
     """
 
     name: str
@@ -112,11 +114,11 @@ SHAPES = {
         Parameter("c3_over_c1", "1", 0.05, 0.0, 50.0, False),
     ),
 }
-"""The dimensionless parameters of the rubber-like laws; each has Young's modulus before them."""
+"""Dimensionless parameters of the rubber-like laws, in addition to Young's modulus."""
 
 
 def material(law: str, young: float, shape: Values) -> Material:
-    """A rubber-like law with Young's modulus at rest [Pa] of an incompressible body."""
+    """A rubber-like law from Young's modulus at rest [Pa] and its shape parameters, nearly incompressible."""
     shear = young / 3.0
     if law == "ogden":
         return ogden(RATIO, shear, shape["alpha"] or 1e-6)
@@ -129,13 +131,14 @@ def material(law: str, young: float, shape: Values) -> Material:
 
 
 def closed_form(rig: Rig, law: str) -> Law:
-    """The law of a rig in closed form.
+    """The law of a rig in closed form; equations and sources at the top of the module.
 
-    SessionError: no such pair, or a length that it needs is missing.
+    SessionError: the rig does not support the law, or a length is missing.
     """
     radius, plane = rig.radius, 1.0 - rig.poisson**2
     fixed = {"poisson": (rig.poisson, "1"), "radius": (radius, "m")}
     stiffness, exponent = Parameter("stiffness", "N/m^n", 3e3, 1e-3, 1e12), Parameter("exponent", "1", 1.5, 1.0, 3.0)
+    # cylinder between frictionless plates: uniaxial compression
     if rig.kind == "cylinder" and law in SHAPES and rig.height:
         height, area = rig.height, math.pi * radius**2
         if law == "linear":
@@ -148,13 +151,14 @@ def closed_form(rig: Rig, law: str) -> Law:
 
         known = {"radius": (radius, "m"), "height": (height, "m"), "poisson": (0.5, "1")}
         return Law(law, (YOUNG, *SHAPES[law]), compressed, _young, fixed=known)
+    # ball: Hertz on a half-space, and on a bonded layer
     if rig.kind == "ball" and law == "hertz":
         size = 4.0 / 3.0 / plane * math.sqrt(radius)
         return Law(law, (YOUNG,), lambda v, s: size * v["young"] * s**1.5, _young, 0.1 * radius, _HERTZ, fixed,
                    _powers("young", 1.5))  # fmt: skip
     if rig.kind == "ball" and law == "layer":
         if not rig.height:
-            raise SessionError("law layer: expected --height, the thickness of what is pressed")
+            raise SessionError("law layer: expected --height, the thickness of the layer")
         height, size = rig.height, 4.0 / 3.0 / plane * math.sqrt(radius)
         factor = thickness_factor(rig.poisson)
 
@@ -169,13 +173,15 @@ def closed_form(rig: Rig, law: str) -> Law:
         known = {**fixed, "height": (height, "m")}
         reach = min(0.25 * radius, 0.15 * height, float(factor.x[-1]) ** 2 * height**2 / radius)
         remark = (
-            "bonded to the ground, small strains: where it is pressed by more than a tenth of ball or thickness, a "
-            "neo-Hooke layer is softer, by some 5 % at the end of the range"
+            "bonded to the ground, small strains: beyond 10 % of the ball's radius or the thickness a neo-Hooke layer "
+            "is softer, by 5 % at the end of the range"
         )
         return Law(law, (YOUNG,), layer, _young, reach, remark, known, layer_slopes)
+    # flat punch on a half-space
     if rig.kind == "punch" and law == "hertz":
         return Law(law, (YOUNG,), lambda v, s: 2.0 / plane * radius * v["young"] * s, _young, 0.2 * radius,
                    "a half-space: thickness above ten radii", fixed, _powers("young", 1.0))  # fmt: skip
+    # empirical laws
     if law == "exponential":
         steep = Parameter("hardening", "1/m", 300.0, 1e-2, 1e5)
         first = Parameter("stiffness", "N/m", 100.0, 1e-3, 1e9)
@@ -183,11 +189,11 @@ def closed_form(rig: Rig, law: str) -> Law:
         def exponential(v: Values, s: np.ndarray) -> np.ndarray:
             return v["stiffness"] / v["hardening"] * np.expm1(np.minimum(v["hardening"] * s, 500.0))
 
-        def bent(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        def exponential_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
             along = v["stiffness"] * np.exp(np.minimum(v["hardening"] * s, 500.0))
             return along, {"stiffness": force / v["stiffness"], "hardening": (s * along - force) / v["hardening"]}
 
-        return Law(law, (first, steep), exponential, slopes=bent)
+        return Law(law, (first, steep), exponential, slopes=exponential_slopes)
     if rig.kind == "fingertip" and law == "power":
         known = {"finger_stiffness": (FINGER[0], "N/m"), "finger_hardening": (FINGER[1], "1/m")}
         return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known,
@@ -196,7 +202,7 @@ def closed_form(rig: Rig, law: str) -> Law:
         return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"],
                    slopes=_powers("stiffness"))  # fmt: skip
     raise SessionError(
-        f"rig {rig.kind}, law {law}: no such pair; ball: hertz, layer, exponential, power, hunt-crossley, and with "
+        f"rig {rig.kind} does not support law {law}; ball: hertz, layer, exponential, power, hunt-crossley, and with "
         f"--height {_RUBBER}; punch: hertz, exponential, power, hunt-crossley; fingertip: power; cylinder, with "
         f"--diameter and --height: linear, {_RUBBER}"
     )
@@ -207,7 +213,7 @@ def _young(values: Values) -> float:
 
 
 def _powers(first: str, exponent: float | None = None) -> Slopes:
-    """Slopes of a force that is linear in the parameter `first`, and a power of s; its exponent may be a parameter."""
+    """Slopes of the force v[first] s^n; n is `exponent`, or the parameter `exponent` if None."""
 
     def slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         n, inside = v["exponent"] if exponent is None else exponent, np.where(s > 0.0, s, 1.0)
@@ -220,26 +226,28 @@ def _powers(first: str, exponent: float | None = None) -> Slopes:
 
 
 def _series_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Of `_series`, by the slopes of both compliances at their common force."""
+    """Slopes of `_series`, from the compliances of finger and tissue at their common force."""
     b, m = FINGER
     finger = 1.0 / (b + force * m)
-    own = np.maximum(s - np.log1p(force * m / b) / m, 1e-12)
-    tissue = own / (v["exponent"] * np.maximum(force, 1e-300))
+    indentation = np.maximum(s - np.log1p(force * m / b) / m, 1e-12)  # of the tissue
+    tissue = indentation / (v["exponent"] * np.maximum(force, 1e-300))
     along = 1.0 / (finger + tissue)
     share = np.where(force > 0.0, tissue * along, 0.0)
-    return along, {"stiffness": share * force / v["stiffness"], "exponent": share * force * np.log(own)}
+    return along, {"stiffness": share * force / v["stiffness"], "exponent": share * force * np.log(indentation)}
 
 
 def _series(stiffness: float, exponent: float, total: np.ndarray) -> np.ndarray:
-    """Force [N] (n,) where the finger's indentation ln(1 + F m/b)/m and the tissue's (F/K)^(1/n) make up the total
-    [m] (n,), by bisection on the tissue's."""
+    """Force [N] (n,) at which ln(1 + F m/b)/m of the finger plus (F/K)^(1/n) of the tissue equals the total [m] (n,).
+
+    Bisection on the indentation of the tissue.
+    """
     b, m = FINGER
     low, high = np.zeros_like(total), total.copy()
     for _ in range(60):
-        own = 0.5 * (low + high)
-        force = stiffness * own**exponent
-        more = own + np.log1p(force * m / b) / m > total
-        low, high = np.where(more, low, own), np.where(more, own, high)
+        tissue = 0.5 * (low + high)
+        force = stiffness * tissue**exponent
+        more = tissue + np.log1p(force * m / b) / m > total
+        low, high = np.where(more, low, tissue), np.where(more, tissue, high)
     return stiffness * (0.5 * (low + high)) ** exponent
 
 

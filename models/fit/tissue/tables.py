@@ -1,8 +1,8 @@
-"""Force over depth of rubber-like laws by full axisymmetric finite elements, as a table over the law's shape.
+"""Force over depth of rubber-like laws by axisymmetric finite elements, tabulated over the shape parameter of the law.
 
-The force is linear in Young's modulus. So presses at Chebyshev's points of the one dimensionless parameter of the law
-are computed once, ln F is interpolated between them, and a fit costs no more than in closed form. The report compares
-the result with a finer mesh.
+The force is linear in Young's modulus. Presses are computed once at Chebyshev points of the dimensionless parameter,
+and ln F is interpolated between them, so that a fit costs as much as in closed form. The report compares the result
+with a finer mesh.
 """
 
 import math
@@ -16,15 +16,16 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, Values, _young, material
 
 DEPTHS = 12
-"""Depths of a table, closer together near the touch."""
+"""Number of depths in a table; their spacing is smallest near first contact."""
 NODES = 6
-"""Values of the shape parameter that a table is made at."""
+"""Number of values of the shape parameter in a table."""
 REFERENCE = 1e4
 """[Pa] Young's modulus of the tables."""
 
 
 def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> np.ndarray:
-    """Force [N] at depths [m] (n,) with `REFERENCE` as Young's modulus, `count` elements across; NaN where none."""
+    """Force [N] at depths [m] (n,) with `REFERENCE` as Young's modulus and `count` elements across; NaN without
+    equilibrium."""
     made = material(law, REFERENCE, shape)
     assert rig.height is not None  # of these rigs
     if rig.kind == "cylinder":
@@ -37,22 +38,23 @@ def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> 
 
 
 def check_tabulated(rig: Rig, law: str) -> None:
-    """SessionError: the rig has no table of this law, or no thickness."""
+    """SessionError: this law cannot be tabulated for the rig, or the thickness is missing."""
     if len(SHAPES.get(law, (YOUNG, YOUNG))) > 1 or law == "linear" or rig.kind not in ("ball", "cylinder"):
-        known = ", ".join(name for name, own in SHAPES.items() if len(own) < 2 and name != "linear")
+        known = ", ".join(name for name, shapes in SHAPES.items() if len(shapes) < 2 and name != "linear")
         raise SessionError(f"rig {rig.kind}, law {law} in finite elements: expected ball or cylinder, and {known}")
     if not rig.height:
-        raise SessionError(f"law {law} in finite elements: expected --height, the thickness of what is pressed")
+        raise SessionError(f"law {law} in finite elements: expected --height, the thickness of the specimen")
 
 
 def tabulated(
     rig: Rig, law: str, deepest: float, middle: float | None = None, count: int = 8, report: Report = unheard
 ) -> Law:
-    """A law of `SHAPES` with at most one shape parameter, about `middle` of it, down to `deepest` [m].
+    """A law of `SHAPES` with at most one shape parameter, tabulated around its value `middle` to `deepest` [m].
 
-    SessionError: no such law, no thickness, or no equilibrium near the touch.
+    SessionError: an unsupported law, no thickness, or no equilibrium at small depths.
     """
     check_tabulated(rig, law)
+    # Chebyshev nodes of the shape parameter
     shapes = SHAPES[law]
     depths = deepest * np.linspace(0.0, 1.0, DEPTHS + 1)[1:] ** 1.5
     parameters: tuple[Parameter, ...] = ()
@@ -60,26 +62,28 @@ def tabulated(
     if not shapes:
         nodes = np.zeros(1)
     else:
-        own = shapes[0]
-        low, high = _range(own, middle)
+        parameter = shapes[0]
+        low, high = _range(parameter, middle)
         nodes = 0.5 * (low + high) - 0.5 * (high - low) * np.cos((np.arange(NODES) + 0.5) * math.pi / NODES)
-        inner = (own.value(low), own.value(high))
-        guess = min(max(own.guess if middle is None else middle, inner[0]), inner[1])
-        parameters = (Parameter(own.name, own.unit, float(guess), float(inner[0]), float(inner[1]), own.log),)
+        ends = (float(parameter.value(low)), float(parameter.value(high)))
+        guess = float(min(max(parameter.guess if middle is None else middle, ends[0]), ends[1]))
+        parameters = (Parameter(parameter.name, parameter.unit, guess, *ends, parameter.log),)
+    # finite-element press at each node
     forces = []
     for node in nodes:
-        shape = {own.name: own.value(node)} if shapes else {}
+        shape = {parameter.name: parameter.value(node)} if shapes else {}
         forces.append(curve(rig, law, shape, depths, count))
         report(1.0 / len(nodes))
     reached = int(np.isfinite(forces).all(axis=0).sum())
     if reached < 4:
         raise SessionError(f"rig {rig.kind}, law {law}: no equilibrium beyond {1e3 * depths[reached - 1]:.3g} mm")
+    # interpolate ln(F/s^power): barycentric over the parameter, monotone cubic over the depth
     ratio = np.log(np.array(forces)[:, :reached] / depths[:reached] ** power)
     across = BarycentricInterpolator(nodes, ratio) if shapes else None
     knots = np.r_[0.0, depths[:reached]]
 
     def force(values: Values, s: np.ndarray) -> np.ndarray:
-        row = ratio[0] if across is None else across(own.searched(values[own.name]))
+        row = ratio[0] if across is None else across(parameter.searched(values[parameter.name]))
         along = PchipInterpolator(knots, np.r_[row[0], row])
         return values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
 
@@ -90,12 +94,12 @@ def tabulated(
     return Law(law, (YOUNG, *parameters), force, _young, float(knots[-1]), remark, fixed)
 
 
-def _range(own: Parameter, middle: float | None) -> tuple[float, float]:
-    """Ends of the table, in logarithms where the parameter is searched so."""
-    if own.log:
-        centre = math.log(own.guess if middle is None else middle)
-        return max(centre - 2.0, math.log(own.low)), min(centre + 2.0, math.log(own.high))
+def _range(parameter: Parameter, middle: float | None) -> tuple[float, float]:
+    """Ends of the table in search coordinates."""
+    if parameter.log:
+        centre = math.log(parameter.guess if middle is None else middle)
+        return max(centre - 2.0, math.log(parameter.low)), min(centre + 2.0, math.log(parameter.high))
     if middle is None:
-        return (-8.0, 12.0) if own.name == "alpha" else (own.low, 3.0)
-    wide = max(4.0, 0.6 * abs(middle)) if own.name == "alpha" else max(0.3, abs(middle))
-    return max(middle - wide, own.low), min(middle + wide, own.high)
+        return (-8.0, 12.0) if parameter.name == "alpha" else (parameter.low, 3.0)
+    wide = max(4.0, 0.6 * abs(middle)) if parameter.name == "alpha" else max(0.3, abs(middle))
+    return max(middle - wide, parameter.low), min(middle + wide, parameter.high)

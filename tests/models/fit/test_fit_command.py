@@ -213,7 +213,7 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_fit(example, tmp_p
 
 def test_the_example_does_not_write_over_a_file(example):
     before = example.read_bytes()
-    assert "is there already" in refused("--example", example)
+    assert "file exists" in refused("--example", example)
     assert example.read_bytes() == before
 
 

@@ -15,13 +15,12 @@ import palpate
 from palpate.cli.__main__ import app
 from palpate.launch.load.values.units import convert
 from palpate.messages import Contact, Pose
-from palpate.models.fit.press import Press as Recorded
-from palpate.models.fit.press import add_session
+from palpate.models.fit.press import Loading, add_session
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue import relaxing
 from palpate.models.fit.tissue.estimate import Problem, estimate, inflation
 from palpate.models.fit.tissue.fit import fit_tissue
-from palpate.models.fit.tissue.measured import Press, prepared, read_presses
+from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
 from palpate.models.fit.tissue.report import data
 from palpate.models.fit.tissue.rigs import FINGER, Rig, closed_form
 from palpate.studies.presses import _deepest_touch, recorded_press
@@ -37,7 +36,7 @@ def press(
     rows, rng = 300, np.random.default_rng(seed)
     time = np.linspace(-1.0, 2.0 + hold, rows)
     s = np.clip(time / 2.0, -0.5, 1.0) * depth
-    ideal = Press("synthetic", time, s, np.zeros(rows), 0.0, 1e-4, 0.0)
+    ideal = MeasuredPress("synthetic", time, s, np.zeros(rows), 0.0, 1e-4, 0.0)
     force = relaxing.force(kind, closed_form(rig, law), truth, ideal, 0.0)
     step = rng.standard_normal(rows)
     for k in range(1, rows):
@@ -156,7 +155,9 @@ def test_repeated_presses_widen_the_interval_to_their_scatter():
     assert own.low < 9e3
     assert own.high > 1.1e4
     mixed = [press(BALL, "layer", {"young": young}, noise=1e-3) for young in (1e4, 3e4)]
-    mixed[1] = Press("other", *(getattr(mixed[1], k) for k in ("time", "depth", "force", "touch", "slack", "zero")))
+    mixed[1] = MeasuredPress(
+        "other", *(getattr(mixed[1], k) for k in ("time", "depth", "force", "touch", "slack", "zero"))
+    )
     assert any("two indenters" in text for text in fit_tissue(mixed, BALL, "layer").open_)
 
 
@@ -182,13 +183,13 @@ ROWS = "".join(f"{0.1 * k:g},{0.1 * k:g},{0.01 * k**1.5:g}\n" for k in range(30)
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("t,d,F\n" + ROWS, "column 'd': no unit; say it with --unit indentation=mm"),
+        ("t,d,F\n" + ROWS, "column 'd': no unit; give it with --unit indentation=mm"),
         ("t,d [furlong],F\n" + ROWS, "unit 'furlong'"),
         ("t,d [s],F\n" + ROWS, "unit 's'.*expected a length"),
-        ("t,d [m],F\n" + ROWS, r"found 0.6, which is no indentation of a press; is the unit right\?"),
+        ("t,d [m],F\n" + ROWS, r"found 0.6, too large for the indentation of a press; is the unit right\?"),
         ("t,x [mm],F\n" + ROWS, "no header with a column for indentation"),
         ("t,d [mm],F\n" + ROWS.replace("1.5,1.5", "1.5,nan"), r"row 17, column 'd \[mm\]': found 'nan', expected a"),
-        ("t,d [mm],F\n" + ROWS.replace("1.5,1.5,", "1.4,1.5,"), "time does not grow: 1.4 s is followed by 1.4 s"),
+        ("t,d [mm],F\n" + ROWS.replace("1.5,1.5,", "1.4,1.5,"), "time does not increase: 1.4 s is followed by 1.4 s"),
         ("t,d [mm],F\n" + "".join(f"{k},{k},0\n" for k in range(30)), "never touches"),
         ("t,d [mm],F\n" + "".join(f"{k},{k},{-k}\n" for k in range(30)), "the force is negative in the press"),
         ("t,d [mm],F\n0,0,0\n", "1 rows, expected at least 10"),
@@ -216,7 +217,7 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     assert told["shear_modulus_at_rest"]["value"] == approx(young["value"] / 3)
     assert told["fixed"]["poisson"] == {"value": 0.5, "unit": "1"}
     assert told["change_for_fixed"]["radius"] == approx(-0.5, abs=0.1)
-    assert "only E/(1 - nu²) shows" in (out / "report.md").read_text()
+    assert "a press determines only E/(1 - nu²)" in (out / "report.md").read_text()
     assert {p.name for p in out.iterdir()} == {"scene.yaml", "report.md", "report.json", "fit.png", "profiles.png"}
     scene = yaml.safe_load((out / "scene.yaml").read_text())
     assert scene["tissue"]["stiffness"] == approx(16 / 9 * young["value"] * math.sqrt(8e-3), rel=1e-3)
@@ -229,8 +230,8 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     [
         (["--rig", "spoon", "--law", "hertz"], "--rig: found 'spoon', expected ball, punch"),
         (["--rig", "ball", "--law", "hertz"], "expected either --radius or --diameter"),
-        (["--rig", "ball", "--radius", "8 mm", "--law", "gent"], "no such pair"),
-        (["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "--compare", "herz"], "no such pair"),
+        (["--rig", "ball", "--radius", "8 mm", "--law", "gent"], "does not support law gent"),
+        (["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "--compare", "herz"], "does not support law herz"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "layer"], "expected --height"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "ogden"], "expected --height"),
         (["--rig", "ball", "--radius", "8 mm", "--law", "hertz", "--relaxation", "burgers"], "--relaxation: found"),
@@ -318,7 +319,7 @@ def test_other_laws_are_ranked_by_what_they_need_to_fit_as_well():
     assert min(ranks, key=ranks.__getitem__) == "power" and ranks["power"] == 0.0
     assert ranks["layer"] > 10.0  # an exponent near 1.5 does not follow 2
     assert data(fitted)["laws"] == fitted.compared
-    with pytest.raises(SessionError, match=r"hertz holds to 0\.8 mm, the presses go to 2"):
+    with pytest.raises(SessionError, match=r"hertz is valid to 0\.8 mm, the presses go to 2"):
         fit_tissue([made], BALL, "power", compare=("hertz",))
 
 
@@ -336,7 +337,7 @@ def test_a_table_of_record_indentation_gives_a_press_of_each_session(tmp_path):
     path = tmp_path / "sessions.csv"
     depth = np.linspace(0.0, 5e-3, 26)
     for subject, stiff in (("a", 2e3), ("b", 3e3)):
-        add_session(path, subject, "1", Recorded(depth, np.full(26, 1e-3), stiff * depth**1.5))
+        add_session(path, subject, "1", Loading(depth, np.full(26, 1e-3), stiff * depth**1.5))
     presses = read_presses(path, {}, {}, convert)
     assert [p.name for p in presses] == ["sessions.csv:a 1", "sessions.csv:b 1"]
     assert fit_tissue(presses[1:], BALL, "power").estimate.values["stiffness"] == approx(3e3, rel=0.02)

@@ -54,7 +54,7 @@ def test_deeper_rows_are_left_out_where_a_limit_is_given(file):
     [
         (
             "a,1,1,-0.1",
-            "row 3, column 'force': found -0.1, expected a force that is not negative, but for noise of at most"
+            "row 3, column 'force': found -0.1, expected a force that is not negative, except for noise of at most"
             " 5 % of the subject's largest one",
         ),
         ("a,1,-1,0.1", "row 3, column 'depth': found -1, expected a depth that is not negative"),
@@ -152,8 +152,8 @@ def test_unequal_depths_are_named_by_session_and_row(file):
 @pytest.mark.parametrize(
     ("row", "text"),
     [
-        ("a,1,1,0,5", "row 3: 5 cells, the header has 4; are there decimal commas? Write numbers with a point"),
-        ("a,1,0,5,0,71", "row 3: 6 cells, the header has 4; are there decimal commas?"),
+        ("a,1,1,0,5", "row 3: 5 cells, the header has 4; decimal commas? Write numbers with a point"),
+        ("a,1,0,5,0,71", "row 3: 6 cells, the header has 4; decimal commas?"),
         ("a,1,1.5,0.7,seen twice", "row 3: 5 cells, the header has 4; expected as many"),
     ],
 )

@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from palpate.models.fit.tissue.fit import Fit
-from palpate.models.fit.tissue.measured import Press
+from palpate.models.fit.tissue.fit import TissueFit
+from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.views.pictures.style import log_ticks
 
 
-def draw_fit(fit: Fit, folder: Path) -> list[Path]:
+def draw_fit(fit: TissueFit, folder: Path) -> list[Path]:
     return [_forces(fit, folder / "fit.png"), _profiles(fit, folder / "profiles.png")]
 
 
-def _forces(fit: Fit, path: Path) -> Path:
+def _forces(fit: TissueFit, path: Path) -> Path:
     """Force over depth with the fit and the presses held out; residuals over depth and over time."""
     timed = all(p.time is not None for p in fit.presses)
     figure = Figure(figsize=(14 if timed else 10, 4), layout="constrained")
@@ -43,12 +43,12 @@ def _forces(fit: Fit, path: Path) -> Path:
     return _saved(figure, path)
 
 
-def _points(press: Press, touch: float) -> np.ndarray:
+def _points(press: MeasuredPress, touch: float) -> np.ndarray:
     """(n,) Indentation [mm] as real part and force [N] as imaginary part."""
     return 1e3 * (press.depth - touch) + 1j * press.force
 
 
-def _profiles(fit: Fit, path: Path) -> Path:
+def _profiles(fit: TissueFit, path: Path) -> Path:
     """How much worse the best fit is with a parameter held: 1 is the end of its 95 % interval."""
     parameters = fit.estimate.parameters
     figure = Figure(figsize=(3.6 * len(parameters), 3.4), layout="constrained")

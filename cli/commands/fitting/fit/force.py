@@ -11,7 +11,7 @@ from palpate.cli.terminal.options import Json, NoPictures
 from palpate.cli.terminal.output import console, drawn, print_json, say
 
 if TYPE_CHECKING:
-    from palpate.models.fit.fit import Told
+    from palpate.models.fit.fit import SessionsFit
 
 EXAMPLE = "palpate fit force sessions.csv -o finger.model.yaml"
 
@@ -74,7 +74,7 @@ def force(
         say(note, wrap=True)
 
 
-def _draw(fitted: Told) -> list[Path]:
+def _draw(fitted: SessionsFit) -> list[Path]:
     """Draw the pictures of each subject in a folder next to the model file, and return their paths."""
     from palpate.views.pictures.models.fit import draw_choice
 

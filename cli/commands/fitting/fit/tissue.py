@@ -12,7 +12,7 @@ from palpate.cli.terminal.options import Force, Json
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 
 if TYPE_CHECKING:
-    from palpate.models.fit.tissue.fit import Fit
+    from palpate.models.fit.tissue.fit import TissueFit
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 RIGS = ("ball", "punch", "fingertip", "cylinder")
@@ -113,7 +113,7 @@ def tissue(
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
 
 
-def _draw(fit: Fit, out: Path) -> list[Path]:
+def _draw(fit: TissueFit, out: Path) -> list[Path]:
     from palpate.views.pictures.models.fit_tissue import draw_fit
 
     return draw_fit(fit, out)
