@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -53,9 +54,10 @@ class Prepared:
         return [self.job.rate, [msgspec.structs.replace(node, settings={}) for node in self.job.nodes]]
 
 
-def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]]) -> Prepared:
-    """What a lane of this run has to compute for these fields of streams. GraphError, ArgumentError: what is wrong."""
-    graph = launch.load()
+def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | None = None) -> Prepared:
+    """What a lane of this run has to compute for these fields of streams; `graph` is that of the launch file, if
+    already read, and is changed. GraphError, ArgumentError: what is wrong."""
+    graph = graph or launch.load()
     set_recording(graph, None)
     graph.wanted = None
     for spec in graph.nodes.values():
@@ -178,12 +180,16 @@ class LaneRun:
         self._prepared = prepared
         self.restart()
 
-    def restart(self) -> None:
-        """Put all lanes at their beginning."""
+    def restart(self, prepared: Sequence[Prepared] = ()) -> None:
+        """Put all lanes at their beginning, with these settings, of the same structure, if any are given. Images of the
+        settings before are dropped."""
+        self._prepared = prepared or self._prepared
         self.failures.clear()
+        former, self._images = self._images, {}
         for lane, one in enumerate(self._prepared):
             try:
-                self.lanes.place(lane, [self.image(place, node) for place, node in enumerate(one.job.nodes)])
+                images = [self.image(place, node, former) for place, node in enumerate(one.job.nodes)]
+                self.lanes.place(lane, images)
             except NodeError as error:
                 self.failures[lane] = error
 
@@ -191,11 +197,15 @@ class LaneRun:
         """Stop the nodes."""
         self.worker.stop()
 
-    def image(self, place: int, job: NodeJob) -> NodeImage:
-        """A node at its start with the settings of a job; those that are equal start once. NodeError."""
+    def image(self, place: int, job: NodeJob, former: Mapping[Any, NodeImage] = MappingProxyType({})) -> NodeImage:
+        """A node at its start with the settings of a job; those that are equal start once. NodeError.
+
+        former  images that are still valid
+        """
         key = place, repr(sorted(job.settings.items()))
         if key not in self._images:
-            self._images[key] = NodeImage(job, self.segment.slots[place].counts, self._pool)
+            image = former.get(key) or NodeImage(job, self.segment.slots[place].counts, self._pool)
+            self._images[key] = image
         return self._images[key]
 
     def run(self, ticks: int, threads: int | None = None, done: Callable[[int], None] = lambda ticks: None) -> None:

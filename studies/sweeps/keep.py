@@ -9,7 +9,7 @@
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,9 +20,12 @@ from palpate.engine.graph import Graph
 from palpate.launch.load.values.units import UnitError, convert
 from palpate.messages import fields
 from palpate.physics.errors import ArgumentError
+from palpate.records.samples import Samples
 from palpate.views.run import Run
 
 RECORDING = "recording"
+Streams = Mapping[str, Mapping[str, Samples]]
+"""Kept fields by stream and name, a row for each message."""
 NUMBERS: dict[str, Any] = {
     "peak": lambda values: values[np.argmax(np.abs(values))],
     "mean": np.mean,
@@ -56,7 +59,7 @@ class Kept:
         """What is kept, without how: `contact.force`."""
         return self.text.rpartition(" ")[2]
 
-    def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
+    def values(self, run: Run | Streams) -> tuple[np.ndarray, np.ndarray]:
         """Times [s] (n) and values (n) of a run. ArgumentError: it has none."""
         given = run[self.stream][self.field]
         if isinstance(given, list):
@@ -70,7 +73,7 @@ class Kept:
             values = values[:, self.index]
         return np.asarray(given.time), values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
-    def number(self, run: Run) -> float:
+    def number(self, run: Run | Streams) -> float:
         """The number of a run. ArgumentError: it has none."""
         time, values = self.values(run)
         if self.how != "at":

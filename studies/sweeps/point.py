@@ -34,7 +34,8 @@ from palpate.nodes.logger import Mcap
 from palpate.physics import arithmetic, kernel_cache
 from palpate.physics.errors import PalpateError
 from palpate.studies.files import locked
-from palpate.studies.sweeps.keep import Kept
+from palpate.studies.sweeps import lane as lanes
+from palpate.studies.sweeps.keep import Kept, Streams
 from palpate.views.run import Run
 
 ROOMS = ("palpate.physics", "palpate.models.fe", "palpate.messages", "palpate.nodes", "palpate.engine")
@@ -116,6 +117,20 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
         file = Path(folder) / "point.mcap" if point.recording is None else point.recording.with_suffix(".part")
         try:
             launch = task.launch.but(overrides=overrides(point.values), place=FUSED, clock="simulated", record=file)
+            lane = lanes.prepared(launch, task.keep) if point.recording is None and task.keep else None
+            if lane is not None and launch.duration is not None:
+                _warm(launch, lane.graph, begins)
+                ticks = max(1, round(launch.duration * lane.job.rate))
+
+                def ready() -> None:
+                    nonlocal since
+                    begins()
+                    since = time.monotonic()
+
+                streams = lanes.run(lane, ticks, task.keep, ready)
+                if streams is not None:
+                    return replace(_kept(task, streams), seconds=time.monotonic() - since)
+                # A run of its own reports why it fails.
             graph = launch.load()
             if point.recording is None:
                 _only(graph, file, {one.stream for one in task.keep})
@@ -154,7 +169,7 @@ def _only(graph: Graph, file: Path, streams: set[str]) -> None:
             spec.listen = graph.wanted
 
 
-def _kept(task: Task, run: Run) -> Computed:
+def _kept(task: Task, run: Run | Streams) -> Computed:
     done = Computed()
     for one in task.keep:
         if one.how == "curve":

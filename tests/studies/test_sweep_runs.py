@@ -103,6 +103,27 @@ def test_the_bytes_are_those_of_one_run_at_a_time_whatever_the_number_of_workers
         assert np.asarray(run.contact.force).tobytes() == curve.tobytes()
 
 
+def test_a_lane_computes_what_a_run_of_its_own_does(monkeypatch):
+    """Two structures in turn, so that lanes are used again; the results are those of recorded runs, to the byte."""
+    over = {"tissue.use": ["deformation.MassSpring", "deformation.Rigid"], "hand": [press(0.05), press(0.08)]}
+    keep = ("peak contact.force", "at 0.1 s controller.force[2]", "mean controller.force", "curve contact.indentation")
+    study = palpate.Study("kidney", over, keep, duration=0.15)
+    task, recorded, execute = Task(study.launch, study.keep, {}, None), [], point_process.execute
+    points = [study.points[place] for place in (0, 2, 1, 3)]
+    compute(task, points[0])  # compiles
+    monkeypatch.setattr(point_process, "execute", lambda *given: recorded.append(given) or execute(*given))
+    monkeypatch.setattr(point_process, "_warm", lambda *given: None)
+    lanes = [compute(task, point) for point in points]
+    assert not recorded
+    monkeypatch.setattr(point_process.lanes, "prepared", lambda *given: None)
+    for lane, point in zip(lanes, points, strict=True):
+        single = compute(task, point)
+        assert lane.error == single.error == "" and lane.numbers == single.numbers and lane.numbers
+        for name, curve in single.curves.items():
+            assert all(a.tobytes() == b.tobytes() for a, b in zip(curve, lane.curves[name], strict=True))
+    assert len(recorded) == 4 and len({lane.numbers["peak contact.force"] for lane in lanes}) > 2
+
+
 def press(time):
     return {"hand_stiffness": 500, "hand_damping": 10, "mass": 0.2, "begin": [0, 0, 0.1095],
             "path": [{"to": [0, 0, 0.104], "time": time}, {"hold": 0.1}]}  # fmt: skip

@@ -1,0 +1,88 @@
+"""A point as a lane: graphs of one structure start once in a process, and each point brings only its settings.
+
+It computes the bits of a run of its own (engine/lanes.py), and keeps the fields that the study asks for instead of a
+recording.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from palpate.engine.slot import NodeError
+from palpate.launch.load.launchfile import LaunchFile
+from palpate.launch.run.lanes import LaneRun, Prepared, prepare
+from palpate.launch.run.work.compiling import compiling
+from palpate.messages.fields import fields
+from palpate.messages.record import layout
+from palpate.nodes.logger import Mcap
+from palpate.physics.errors import ArgumentError
+from palpate.records.samples import Samples
+from palpate.studies.sweeps.keep import Kept, Streams
+
+STRUCTURES = 8  # that a process keeps ready
+HEAD = "there", "tick", "time"
+
+_ready: list[tuple[Any, LaneRun]] = []  # by structure and kept fields, the last used one at the end
+
+
+def prepared(launch: LaunchFile, keep: Sequence[Kept]) -> Prepared | None:
+    """What a lane computes of this run; None if it cannot run as one: it has a node or an observer in Python, or a kept
+    field changes in length.
+
+    GraphError: what is wrong with the graph.
+    """
+    graph = launch.load()
+    if any(spec.observer and not issubclass(spec.cls, Mcap) and spec.off is None for spec in graph.nodes.values()):
+        return None
+    kinds = {one.stream: graph.streams.get(one.stream) for one in keep}
+    try:
+        if any(kinds[one.stream] is None or layout(kinds[one.stream])[one.field].base.fields for one in keep):
+            return None
+        return prepare(launch, _names(keep), graph)
+    except (ArgumentError, TypeError, KeyError):
+        return None
+
+
+def run(one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], None]) -> Streams | None:
+    """Run a lane; None where it fails. `begins` is called when it is ready to run, and while kernels are compiled."""
+    names = _names(keep)
+    heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
+    try:
+        lane = _lane(one, [*heads, *names], ticks, begins)
+    except NodeError:
+        return None
+    begins()
+    lane.restart([one])
+    lane.run(ticks, threads=1)
+    if lane.failures:
+        return None
+    columns = {key: column[0] for key, column in zip([*heads, *names], lane.lanes.columns, strict=True)}
+    streams: dict[str, dict[str, Samples]] = {}
+    for stream, name in names:
+        sent = columns[stream, "there"] & (columns[stream, "tick"] == np.arange(ticks))
+        time = columns[stream, "time"][sent].astype(float) / 1e9
+        unit = next(field.unit for field in fields(one.graph.streams[stream]) if field.name == name)
+        streams.setdefault(stream, {})[name] = Samples(columns[stream, name][sent], f"{stream}.{name}", unit, time)
+    return streams
+
+
+def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:
+    return list(dict.fromkeys((one.stream, one.field) for one in keep))
+
+
+def _lane(one: Prepared, names: Sequence[tuple[str, str]], ticks: int, begins: Callable[[], None]) -> LaneRun:
+    """A lane for this structure: one that is ready, or a new one."""
+    key = one.structure, names, ticks
+    for place, (known, lane) in enumerate(_ready):
+        if known == key:
+            _ready.append(_ready.pop(place))
+            return lane
+    own = os.getpid()  # a second process compiles, too
+    with compiling(lambda count: begins() if os.getpid() == own else None):
+        lane = LaneRun([one], names, ticks)
+    _ready.append((key, lane))
+    if len(_ready) > STRUCTURES:
+        _ready.pop(0)[1].close()
+    return lane
