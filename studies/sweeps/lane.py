@@ -1,6 +1,6 @@
 """A point as a lane: graphs of one structure start once in a process, and each point brings only its settings.
 
-It computes the bits of a run of its own (engine/lanes.py), and keeps the fields that the study asks for instead of a
+It computes the bits of a single run (engine/lanes.py), and keeps the fields that the study asks for instead of a
 recording.
 """
 

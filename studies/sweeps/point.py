@@ -130,7 +130,7 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
                 streams = lanes.run(lane, ticks, task.keep, ready)
                 if streams is not None:
                     return replace(_kept(task, streams), seconds=time.monotonic() - since)
-                # A run of its own reports why it fails.
+                # A single run reports why it fails.
             graph = launch.load()
             if point.recording is None:
                 _only(graph, file, {one.stream for one in task.keep})
