@@ -142,7 +142,7 @@ def test_another_file_is_not_added_to(tmp_path):
     file = tmp_path / "other.csv"
     file.write_text("a,b\n1,2\n")
     with pytest.raises(
-        SessionError, match=r"its head is a,b, expected subject,session,depth \[mm\],rate \[mm/s\],force"
+        SessionError, match=r"its header is a,b, expected subject,session,depth \[mm\],rate \[mm/s\],force"
     ):
         add_session(file, "a", "1", Loading(np.zeros(1), np.zeros(1), np.zeros(1)))
     assert file.read_text() == "a,b\n1,2\n"

@@ -19,8 +19,8 @@ from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce import snapshots
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
-from palpate.models.fe.reduce.reduction import CELLS, answers
-from palpate.models.fe.reduce.sampling import at_rest, bent, chosen, nonnegative, points_of
+from palpate.models.fe.reduce.reduction import CELLS, truncation_errors
+from palpate.models.fe.reduce.sampling import at_rest, chosen, fit_gamma, nonnegative, points_of
 from palpate.models.fe.reduce.snapshots import MILD, mirror, press, press_from_rest, scatter
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.surface import FINGER_LENGTH, FINGER_RADIUS, surface_mesh, surface_patch
@@ -275,8 +275,8 @@ def test_fewer_points_than_all_change_little():
     phi = mode_shapes()
     surface_modes = np.einsum("nv,nia->via", slab().hats, phi).reshape(-1, MODES)
     left = compliance() - surface_modes @ surface_modes.T
-    _, one, share = answers(points_of(slab(), phi, 1e300), surface_modes, left, slab(), pressed()[:2])
-    _, two, _ = answers(basis().points, surface_modes, left, slab(), pressed()[:2])
+    _, one, share = truncation_errors(points_of(slab(), phi, 1e300), surface_modes, left, slab(), pressed()[:2])
+    _, two, _ = truncation_errors(basis().points, surface_modes, left, slab(), pressed()[:2])
     assert one * share == approx(two * share, abs=0.02)  # of the indentation
 
 
@@ -419,7 +419,7 @@ def test_the_barrier_and_gamma_have_the_slopes_they_say():
 def test_the_bend_of_known_data_is_found():
     w = np.geomspace(1e-3, 1.0, 60)
     pull = np.array([gamma(x * x, 0.05, 0.3, np.inf)[0] for x in w]) * w
-    parameters = bent(w, pull, 1.0 / pull)
+    parameters = fit_gamma(w, pull, 1.0 / pull)
     again = np.array([gamma(x * x, *parameters, np.inf)[0] for x in w]) * w
     assert again == approx(pull, rel=0.05)
 
