@@ -132,7 +132,7 @@ def test_force_and_tangent_are_derivatives_of_the_energy(law):
 def test_elements_with_one_volume_ratio_are_refused():
     small = of_organ(Organ(surface_mesh("sphere", 12)))
     small.materials = lambda young: {0: neo_hooke(1.0, 0.48)}
-    with pytest.raises(ValueError, match="'neo_hooke' with the mixed element: expected the plain one"):
+    with pytest.raises(ValueError, match="'neo_hooke' with the mixed element: expected the plain element"):
         points_of(small, np.zeros((*small.mesh.points.shape, 2)), 1.0)
 
 
@@ -171,16 +171,16 @@ def test_a_touch_that_was_pressed_is_kept_and_a_damaged_file_is_not_taken(tmp_pa
 def test_presses_of_an_organ_resume_where_they_were_interrupted(tmp_path, monkeypatch):
     small, calls = of_organ(Organ(surface_mesh("sphere", 12))), []
 
-    def counted(*given, settled=snapshots._settled):
+    def counted(*given, equilibrium=snapshots._equilibrium):
         calls.append(given)
-        return settled(*given)
+        return equilibrium(*given)
 
     def interrupt(share):
         if share > 0.5:
             raise KeyboardInterrupt
 
     few = scatter(small.surface, 3, np.ones(len(small.surface.triangles), dtype=bool), 0.02, 1e-4 * MILD[:2], 1)
-    monkeypatch.setattr(snapshots, "_settled", counted)
+    monkeypatch.setattr(snapshots, "_equilibrium", counted)
     last = press_from_rest(small, few[2:])
     alone = len(calls)
     with pytest.raises(KeyboardInterrupt):
