@@ -21,7 +21,7 @@ from typing import NoReturn
 import msgspec
 
 from palpate.launch.run.descendants import die_with_parent, set_title
-from palpate.launch.run.reports import ANSWERS, REQUESTS, Exited, Kill, Prepare, Start, Started
+from palpate.launch.run.reports import ANSWERS, REPORTED, REQUESTS, Exited, Kill, Prepare, Start, Started
 from palpate.physics.arithmetic import environment
 
 MOST_PRINTED = 1 << 20  # [bytes] of output read at once, so that a flood of output does not block the launcher
@@ -149,7 +149,7 @@ def _work(end: socket.socket, request: Start) -> NoReturn:
         end.close()
         from palpate.launch.run.work.process import serve
 
-        code = serve(request)
+        code = REPORTED if serve(request) else 0
     finally:
         sys.stdout.flush()
         sys.stderr.flush()

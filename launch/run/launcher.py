@@ -34,7 +34,7 @@ from palpate.launch.run.work.worker import REPORT
 HEAD_START = 40_000_000  # [ns] from the order `Go` to tick 0, so that every worker has received it
 BEAT = 0.5  # [s] between heartbeats to workers on other machines
 GRACE = 0.1  # [s] from the death of a node on the real clock to the shutdown, so that the device gets zero force
-LAST_REPORT = 5.0  # [s] to wait for the last report of a worker that exited normally
+LAST_REPORT = 5.0  # [s] to wait for the last report of a worker that has sent one
 MOST_REPORTS = 1000  # handled in a row, so that a flood of reports does not block the launcher
 LIMITS = {"starting": START_PATIENCE, "ready": math.inf, "linked": math.inf}
 """[s] Longest silence of a worker in these states; `ready` and `linked` workers wait and send nothing."""
@@ -326,9 +326,9 @@ class Launcher:
             member.pid = answer.pid
             return
         # The last report was sent before the process ended, but may arrive after this answer, on a busy machine much
-        # later. A process with exit code 0 has certainly sent it.
+        # later. A process with one of these exit codes has certainly sent it.
         silence = Silence()
-        limit = LAST_REPORT if answer.status == 0 else 0.5 if answer.status > 0 else 0.002
+        limit = LAST_REPORT if answer.status in (0, reports.REPORTED) else 0.5 if answer.status > 0 else 0.002
         while member.alive and silence.look() < limit * 1e9:
             self._next_report(1)
         if member.alive:

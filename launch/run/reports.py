@@ -175,11 +175,13 @@ class Started(msgspec.Struct, frozen=True, tag=True):
 
 
 class Exited(msgspec.Struct, frozen=True, tag=True):
-    """A worker's process has ended; `status` as in `os.waitstatus_to_exitcode`."""
+    """A worker's process has ended; `status` as in `os.waitstatus_to_exitcode`, `REPORTED` after a reported failure."""
 
     group: str
     status: int
 
+
+REPORTED = 70  # exit code of a worker that has reported its failure, as EX_SOFTWARE in sysexits.h
 
 ORDERS = msgspec.json.Decoder(Order)
 REPORTS = msgspec.msgpack.Decoder(Addressed)

@@ -13,7 +13,7 @@ from palpate.engine.job import Job, NodeJob
 from palpate.launch.run import ending
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.member import WorkerHandle
-from palpate.launch.run.reports import Exited, Quit
+from palpate.launch.run.reports import REPORTED, Exited, NodeFault, Quit
 from palpate.launch.run.wire import addresses
 from palpate.launch.run.work.loops import QUIET, observe
 from palpate.launch.run.work.watchdog import START_PATIENCE, watched
@@ -95,6 +95,29 @@ def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_bef
     launcher = SimpleNamespace(members={"a": member}, _next_report=next_report, _is_gone=lambda member: None)
     Launcher._answer(launcher, Exited("a", 1))
     assert member.state == "failed"
+
+
+@pytest.mark.parametrize(("status", "state"), [(REPORTED, "failed"), (3, "died")])
+def test_a_reported_failure_is_waited_for_and_an_unknown_end_is_not(time, status, state):
+    """The report arrives 2 s after the end of the process, while the machine is never quiet for long."""
+    member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), state="running", pid=1)
+    due = time.ns + 2000 * MS
+
+    def next_report(wait: int) -> bool:
+        time.ns += MS
+        if time.ns >= due:
+            member.state = "failed"
+        return True
+
+    def died(member: WorkerHandle, fault: NodeFault) -> None:
+        member.state = "died"
+
+    launcher = SimpleNamespace(
+        members={"a": member}, _next_report=next_report, _is_gone=lambda member: None, _died=died, _tail=[],
+        _listen=lambda: None,
+    )  # fmt: skip
+    Launcher._answer(launcher, Exited("a", status))
+    assert member.state == state
 
 
 def test_a_run_that_starts_while_another_is_about_to_lock_its_folder_leaves_it_alone(monkeypatch, tmp_path):
