@@ -12,10 +12,10 @@ _TAIL = np.array([4.0 * math.comb(2 * k, k) / (4.0**k * (2 * k + 1) * (2 * k + 3
 
 @kernel
 def bulge(r: float, a: float) -> float:
-    """Shape s(r, a) [m²] of the surface displacement below a Hertz pressure of contact radius a; scalar kernel.
+    """Shape s(r, a) [m²] of the surface displacement under a Hertz pressure of contact radius a, see `displacement`.
 
-    See `displacement`. Far outside the two terms of the closed form cancel, so the series of the same function is
-    summed there: g(q) = 4 integral_0^q t asin(t) dt.
+    Far from the contact the two terms of the closed form cancel, so a series of g(q) = 4 integral_0^q t asin(t) dt is
+    used there.
     """
     if r <= a:
         return a * a - 0.5 * r * r

@@ -13,7 +13,7 @@ from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.fingertip.beam_bundle import bundle, check_count
 from palpate.physics.friction.lugre import stribeck
 from palpate.physics.geometry import nurbs_fit
-from palpate.physics.geometry.nurbs import Nurbs, normal_of
+from palpate.physics.geometry.nurbs import NurbsPatch, normal_of
 from palpate.physics.materials.viscoelastic import TISSUE
 from palpate.physics.materials.voigt import chain_strain_step
 
@@ -199,4 +199,4 @@ def bspline(control, closed_u=False, closed_v=False):
             knots.append((np.arange(n + 7) - 3.0) / n)
         else:
             knots.append(np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, n - 2), np.ones(3)]))
-    return Nurbs(control, np.ones(control.shape[:2]), *knots, 3, 3, closed_u, closed_v)
+    return NurbsPatch(control, np.ones(control.shape[:2]), *knots, 3, 3, closed_u, closed_v)
