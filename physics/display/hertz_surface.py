@@ -30,12 +30,6 @@ def bulge(r: float, a: float) -> float:
     return r * r * g / math.pi
 
 
-@kernel
-def _bulges(r: np.ndarray, a: np.ndarray, out: np.ndarray) -> None:
-    for i in range(r.size):
-        out[i] = bulge(r[i], a[i])
-
-
 def displacement(r, a, curvature, share=1.0):
     """Normal displacement [m] of the surface of one of two bodies in Hertz contact, positive into that body.
 
@@ -50,7 +44,4 @@ def displacement(r, a, curvature, share=1.0):
 
     The shapes broadcast. K. L. Johnson, Contact Mechanics (1985), eqs. 3.41a and 3.42a.
     """
-    r, a = np.broadcast_arrays(np.asarray(r, float), np.asarray(a, float))
-    shape = np.empty(r.shape)
-    _bulges(np.ascontiguousarray(r).ravel(), np.ascontiguousarray(a).ravel(), shape.ravel())
-    return share * curvature * shape
+    return share * curvature * np.vectorize(bulge, otypes=[float])(np.asarray(r, float), np.asarray(a, float))

@@ -131,14 +131,6 @@ def press(force: float, b: float, m: float, pad_curvature: float, compliance: fl
     return x, approach, math.sqrt(approach / curvature), pad, pad / softening, 1.0 / softening, curvature
 
 
-@kernel
-def _press_all(force, compliance, tissue_curvature, b, m, pad_curvature, out):
-    for i in range(force.size):
-        contact = press(force[i], b, m, pad_curvature, compliance[i], tissue_curvature[i])
-        for k in range(7):
-            out[k, i] = contact[k]
-
-
 def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FINGERPADS["canonical"]) -> PadContact:
     """The fingerpad on tissue under each force: deflection, approach, contact radius and moduli (see the module).
 
@@ -161,12 +153,9 @@ def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FIN
     curved = np.isfinite(tissue_curvature) & (tissue_curvature > -1.0 / pad.radius)
     _refuse("radius", given[3], curved, "a radius > 0 m or < -R_f (inf: flat)")
     compliance = (1.0 - given[2] ** 2) / given[1]
-    force, compliance, tissue_curvature = np.broadcast_arrays(given[0], compliance, tissue_curvature)
-    out = np.empty((7, *force.shape))
-    f, c, k = (np.ascontiguousarray(v).ravel() for v in (force, compliance, tissue_curvature))
-    _press_all(f, c, k, float(pad.b), float(pad.m), 1.0 / pad.radius, out.reshape(7, -1))
-    x, approach, a, pad_stiffness, both, share, curvature = out
-    return PadContact(x, approach, a, pad_stiffness, both, share, curvature, a <= VALID_RATIO * pad.radius)
+    contact = np.vectorize(press, otypes=7 * [float])
+    state = contact(given[0], float(pad.b), float(pad.m), 1.0 / pad.radius, compliance, tissue_curvature)
+    return PadContact(*state, state[2] <= VALID_RATIO * pad.radius)
 
 
 def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> None:

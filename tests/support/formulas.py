@@ -1,6 +1,7 @@
 """Closed forms, and formulas over whole paths, that tests hold the formulas of palpate against."""
 
 import math
+from dataclasses import replace
 
 import bristles as bristle
 import numpy as np
@@ -155,7 +156,8 @@ def torus(major: float, minor: float):
     if not 0 < minor < major:
         raise ValueError(f"minor radius: found {minor}, expected between 0 and the major radius {major}")
     circle, weights, knots = nurbs_fit._arc(4)
-    return nurbs_fit._revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots, True)
+    tube = nurbs_fit._revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots)
+    return replace(tube, closed_v=True)
 
 
 def decays(path: np.ndarray) -> bool:

@@ -27,19 +27,6 @@ def numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
-    """Table III: indentations [mm] of the paper and of records, by set ("printed", ...) and plate; None: unreached."""
-    rows = []
-    for plate, marks in PAPER.items():
-        for force, paper in marks:
-            row: dict[str, Any] = {"plate": plate, "force N": force, "paper mm": 1e3 * paper}
-            for name, records in sets.items():
-                record = records[plate]
-                row[f"{name} mm"] = 1e3 * record.at(force)[0] if force <= record.force[-1] else None
-            rows.append(row)
-    return rows
-
-
 def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
     """Each statement of the paper on both plates with the figures of the records, between its two forces, and whether
     it is true; None: not reached. Statements at forces beyond the end of a record are omitted."""
