@@ -161,9 +161,9 @@ def beam_foundation(
     thickness, moduli = np.array(layers, float), np.array([m.modulus for m in materials])
     shares = thickness / thickness.sum()
     areas = mesh.areas if hardness is None else mesh.areas * hardness
+    vertices, normals, areas = (np.ascontiguousarray(x, float) for x in (mesh.vertices, mesh.normals, areas))
     beams = FoundationBeams(
-        *(np.ascontiguousarray(x, float) for x in (mesh.vertices, mesh.normals, areas)), float(thickness.sum()), shares,
-        moduli, np.array([m.viscosity for m in materials]),
+        vertices, normals, areas, float(thickness.sum()), shares, moduli, np.array([m.viscosity for m in materials]),
         float((thickness / [m.shear_modulus for m in materials]).sum()), float((shares / moduli).sum()),
     )  # fmt: skip
     # at rest, out of contact

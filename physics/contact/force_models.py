@@ -57,11 +57,7 @@ def _gauss(x: np.ndarray, q, w) -> np.ndarray:
     return exp(-(((x - q) / w) ** 2))
 
 
-def _by_name(*models: ForceModel) -> dict[str, ForceModel]:
-    return {model.name: model for model in models}
-
-
-MODELS = _by_name(
+MODELS = {model.name: model for model in (
     ForceModel("linear", "m d + n", {"m": "N/m", "n": "N"}, lambda x: [x, np.ones(len(x))]),
     ForceModel(
         "quadratic", "k1 d² + k2 d + k3", {"k1": "N/m^2", "k2": "N/m", "k3": "N"},
@@ -88,5 +84,5 @@ MODELS = _by_name(
         lambda x, b: [[x * np.exp(b * x)]],
         lambda x: [np.linspace(-20.0, 20.0, 321) / _span(x)],
     ),
-)  # fmt: skip
+)}  # fmt: skip
 """The regression curves by name."""

@@ -44,4 +44,6 @@ def displacement(r, a, curvature, share=1.0):
 
     The shapes broadcast. K. L. Johnson, Contact Mechanics (1985), eqs. 3.41a and 3.42a.
     """
-    return share * curvature * np.vectorize(bulge, otypes=[float])(np.asarray(r, float), np.asarray(a, float))
+    with np.errstate(all="ignore"):  # compiled code also evaluates branches that are not taken
+        shape = np.vectorize(bulge, otypes=[float])(np.asarray(r, float), np.asarray(a, float))
+    return share * curvature * shape

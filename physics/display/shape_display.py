@@ -154,8 +154,9 @@ def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FIN
     _refuse("radius", given[3], curved, "a radius > 0 m or < -R_f (inf: flat)")
     compliance = (1.0 - given[2] ** 2) / given[1]
     contact = np.vectorize(press, otypes=7 * [float])
-    state = contact(given[0], float(pad.b), float(pad.m), 1.0 / pad.radius, compliance, tissue_curvature)
-    return PadContact(*state, state[2] <= VALID_RATIO * pad.radius)
+    with np.errstate(all="ignore"):  # compiled code also evaluates branches that are not taken
+        state = contact(given[0], float(pad.b), float(pad.m), 1.0 / pad.radius, compliance, tissue_curvature)
+    return PadContact._make([*state, state[2] <= VALID_RATIO * pad.radius])
 
 
 def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> None:
