@@ -24,7 +24,7 @@ from scipy import optimize
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Contact, Load, Surface
 from palpate.nodes.deformation import BeamBundle, MassSpring
-from palpate.physics.bodies import beam_bed
+from palpate.physics.bodies import beam_foundation
 from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 from palpate.records.changed import changed
@@ -146,11 +146,11 @@ def _borne(player: Player, loaders: Sequence[str], body: str) -> tuple[list[Pres
     return [(load.nodes.copy(), load.forces.copy(), load.foot, load.normal) for load in loads], depths
 
 
-def _depths(bed: beam_bed.BeamFoundation, loads: list[Pressed], dt: float) -> np.ndarray:
+def _depths(bed: beam_foundation.BeamFoundation, loads: list[Pressed], dt: float) -> np.ndarray:
     """Indentations [m] of a bed under these loads after a step."""
     for contact, (nodes, forces, foot, normal) in enumerate(loads):
-        beam_bed.bear(bed, contact, nodes, forces, foot, normal)
-    beam_bed.answer(bed, dt)
+        beam_foundation.bear(bed, contact, nodes, forces, foot, normal)
+    beam_foundation.answer(bed, dt)
     return bed.contacts.laws[:, 4].copy()
 
 
