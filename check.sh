@@ -29,8 +29,18 @@ mypy=$!
 failed=0
 # Compile the kernels that most tests need once, in parallel with mypy, instead of in each test process.
 .venv/bin/palpate run kidney --fused --duration 0.01 --no-record --no-pictures >/dev/null 2>&1 || true
+again=.pytest_cache/v/cache/lastfailed
+[ "$#" -gt 0 ] || rm -f "$again"
 .venv/bin/python -m pytest -n 3 --dist worksteal "$@" || failed=$?
-wait "$mypy" || failed=1
+types_failed=0
+wait "$mypy" || types_failed=1
+# A test on the real clock can fail where another program takes the processors for seconds. Of all tests, up to five that
+# failed run once more, one after another; a defect fails again.
+if [ "$failed" = 1 ] && [ "$#" = 0 ] && [ "$(grep -c '::' "$again")" -le 5 ]; then
+    echo "check: the tests that failed, once more, one after another"
+    failed=0
+    .venv/bin/python -m pytest --last-failed --last-failed-no-failures none || failed=$?
+fi
 cat "$types"
 rm -f "$types"
-exit "$failed"
+exit "$((failed + types_failed))"

@@ -24,7 +24,7 @@ from scipy import optimize
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Contact, Load, Surface
 from palpate.nodes.deformation import BeamBundle, MassSpring
-from palpate.physics.bodies import beam_bed
+from palpate.physics.bodies import beam_foundation
 from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 from palpate.records.changed import changed
@@ -157,11 +157,11 @@ def _loads_and_depths(player: Player, loaders: Sequence[str], body: str) -> tupl
     return [(load.nodes.copy(), load.forces.copy(), load.foot, load.normal) for load in loads], depths
 
 
-def _depths(foundation: beam_bed.BeamFoundation, loads: list[PatchLoad], dt: float) -> np.ndarray:
+def _depths(foundation: beam_foundation.BeamFoundation, loads: list[PatchLoad], dt: float) -> np.ndarray:
     """Indentations [m] of a beam foundation under these loads after one step."""
     for contact, (nodes, forces, foot, normal) in enumerate(loads):
-        beam_bed.bear(foundation, contact, nodes, forces, foot, normal)
-    beam_bed.answer(foundation, dt)
+        beam_foundation.bear(foundation, contact, nodes, forces, foot, normal)
+    beam_foundation.answer(foundation, dt)
     return foundation.contacts.laws[:, 4].copy()
 
 

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.models.fe.contact.bed import ElasticFoundation
+from palpate.models.fe.contact.foundation import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
