@@ -41,7 +41,7 @@ class Library(JITCodeLibrary):
         return found
 
     def _all(self) -> list[Any]:
-        """This library and those of all functions that it calls, directly or indirectly."""
+        """The library itself and those of all functions that it calls, directly or indirectly."""
         found: list[Any] = [self]
         for library in found:
             if isinstance(library, Library):
