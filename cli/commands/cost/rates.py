@@ -55,12 +55,10 @@ def rates(
     launch = chosen(graph, sets, scene).but(duration=duration)
     planned = launch.plan()
     study.effects_of(planned)
-    length = launch.duration or 0.0
     file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
     check_file(file)
-    moves = at_speeds(launch, fast)
-    took = sum((motion.duration or 0.0) for motion in moves.values()) * (3 if reached(launch, fast)[1] else 1)
-    title = f"rates: a touch of {length:g} s, then again at other rates"
+    took = sum(one.duration or 0.0 for one in at_speeds(launch, fast).values()) * (3 if reached(launch, fast)[1] else 1)
+    title = f"rates: a touch of {launch.duration or 0.0:g} s, then again at other rates"
     with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
         found = study.rates(launch, share, file, done, fast)
     if as_json:
@@ -77,9 +75,9 @@ def rates(
 
 
 def _data(rate: Rate) -> dict[str, Any]:
-    constant = None if rate.idle else rate.constant
     return {"node": rate.node, "effect": rate.effect, "every": rate.every, "before": rate.before,
-            "time_constant_s": constant, "error": rate.output_error, "force_error": rate.force_error}  # fmt: skip
+            "time_constant_s": None if rate.idle else rate.constant, "error": rate.output_error,
+            "force_error": rate.force_error}  # fmt: skip
 
 
 def _times(one: Evaluation) -> dict[str, float]:
@@ -93,21 +91,18 @@ def _print(found: RatesResult, file: Path) -> None:
     rows = []
     for rate in found.tried:
         constant = "idle" if rate.idle else f"{1e3 * rate.constant:.3g} ms"
-        errors = (
-            ("", "") if rate.idle else (_percent(rate.output_error), _percent(rate.force_error) if rate.in_loop else "")
-        )
+        force = _percent(rate.force_error) if rate.in_loop else ""
+        errors = ("", "") if rate.idle else (_percent(rate.output_error), force)
         rows.append((rate.node, rate.effect, constant, str(rate.every), str(rate.before), *errors))
-    heads = ("", "effect", ">time\nconstant", ">every", ">\nnow", ">error, RMS %\noutput", ">\nforce")
-    console().print(table(heads, rows))
+    console().print(
+        table(("", "effect", ">time\nconstant", ">every", ">\nnow", ">error, RMS %\noutput", ">\nforce"), rows)
+    )
     if any(rate.idle for rate in found.tried):
         say("idle: its output does not change on this touch, so its rate is kept", "dim", wrap=True)
+    assert found.predicted is not None and found.measured is not None
     for word, one in (("predicted", found.predicted), ("measured", found.measured)):
-        assert one is not None
-        full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
-        say(
-            f"{word:9} {errors_text(found.tried, one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}",
-            wrap=True,
-        )
+        full = f"{1e6 * one.reference:.0f} us with all effects at every tick (all CPU time)"
+        say(f"{word:9} {errors_text(found.tried, one)}; mean tick {1e6 * one.mean:.0f} us; {full}", wrap=True)
     if found.unseen:
         say(f"          predicted from {len(found.unseen)} motions that the search has not seen", "dim", wrap=True)
     for speed, one in found.at.items() if len(found.at) > 1 else ():
@@ -117,7 +112,7 @@ def _print(found: RatesResult, file: Path) -> None:
     if found.met:
         say(f"written   {file}: palpate run {file}", wrap=True)
         return
-    why = "a new motion missed it" if found.unseen else "the touch itself changed as the hand reacts to the force"
+    why = "a new motion missed it" if found.unseen else "the touch changed, as the hand reacts to the force"
     say(f"The error limit is exceeded: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
 
 

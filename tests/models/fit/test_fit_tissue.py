@@ -306,7 +306,7 @@ def test_a_recording_of_a_force_sensor_takes_the_way_of_the_probe():
     assert np.ptp(made.time) == approx(3.0, rel=0.02)
     fitted = fit_tissue([made], BALL, "power")
     assert fitted.estimate.values["stiffness"] == approx(2e3, rel=0.03)
-    with pytest.raises(SessionError, match="no stream of Pose"):
+    with pytest.raises(SessionError, match="without a stream of Pose"):
         recorded_press("sensor", [], contacts, False)
     with pytest.raises(SessionError, match="no messages of Contact"):
         recorded_press("sensor", poses, [], False)
