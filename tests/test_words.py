@@ -19,7 +19,7 @@ PAGES = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "docs")
 SETTINGS = ("graphs", "docs", "tests/golden")
 """Folders whose YAML is checked: comments, questions and labels."""
 PYTHON = (
-    "docs", "messages", "physics/materials", "physics/friction", "physics/device", "tests/test_words.py",
+    "docs", "engine", "messages", "physics/materials", "physics/friction", "physics/device", "tests/test_words.py",
 )  # fmt: skip
 """Rooms whose Python is checked: docstrings, comments and messages. Add a room when its text has been revised."""
 
