@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.models.fe import Rigid, Settings, Solver, linear, plane, quadratic, sphere
+from palpate.models.fe import RigidIndenter, Settings, Solver, linear, plane, quadratic, sphere
 from palpate.models.fe.contact.pressure import HATS, nodal_pressure
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import bricks, grid
@@ -45,9 +45,10 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
     held[far] = theory * point_force(p[far], YOUNG, poisson)
     top = top[np.linalg.norm(p[top[:, :3]].mean(axis=1), axis=1) < 2.2 * a]
     if ball:
-        touch = Rigid(top, plane, (0, 0, -1.0), lambda load: np.array([0, 0, -load * depth]), bound=depth / 1000)
+        shape, numbers, z = plane, (0, 0, -1.0), 0.0
     else:
-        touch = Rigid(top, sphere, (RADIUS,), lambda load: np.array([0, 0, RADIUS - load * depth]), bound=depth / 1000)
+        shape, numbers, z = sphere, (RADIUS,), RADIUS
+    touch = RigidIndenter(top, shape, numbers, lambda load: np.array([0, 0, z - load * depth]), bound=depth / 1000)
     steps = Settings(step=1.0, largest=1.0)
     body = Solver(mesh, {0: linear(YOUNG, poisson)}, fixed, lambda load: load * held, contacts=[touch], settings=steps)
     body.advance(1.0)

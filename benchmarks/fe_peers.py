@@ -33,7 +33,7 @@ import numpy as np
 from fe_felupe import felupe
 from fe_problems import POISSON, RADIUS, YOUNG, Problem, ball, block, pressed, step
 
-from palpate.models.fe import Rigid, Settings, Solver, neo_hooke, plane
+from palpate.models.fe import RigidIndenter, Settings, Solver, neo_hooke, plane
 from palpate.models.fe.element.mesh import FACES
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.peers import MissingError
@@ -63,7 +63,8 @@ def _palpate(problem: Problem) -> Solver:
     place = np.array([0.0, 0.0, problem.floor])
     contacts = []
     if len(problem.skin):
-        contacts.append(Rigid(problem.skin, plane, (0.0, 0.0, 1.0), lambda load: place, penalty=problem.penalty))
+        up = (0.0, 0.0, 1.0)
+        contacts.append(RigidIndenter(problem.skin, plane, up, lambda load: place, penalty=problem.penalty))
     body = Solver(
         problem.mesh, {0: neo_hooke(YOUNG, POISSON)}, problem.fixed, lambda load: load * down, contacts=contacts,
         settings=Settings(step=1 / problem.steps, largest=1 / problem.steps),

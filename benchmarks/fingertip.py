@@ -12,12 +12,13 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
 from palpate.models.fe.meshing.fingertip import CALIBRATED, PAPER, FingertipDimensions
-from palpate.models.fe.study.paper_claims import points, statements
+from palpate.models.fe.study.paper_claims import statements
 from palpate.models.fe.study.press_record import PressRun, Record, record
 from palpate.models.fe.study.pressing import Pressing
 
@@ -49,6 +50,19 @@ def press(name: str, plate: str, cells: int, folder: Path) -> tuple[PressRun, Re
     pressed = record(Pressing(FingertipDimensions(cells=cells), plate, name), ENDS[name][plate], run, tell)
     print(file=sys.stderr)
     return run, pressed
+
+
+def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
+    """Table III: indentations [mm] of the paper and of records, by set ("printed", ...) and plate; None: unreached."""
+    rows = []
+    for plate, marks in PAPER.items():
+        for force, paper in marks:
+            row: dict[str, Any] = {"plate": plate, "force N": force, "paper mm": 1e3 * paper}
+            for name, records in sets.items():
+                record = records[plate]
+                row[f"{name} mm"] = 1e3 * record.at(force)[0] if force <= record.force[-1] else None
+            rows.append(row)
+    return rows
 
 
 def main() -> None:

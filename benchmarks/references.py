@@ -26,9 +26,9 @@ from scipy.interpolate import RegularGridInterpolator
 from palpate.engine.provenance import machine
 from palpate.physics import kernel_cache
 from palpate.physics.archive import replacing
-from palpate.studies.accuracy import kidney, places
+from palpate.studies.accuracy import kidney, sites
 from palpate.studies.accuracy.kidney import Kidney
-from palpate.studies.accuracy.places import PLACES, SHIPPED, ReferenceSite, cells_text
+from palpate.studies.accuracy.sites import SHIPPED, SITES, ReferenceSite, cells_text
 from palpate.studies.peers import continuum, felupe
 from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
 
@@ -42,12 +42,12 @@ Place = Block | Kidney
 def kept(block: Place, solver: str) -> ContinuumCurve:
     """The same, or what was computed before with the same sources."""
     told = f"{solver} {block} {felupe.version()} {_sources()}"
-    path = places.cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
+    path = sites.cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
     if path.is_file():
         with np.load(path) as file:
             own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
         return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
-    curve = places.computed(block, solver)
+    curve = sites.computed(block, solver)
     with replacing(path) as part:
         np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
     return curve
@@ -69,14 +69,14 @@ def rebuild(
     curves_of: dict[tuple[str, str, int], ContinuumCurve] = {}
     for done, (name, solver, cells) in enumerate(todo):
         yield f"{name}: {solver}, {cells_text(cells)}", done / len(todo)
-        curves_of[name, solver, cells] = kept(replace(PLACES[name], cells=cells), solver)
+        curves_of[name, solver, cells] = kept(replace(SITES[name], cells=cells), solver)
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         curves = {solver: [curves_of[name, solver, cells] for cells in meshes[solver]] for solver in meshes}
-        place = combined(PLACES[name], curves, meshes)
+        place = combined(SITES[name], curves, meshes)
         about = {
             **provenance,
-            "place": asdict(PLACES[name]),
+            "place": asdict(SITES[name]),
             "solvers": {
                 solver: {"cells a radius": meshes[solver], "unknowns": [c.unknowns for c in own],
                          "indentation": [c.indentation.tolist() for c in own]}
@@ -87,7 +87,7 @@ def rebuild(
         numbers = {f.name: getattr(place, f.name) for f in fields(ReferenceSite) if f.name != "about"}
         numbers["shape"] = place.shape.astype(np.float32)
         np.savez_compressed(folder / f"{name}.npz", **numbers, about=np.array(json.dumps(about)))
-    places.stored.cache_clear()
+    sites.stored.cache_clear()
     yield "stored", 1.0
 
 
@@ -132,10 +132,10 @@ def _carried(curve: ContinuumCurve, base: ContinuumCurve) -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("places", nargs="*", metavar="PLACE", help=f"of {', '.join(PLACES)}; all if left out")
-    names = parser.parse_args().places or list(PLACES)
-    if wrong := set(names) - set(PLACES):
-        parser.error(f"found {min(wrong)!r}, expected some of {', '.join(PLACES)}")
+    parser.add_argument("places", nargs="*", metavar="PLACE", help=f"of {', '.join(SITES)}; all if left out")
+    names = parser.parse_args().places or list(SITES)
+    if wrong := set(names) - set(SITES):
+        parser.error(f"found {min(wrong)!r}, expected some of {', '.join(SITES)}")
     about = {**machine("numpy", "scipy", "numba"), "command": f"python benchmarks/references.py {' '.join(names)}"}
     for what, share in rebuild(names, about):
         print(f"{100 * share:3.0f} %  {what}", flush=True)

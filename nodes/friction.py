@@ -9,7 +9,7 @@ from palpate.messages import Contact, Friction, Proximity
 from palpate.nodes.base import CompiledNode, Node, Out, Part, Wants
 from palpate.physics import friction
 from palpate.physics.friction import bristle
-from palpate.physics.kernel import Kernel, kernel
+from palpate.physics.kernel import CompiledKernel, kernel
 from palpate.physics.records import one, put, vector
 from palpate.registry import classes
 
@@ -42,7 +42,7 @@ class _Sliding(CompiledNode):
         return not contact.force > 0.0 and not own.load > 0.0
 
 
-def _compute(law: type) -> Kernel:
+def _compute(law: type) -> CompiledKernel:
     """The kernel of a law's node."""
     step, stored = bristle.stepper(law), getattr(law, "stored", _untold)
     tells = hasattr(law, "stored")

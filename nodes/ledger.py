@@ -41,7 +41,7 @@ class Energy(CompiledNode):
     delay: Annotated[int, "1", msgspec.Meta(ge=0, le=1000)] = 0
 
     State = {
-        "books": ledger.BOOKS, "past": array_handle(3),
+        "books": ledger.LEDGER, "past": array_handle(3),
         "tripped": bool, "by": int, "most": (), "time": int,  # row of the part that tripped it, its energy, time [ns]
     }  # fmt: skip
 
@@ -94,7 +94,7 @@ class Energy(CompiledNode):
                 )  # fmt: skip
                 if stepped:
                     stored = (told(touch.stored), told(body.stored), bristles)
-                    ledger.book_finger(books, past, i, along, rubbed, stored)
+                    ledger.add_finger(books, past, i, along, rubbed, stored)
             ledger.end(books, past, stepped, told(body.stored))
         else:
             books.moments = 0

@@ -71,12 +71,14 @@ def in_force(*, here: bool = True) -> dict[str, str]:
     import numpy
     import scipy
 
+    from palpate.physics.extras import package_version
+
     built = [package.show_config(mode="dicts")["Build Dependencies"]["blas"] for package in (numpy, scipy)]
     blas = [f"{build['name']} {build['version']}" for build in built]
     return {
         "architecture": platform.machine(),
         "instructions": LEVEL if pinnable() and not here else _instructions(numpy),
-        **{name: _version(name) for name in ("numpy", "scipy", "numba", "llvmlite")},
+        **{name: package_version(name) or "none" for name in ("numpy", "scipy", "numba", "llvmlite")},
         "BLAS of numpy": blas[0],
         "BLAS of scipy": blas[1],
         "libc": " ".join(platform.libc_ver()),
@@ -134,12 +136,3 @@ def _kernels() -> str:
 
     _, name, features = cpu_target.target_context.codegen().magic_tuple()
     return f"{name}/{hashlib.sha256(features.encode()).hexdigest()[:8]}"
-
-
-def _version(package: str) -> str:
-    from importlib.metadata import PackageNotFoundError, version  # slow to import
-
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "none"

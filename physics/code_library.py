@@ -1,8 +1,8 @@
-"""Machine code of kernels: optimised and generated once for each entry point, together with all that it calls.
+"""Machine code of kernels: optimised and generated once per entry point, together with all functions that it calls.
 
-numba generates machine code for each function as soon as it is compiled, and optimises it again in each caller. A
-function that only kernels call needs no machine code of its own: here it stays LLVM IR until something asks for its
-address. On disk an entry point is machine code, and a function for kernels is IR.
+numba generates machine code for each function as soon as it is compiled, and optimises it again in each caller. Here a
+function that is called only by kernels remains LLVM IR until its address is requested. The cache on disk contains the
+machine code of entry points, and the IR of other functions.
 """
 
 import hashlib
@@ -12,17 +12,16 @@ import llvmlite.binding as llvm
 from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 from numba.core.environment import lookup_environment
 
-ENVIRONMENT = "_ZN08NumbaEnv"  # How names of numba's environments begin
-DYNAMIC = "numba.dynamic.globals"  # and of objects that code refers to
+ENVIRONMENT = "_ZN08NumbaEnv"  # Prefix of the names of numba's environments
+DYNAMIC = "numba.dynamic.globals"  # Prefix of the names of Python objects that code refers to
 
 
 class Library(JITCodeLibrary):
     """The code of one function."""
 
     _codegen: Any
-    _loaded: tuple[list[str], dict[str, Any]] | None = None
-    """Of IR from disk: names of its functions, and the parts."""
-    _own: dict[str, Any] | None = None
+    _loaded: tuple[list[str], dict[str, Any]] | None = None  # IR from disk: names of its functions, and the parts
+    _tidied: dict[str, Any] | None = None  # IR of the function itself
 
     def add_linking_library(self, library: Any) -> None:
         """Add a function that this one calls."""
@@ -31,18 +30,18 @@ class Library(JITCodeLibrary):
             self._linking_libraries.append(library)
 
     def _optimize_functions(self, ll_module: Any) -> None:
-        """Leave it to the passes over the whole of an entry point."""
+        """Nothing: the passes over a whole entry point optimise it."""
         ll_module.data_layout = self._codegen._data_layout
 
     def parts(self) -> dict[str, Any]:
-        """IR of the function and of all that it calls: modules by a hash of their content."""
+        """IR of the function and of all functions that it calls: modules by a hash of their content."""
         found: dict[str, Any] = {}
         for library in self._all():
             found |= library._part() if isinstance(library, Library) else _part(library._get_module_for_linking())
         return found
 
     def _all(self) -> list[Any]:
-        """Itself and the libraries of all functions that it calls, and that they call."""
+        """The library itself and those of all functions that it calls, directly or indirectly."""
         found: list[Any] = [self]
         for library in found:
             if isinstance(library, Library):
@@ -51,7 +50,7 @@ class Library(JITCodeLibrary):
 
     @property
     def has_dynamic_globals(self) -> bool:
-        """Whether code refers to an object of this process, so that it cannot be kept on disk."""
+        """Whether code refers to an object of this process and therefore cannot be cached on disk."""
         if self._finalized:
             return super().has_dynamic_globals
         return any(v.name.startswith(DYNAMIC) for part in self.parts().values() for v in part.global_variables)
@@ -59,16 +58,16 @@ class Library(JITCodeLibrary):
     def _part(self) -> dict[str, Any]:
         if self._loaded is not None:
             return self._loaded[1]
-        if self._own is None:
+        if self._tidied is None:
             module = self._final_module.clone()
             names = [f.name for f in module.functions if not f.is_declaration]
             for name in names:
-                module.get_function(name).linkage = "external"  # nothing here may use it, but a caller
+                module.get_function(name).linkage = "external"  # keep functions for callers in other modules
             self._codegen.tidy(module)
             for name in names:
                 module.get_function(name).linkage = "linkonce_odr"  # several entry points may contain it
-            self._own = _part(module)
-        return self._own
+            self._tidied = _part(module)
+        return self._tidied
 
     def finalize(self) -> None:
         """Generate machine code."""
@@ -76,16 +75,16 @@ class Library(JITCodeLibrary):
         names = self._loaded[0] if self._loaded is not None else _defined(self._final_module)
         parts = self.parts().values()
         for part in self._part().values() if self._loaded is not None else ():
-            if own := [f.name for f in part.functions if f.name in names and not f.is_declaration]:
-                copy = part.clone()  # of functions that nothing calls LLVM takes those that are external
-                for name in own:
+            if defined := [f.name for f in part.functions if f.name in names and not f.is_declaration]:
+                copy = part.clone()  # LLVM links a function without callers only if it is external
+                for name in defined:
                     copy.get_function(name).linkage = "external"
                 self._final_module.link_in(copy)
         at = {f.name: part for part in parts for f in part.functions if not f.is_declaration}
         while needed := dict.fromkeys(
             at[f.name] for f in self._final_module.functions if f.is_declaration and f.name in at
         ):
-            for part in needed:  # of which LLVM takes only functions that are called
+            for part in needed:  # LLVM links only the functions that are called
                 self._final_module.link_in(part, preserve=True)
         for name in names:
             self._final_module.get_function(name).linkage = "external"
@@ -98,7 +97,7 @@ class Library(JITCodeLibrary):
         self._codegen.found(*_names(self._final_module))
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Address of one of its functions, 0 where it has none of this name. The first one makes machine code."""
+        """Address of a function of this library, or 0. The first request generates machine code."""
         return super().get_pointer_to_function(name) if self._finalized or self._has(name) else 0
 
     def _has(self, name: str) -> bool:
@@ -110,7 +109,7 @@ class Library(JITCodeLibrary):
             return False
 
     def serialize_using_object_code(self) -> Any:
-        """What is kept on disk: machine code if it was made, else IR."""
+        """The content of the cache file: machine code if it was generated, else IR."""
         if self._finalized:
             return self.name, "object", (self._get_compiled_object(), _names(self._final_module))
         return (
@@ -146,7 +145,7 @@ def _defined(module: Any) -> list[str]:
 
 
 def _names(module: Any) -> tuple[list[str], list[str]]:
-    """Functions of a module that others see, and environments."""
+    """Functions that a module defines, and environments."""
     environments = [v.name for v in module.global_variables if v.name.startswith(ENVIRONMENT)]
     return [f.name for f in module.functions if not f.is_declaration], environments
 
@@ -162,7 +161,7 @@ class Codegen(JITCPUCodegen):
         self._environments: set[str] = set()
 
     def found(self, functions: list[str], environments: list[str]) -> None:
-        """There is machine code of these functions now, which reads these environments."""
+        """Register machine code of these functions, which reads these environments."""
         self._engine._defined_symbols.update(functions)
         self._environments.update(environments)
         for name in environments:
@@ -170,12 +169,12 @@ class Codegen(JITCPUCodegen):
                 super().set_env(name, environment)
 
     def set_env(self, env_name: str, env: Any) -> None:
-        """Let machine code find an environment; what is IR finds it when it is machine code."""
+        """Set an environment for machine code; for IR this happens when machine code is generated."""
         if env_name in self._environments:
             super().set_env(env_name, env)
 
     def tidy(self, module: Any) -> None:
-        """Drop from IR what nothing uses, as the objects that stand for functions."""
+        """Remove unused IR, such as the Python objects of functions."""
         builder = llvm.create_pass_builder(self._tm, llvm.create_pipeline_tuning_options(speed_level=0))
         passes = llvm.create_new_module_pass_manager()
         passes.add_sroa_pass()

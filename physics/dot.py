@@ -1,8 +1,8 @@
 """Products of vectors and matrices in kernels, with a fixed order of summation.
 
-numba calls BLAS for `np.dot` and `@`, which chooses the order of summation by the processor. A plain loop has a fixed
-order but is not vectorised. Here `LANES` partial sums are computed in parallel in vector registers and added up at the
-end, so the result is the same on every processor.
+For `np.dot` and `@` numba calls BLAS, whose order of summation depends on the processor. A plain loop has a fixed order
+but is not vectorised. Here `LANES` partial sums in vector registers are added at the end, with the same result on every
+processor.
 """
 
 from typing import Any

@@ -45,7 +45,7 @@ class PalpateError(Exception):
     exit_code: int = TROUBLE
 
     def failed(self) -> Self:
-        """This error, with the exit code for a failure that the input did not cause."""
+        """The error itself, with the exit code for a failure that the input did not cause."""
         self.exit_code = TROUBLE
         return self
 

@@ -115,14 +115,9 @@ def log(x: Any) -> np.ndarray:
     return _each(2, x)
 
 
-def power(x: Any, exponent: float) -> np.ndarray:
-    """x^exponent, x >= 0."""
-    return _each(3, x, exponent)
-
-
 def arctan2(y: Any, x: Any) -> np.ndarray:
     """Angle [rad] of (x, y)."""
-    return _each(4, y, x)
+    return _each(3, y, x)
 
 
 def _each(which: int, x: Any, y: Any = 0.0) -> np.ndarray:
@@ -141,8 +136,6 @@ def _fill(which, x, y, out):
             out[i] = math.expm1(x[i])
         elif which == 2:
             out[i] = math.log(x[i])
-        elif which == 3:
-            out[i] = x[i] ** y[i]
         else:
             out[i] = math.atan2(x[i], y[i])
 
@@ -158,8 +151,8 @@ def solve(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy")
 def solve_in_place(a, x):
-    """Solve a x = b by Gaussian elimination with partial pivoting, in place: a (k,n,n) is destroyed, x (k,n,m) is b at
-    first and the solution at the end. False: a pivot is 0 or not finite."""
+    """Solve a x = b by Gaussian elimination with partial pivoting, in place: a (k,n,n) is overwritten, x (k,n,m)
+    contains b and then the solution. False: a pivot is 0 or not finite."""
     count, n, columns = x.shape
     for k in range(count):
         for i in range(n):

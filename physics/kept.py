@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 Result = TypeVar("Result")
-KEPT = 4  # Cached results per function
+KEPT = 4  # Number of cached results per function
 
 
 def kept(function: Callable[..., Result]) -> Callable[..., Result]:

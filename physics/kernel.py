@@ -1,9 +1,9 @@
-"""Kernels: functions that numba compiles when they are first called, and keeps on disk (`kernel_cache`).
+"""Kernels: functions that numba compiles at their first call and caches on disk (`kernel_cache`).
 
-They are compiled for x86-64-v3 in any process (`arithmetic.pinnable`), whatever processor numba compiles the user's
-functions for. numba takes the processor from its target, so kernels have a target of their own, by numba's interface
-(https://numba.readthedocs.io/en/stable/extending/target_extension.html): neither the environment nor `numba.config` is
-touched. A kernel may be called by functions of `numba.njit`, but calls none of them.
+Kernels are compiled for x86-64-v3 in any process (`arithmetic.pinnable`), independent of the processor for which numba
+compiles the user's functions. numba takes the processor from its target, so kernels have a separate target
+(https://numba.readthedocs.io/en/stable/extending/target_extension.html); the environment and `numba.config` do not
+change. Functions of `numba.njit` may call kernels, but not the reverse.
 """
 
 import contextlib
@@ -38,23 +38,23 @@ from numba.core.utils import threadsafe_cached_property
 
 try:
     import fcntl
-except ImportError:  # not POSIX: processes that need the same kernel at once both compile it
+except ImportError:  # not POSIX: two processes that need the same kernel at the same time both compile it
     fcntl = None  # type: ignore[assignment]
 
 from palpate.physics import kernel_cache
 from palpate.physics.arithmetic import LEVEL, pinnable
 from palpate.physics.code_library import Codegen
 
-TARGET = "palpate"  # What numba calls the target of kernels
+TARGET = "palpate"  # Name of the target of kernels
 PACKAGE = __name__.partition(".")[0]
 
 
 class _Processor(CPU):
-    """A CPU: numba's implementations for a CPU serve."""
+    """A CPU, so that numba's implementations for CPUs apply."""
 
 
 class _Codegen(Codegen):
-    """For another processor than this one."""
+    """Code generator for x86-64-v3 instead of the host processor."""
 
     def _get_host_cpu_name(self) -> str:
         return LEVEL if pinnable() else super()._get_host_cpu_name()
@@ -71,8 +71,8 @@ class _Context(CPUContext):
 
 
 class _Typing(Context):
-    """Types of expressions. numba asks each of some ten templates for each operator, in each pass over a function; an
-    answer that is no code of its own depends on the types alone, and is kept."""
+    """Types of expressions, cached: numba tries about ten templates for each operator in each pass over a function. A
+    result without separate code depends only on the types."""
 
     def init(self) -> None:
         self._known: dict[Any, Any] = {}
@@ -113,11 +113,10 @@ dispatcher_registry[_Processor] = Pinned
 jit_registry[_Processor] = partial(numba.jit, _target=TARGET)  # for functions of numpy that numba implements in Python
 
 
-class Kept(Pinned):
-    """A pinned function on disk. What another process compiles right now is waited for, and loaded.
+class CachedFunction(Pinned):
+    """A pinned function that is cached on disk. If another process is compiling it, wait and load the result.
 
-    Meanwhile no garbage is collected: the compiler makes millions of objects and keeps them, and looking through them
-    takes 6 % of its time.
+    Garbage collection is suspended meanwhile: it would take 6 % of the time, as the compiler keeps millions of objects.
     """
 
     def __init__(self, py_func: Any, targetoptions: Any = None, *, machine_code: bool = False, **more: Any) -> None:
@@ -125,13 +124,13 @@ class Kept(Pinned):
         self._cache = _Cache(py_func, machine_code)
 
     def compile(self, sig: Any) -> Any:
-        """Its code for these types, compiled or loaded."""
+        """The code for these types, compiled or loaded."""
         with contextlib.ExitStack() as stack:
             stack.enter_context(target_override(TARGET))
-            if gc.isenabled():  # a kernel compiles those that it calls
+            if gc.isenabled():  # calls are nested: a kernel compiles those that it calls
                 stack.callback(gc.enable)
                 gc.disable()
-            with contextlib.suppress(OSError):  # where nobody can write, each process compiles for itself
+            with contextlib.suppress(OSError):  # without write access, each process compiles for itself
                 folder = Path(self.stats.cache_path or "")
                 folder.mkdir(parents=True, exist_ok=True)
                 file = stack.enter_context((folder / f"{self.py_func.__qualname__}.lock").open("w"))
@@ -141,7 +140,7 @@ class Kept(Pinned):
 
 
 class _Locator(UserProvidedCacheLocator):
-    """The folder of a kernel."""
+    """The cache folder of a kernel."""
 
     def __init__(self, py_func: Any, py_file: str) -> None:
         self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
@@ -158,8 +157,8 @@ class _Files(CompileResultCacheImpl):
 
 
 class _Cache(FunctionCache):
-    """Code on disk. LLVM asks Python for it in a callback, in which the exception of Ctrl-C would be dropped, and then
-    runs code that is not there: signals wait until a function is loaded, some milliseconds."""
+    """Code on disk. LLVM requests it in a Python callback, in which the exception of Ctrl-C would be lost and missing
+    code would run. Signals are therefore deferred until a function is loaded, a few milliseconds."""
 
     _impl_class = _Files
 
@@ -173,19 +172,18 @@ class _Cache(FunctionCache):
         super().save_overload(sig, data)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        """Under which the code of a kernel is kept: its types, with the layout of records, and what it refers to."""
+        """The cache key of a kernel: its types, with the layout of records, and the values that it refers to."""
         return sig, codegen.magic_tuple(), hashlib.sha256(repr(_meaning(self._py_func, ())).encode()).hexdigest()
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        with _signals_later():
+        with _deferred_signals():
             return super().load_overload(sig, target_context)
 
 
 def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
-    """Name and code of a function, and what it refers to, so that code on disk is that of these values: free variables,
-    and of a function of the user's its globals, which may stand in files that numba does not watch. For palpate's own,
-    `kernel_cache.folder` does. Other kernels count by what they mean; numba would find those within functions new in
-    each process."""
+    """Name and code of a function and the values that it refers to, for the cache key: free variables, and for user
+    functions also globals, which may be defined in files that numba does not monitor (`kernel_cache.folder` monitors
+    those of palpate). Other kernels enter with the same content; numba would treat closures as new in each process."""
     code, name = function.__code__, f"{function.__module__}.{function.__qualname__}"
     found = [cell.cell_contents for cell in function.__closure__ or ()]
     if not name.startswith(f"{PACKAGE}."):
@@ -194,7 +192,7 @@ def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
         found += [*named.values(), *(getattr(module, each, None) for module in modules for each in code.co_names)]
     known: list[Any] = [name, code.co_code, *(getattr(each, "co_code", each) for each in code.co_consts)]
     for each in found:
-        if isinstance(each, Kept):
+        if isinstance(each, CachedFunction):
             if each.py_func not in callers:
                 known += _meaning(each.py_func, (*callers, function))
         elif isinstance(each, np.ndarray):
@@ -205,58 +203,57 @@ def _meaning(function: Any, callers: tuple[Any, ...]) -> list[Any]:
 
 
 @contextlib.contextmanager
-def _signals_later() -> Iterator[None]:
-    """Call Python's handlers of signals by which users end a program when the block is over."""
-    came: list[int] = []
+def _deferred_signals() -> Iterator[None]:
+    """Defer Python's handlers of signals that end a program until the end of the block."""
+    received: list[int] = []
     here = threading.current_thread() is threading.main_thread()
     ending = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if here and hasattr(signal, name)]
     handlers = {number: signal.getsignal(number) for number in ending}
     handlers = {number: handler for number, handler in handlers.items() if callable(handler)}
     try:
         for number in handlers:
-            signal.signal(number, lambda number, _: came.append(number))
+            signal.signal(number, lambda number, _: received.append(number))
         yield
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-        for late in came:
-            signal.raise_signal(late)
+        for number in received:
+            signal.raise_signal(number)
 
 
-class Kernel(Kept):
-    """A compiled function for Python, and for other kernels.
+class CompiledKernel(CachedFunction):
+    """A compiled function for Python and for other kernels.
 
-    numba gives each function a wrapper for Python and one for C, with its code inlined into both, which takes a fifth
-    of the time of a first start. Who is called by another kernel needs neither, and gets that for Python when Python
-    calls it, too.
+    numba inlines each function into a wrapper for Python and one for C, which takes 20 % of the time of a first start.
+    A function called by kernels needs neither; the wrapper for Python is made when Python calls it.
     """
 
     @cached_property
-    def bare(self) -> Kept:
-        """For other kernels, whose own code holds it then."""
+    def bare(self) -> CachedFunction:
+        """For other kernels, which include its code."""
         return self._without_wrapper("bare")
 
     @cached_property
-    def entry(self) -> Kept:
-        """For a caller that knows its address."""
+    def entry(self) -> CachedFunction:
+        """For callers by address."""
         return self._without_wrapper("entry", machine_code=True)
 
-    def _without_wrapper(self, name: str, machine_code: bool = False) -> Kept:
+    def _without_wrapper(self, name: str, machine_code: bool = False) -> CachedFunction:
         function = self.py_func
         bare = FunctionType(
             function.__code__, function.__globals__, function.__name__, function.__defaults__, function.__closure__
         )
         bare.__module__, bare.__qualname__ = function.__module__, f"{function.__qualname__}.{name}"
-        return Kept(bare, {**self.targetoptions, "no_cpython_wrapper": True}, machine_code=machine_code)
+        return CachedFunction(bare, {**self.targetoptions, "no_cpython_wrapper": True}, machine_code=machine_code)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """How a kernel calls it: its types, for which a constant is a number like others. numba would compile it for
-        each constant that it is called with, and the code of the caller, which holds it, knows the constant anyway."""
+        """The types of a call from a kernel, in which constants count as any other number. numba would compile the
+        function for each constant argument; LLVM propagates constants anyway when it inlines the function."""
         args, kws = [types.unliteral(one) for one in args], {name: types.unliteral(one) for name, one in kws.items()}
         return self.bare.get_call_template(args, kws)  # type: ignore[attr-defined]
 
     def get_overload(self, sig: Any) -> Any:
-        """How a kernel calls it: its code. A function of `numba.njit` that calls it looks in the target of its own."""
+        """The code for a call from a kernel; registered in numba's CPU target for a call from `numba.njit`."""
         entry = self.bare.get_overload(sig)  # type: ignore[attr-defined]
         if current_target() == cpu_target._target_name:
             code = self.bare.overloads[tuple(sig)]  # type: ignore[attr-defined]
@@ -273,13 +270,13 @@ def kernel(
 ) -> Any:
     """Decorator of a function to compile.
 
-    error_model  a division by 0 raises ("python"), or gives inf or nan ("numpy")
-    pointer      kernels take it as an argument, too (`materials.compiled`)
-    nogil        other threads run meanwhile
+    error_model  a division by 0 raises ("python"), or returns inf or nan ("numpy")
+    pointer      also for use as an argument of kernels (`materials.compiled`)
+    nogil        release the global interpreter lock during calls
     """
     if function is None:
         return partial(kernel, error_model=error_model, pointer=pointer, nogil=nogil)
     if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
         return function
     options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": not pointer, "error_model": error_model}
-    return Kernel(function, options | ({"nogil": True} if nogil else {}))
+    return CompiledKernel(function, options | ({"nogil": True} if nogil else {}))

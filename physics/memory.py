@@ -27,24 +27,19 @@ def pointer(dtype: np.dtype) -> Any:
     return at
 
 
-@intrinsic
-def word(typing: Any, address: Any) -> Any:
-    """The 64-bit integer at an address."""
+def _reader(form: Any, cell: ir.Type) -> Any:
+    @intrinsic
+    def read(typing: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+            return builder.load(builder.inttoptr(arguments[0], cell.as_pointer()))
 
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        return form(types.int64), generate
 
-    return types.int64(types.int64), generate
+    return read
 
 
-@intrinsic
-def number(typing: Any, address: Any) -> Any:
-    """The double at an address."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.load(builder.inttoptr(arguments[0], ir.DoubleType().as_pointer()))
-
-    return types.float64(types.int64), generate
+word = _reader(types.int64, _INTEGER)  # the 64-bit integer at an address
+number = _reader(types.float64, ir.DoubleType())  # the double at an address
 
 
 @intrinsic

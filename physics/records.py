@@ -1,9 +1,8 @@
-"""Records in kernels: what a compiled node and its messages look like to compiled code.
+"""Records in kernels: the form of nodes and messages in compiled code.
 
-A record is a numpy structure of fixed size that kernels read and write by name. An array of any length is in it as an
-address and a shape, the memory being somebody else's: `floats`, `integers` and `longs` make an array of that. A
-NamedTuple of arrays and numbers, in which a part of `physics` keeps what it works on, can lie in a record, too: `form`,
-`unpacking`.
+A record is a numpy structure of fixed size with fields that kernels read and write by name. An array of any length is
+represented by its address and shape, without ownership: `floats`, `integers` and `longs` return the array. A record may
+also contain a NamedTuple of arrays and numbers, such as the state of a body in `physics`: `form`, `unpacking`.
 """
 
 from typing import Any, get_args, get_origin, get_type_hints
@@ -14,23 +13,21 @@ from numba import from_dtype, types
 from numba.core import cgutils, extending
 from numba.np.arrayobj import make_array, populate_array
 
-from palpate.physics.kernel import Kernel, kernel
+from palpate.physics.kernel import CompiledKernel, kernel
 
-intrinsic: Any = extending.intrinsic  # its functions take one argument less than they say
+intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context
 
-MOST = 20
-"""Records that a kernel takes at most."""
-RAISED = 1
-"""Answer of `call` where the kernel raised."""
+MOST = 20  # Maximum number of records of a kernel
+RAISED = 1  # Status of a kernel that raised
 NUMBERS = {float: ("<f8", types.float64), int: ("<i8", types.int64), bool: ("?", types.boolean)}
 
 _BYTE = ir.IntType(8).as_pointer()
 _INTEGER = ir.IntType(64)
 
 
-def address(function: Kernel, *dtypes: np.dtype) -> int:
-    """Address of the machine code of a kernel of these records and dt [s], for `call`; compiled or loaded if need
-    be. TypeError: numba cannot compile it for them."""
+def address(function: CompiledKernel, *dtypes: np.dtype) -> int:
+    """Address of the machine code of a kernel for these records and dt [s], for `call`; compiled or loaded if
+    necessary. TypeError: numba cannot compile it for these types."""
     given = (*map(from_dtype, dtypes), types.float64)
     entry: Any = function.entry
     if given not in entry.overloads:
@@ -41,15 +38,15 @@ def address(function: Kernel, *dtypes: np.dtype) -> int:
 
 @intrinsic
 def _invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> Any:
-    """Call machine code at an address with `count` addresses of records and dt: (status, truth of its answer).
+    """Call machine code at an address with `count` addresses of records and dt: (status, returned boolean).
 
-    The calling convention is numba's for a CPU: place of the answer, place of the exception, arguments.
+    numba's calling convention for CPUs: address of the result, address of the exception, arguments.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function, at, count, dt = arguments
         records = builder.inttoptr(at, _INTEGER.as_pointer())
-        answer = cgutils.alloca_once_value(builder, ir.Constant(_INTEGER, 0))
+        result = cgutils.alloca_once_value(builder, ir.Constant(_INTEGER, 0))
         raised = cgutils.alloca_once(builder, _BYTE)
         status = cgutils.alloca_once_value(builder, ir.Constant(ir.IntType(32), RAISED))
         after = builder.append_basic_block("after")
@@ -62,12 +59,12 @@ def _invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> An
                 called = builder.inttoptr(function, ir.FunctionType(ir.IntType(32), form).as_pointer())
                 places = [builder.gep(records, [ir.Constant(_INTEGER, i)]) for i in range(number)]
                 given = [builder.inttoptr(builder.load(place), _BYTE) for place in places]
-                builder.store(builder.call(called, [builder.bitcast(answer, _BYTE), raised, *given, dt]), status)
+                builder.store(builder.call(called, [builder.bitcast(result, _BYTE), raised, *given, dt]), status)
                 builder.branch(after)
         builder.position_at_end(after)
-        truth = builder.trunc(builder.load(answer), ir.IntType(8))
+        boolean = builder.trunc(builder.load(result), ir.IntType(8))
         ended = builder.sext(builder.load(status), _INTEGER)
-        return context.make_tuple(builder, signature.return_type, [ended, builder.zext(truth, _INTEGER)])
+        return context.make_tuple(builder, signature.return_type, [ended, builder.zext(boolean, _INTEGER)])
 
     form = types.UniTuple(types.int64, 2)(types.int64, types.int64, types.int64, types.float64)
     return form, generate
@@ -75,21 +72,21 @@ def _invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> An
 
 @kernel
 def call(function, records, count, dt):
-    """Call machine code (`address`) with `count` records, whose addresses lie one after the other at the address
-    `records`: whether it raised, and the truth of what it answers."""
-    status, truth = _invoke(function, records, count, dt)
-    return status != 0, truth != 0
+    """Call machine code (`address`) with `count` records, whose addresses are at the address `records`: whether it
+    raised, and the boolean that it returned."""
+    status, result = _invoke(function, records, count, dt)
+    return status != 0, result != 0
 
 
 ELEMENTS = {
     "<f8": types.float64, "<f4": types.float32, "<i8": types.int64, "<i4": types.int32, "|u1": types.uint8,
     "|b1": types.boolean,
 }  # fmt: skip
-"""Numbers that an array can be of."""
+"""Element types of arrays."""
 
 
 def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
-    """The array at an address that stands in memory with its shape."""
+    """The array whose address and shape are in memory at `handle`."""
     words = builder.bitcast(handle, _INTEGER.as_pointer())
     word = [builder.load(builder.gep(words, [ir.Constant(_INTEGER, i)])) for i in range(1 + form.ndim)]
     array, size = make_array(form)(context, builder), context.get_abi_sizeof(context.get_data_type(form.dtype))
@@ -103,33 +100,23 @@ def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     return array._getvalue()
 
 
-def _array_of(dtype: Any, record: Any) -> Any:
-    """Form and generator of an array at an address that a record holds."""
-    form = types.Array(dtype, record.typeof("shape").nitems, "C")
-    return form(record), lambda context, builder, _, given: _array(context, builder, form, given[0])
+def _array_of(dtype: Any) -> Any:
+    """An intrinsic for the array (n,) or (n,m) that a field of a record refers to."""
+
+    @intrinsic
+    def array(typing: Any, handle: Any) -> Any:
+        form = types.Array(dtype, handle.typeof("shape").nitems, "C")
+        return form(handle), lambda context, builder, _, given: _array(context, builder, form, given[0])
+
+    return array
 
 
-@intrinsic
-def floats(typing: Any, handle: Any) -> Any:
-    """The array of numbers (n,) or (n,m) that a field of a record stands for."""
-    return _array_of(types.float64, handle)
-
-
-@intrinsic
-def integers(typing: Any, handle: Any) -> Any:
-    """The array of whole numbers (n,) or (n,m), 4 bytes each, that a field of a record stands for."""
-    return _array_of(types.int32, handle)
-
-
-@intrinsic
-def longs(typing: Any, handle: Any) -> Any:
-    """The array of whole numbers (n,) or (n,m), 8 bytes each, that a field of a record stands for."""
-    return _array_of(types.int64, handle)
+floats, integers, longs = map(_array_of, (types.float64, types.int32, types.int64))
 
 
 def form(kind: type) -> np.dtype:
-    """The record of a NamedTuple of numbers, tuples of numbers, others of its kind, and arrays, which say their
-    elements and axes: `Annotated[np.ndarray, "<f8", 2]`."""
+    """The dtype of the record of a NamedTuple of numbers, tuples of numbers, NamedTuples, and arrays with element type
+    and number of axes, `Annotated[np.ndarray, "<f8", 2]`."""
     return np.dtype([(name, *_member(hint)) for name, hint in _members(kind)], align=True)
 
 
@@ -146,7 +133,7 @@ def _member(hint: Any) -> tuple[Any, ...]:
 
 
 def unpacking(kind: type) -> Any:
-    """What makes a NamedTuple of its record in a kernel; its arrays are those that the record stands for."""
+    """An intrinsic for kernels that converts a record to its NamedTuple; arrays are those that the record refers to."""
 
     @intrinsic
     def unpack(typing: Any, record: Any) -> Any:
@@ -167,7 +154,7 @@ def _type(hint: Any) -> Any:
 
 
 def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
-    """The value of a member of a record that lies there in memory."""
+    """The value of a member of a record at an address."""
     if hasattr(hint, "__metadata__"):
         return _array(context, builder, _type(hint), at)
     if hint in NUMBERS:
@@ -188,7 +175,7 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
 
 @intrinsic
 def nth(typing: Any, several: Any, place: Any) -> Any:
-    """One of the messages of an input that takes several."""
+    """The message with this index of an input that takes several."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         words = builder.bitcast(arguments[0], _INTEGER.as_pointer())
@@ -212,14 +199,14 @@ def put(values, given):
 
 @kernel
 def one(values, number):
-    """Make a number the only one of a vector of open length."""
+    """Set a vector of variable length to a single number."""
     values.count = 1
     values.values[0] = number
 
 
 @kernel
 def lend(handle, array):
-    """Let a field of an answer stand for an array of the state."""
+    """Let a field of an output refer to an array of the state."""
     handle.address = array.address
     for axis in range(len(handle.shape)):
         handle.shape[axis] = array.shape[axis]
@@ -227,7 +214,7 @@ def lend(handle, array):
 
 @kernel
 def lend_first(handle, array, count):
-    """The same for the first rows of an array, or of the first of several."""
+    """The same for the first `count` rows of an array, or of the first of several arrays."""
     handle.address, handle.shape[0] = array.address, count
     for axis in range(1, len(handle.shape)):
         handle.shape[axis] = array.shape[len(array.shape) - len(handle.shape) + axis]

@@ -1,1 +1,1 @@
-"""What the models and the loop can do, measured: accuracy, stability, the body and the rates for a budget."""
+"""Studies of the models and the loop: accuracy, stability, tuning to a budget, sweeps and psychophysics."""

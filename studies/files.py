@@ -1,4 +1,4 @@
-"""Files of studies and experiments: YAML that describes one, and results that are whole at any time."""
+"""Files of studies and experiments: YAML descriptions, and results that are written atomically."""
 
 import contextlib
 import os
@@ -19,13 +19,16 @@ Whole = Annotated[int, msgspec.Meta(ge=0, description="a whole number from 0")]
 
 
 def found(name: str, shipped: Path, what: str) -> Path:
-    """The file of this name that ships in a folder, or that of a path. GraphError: there is none."""
+    """The shipped file of this name, or the file at this path. GraphError: it does not exist."""
     file = shipped / f"{name}.yaml"
     return file if "/" not in name and file.is_file() else find_file(name, shipped, what=what)
 
 
 def filled(kind: type[Line], path: Path, keys: str) -> tuple[Line, YamlSource]:
-    """What a file says, and where each thing stands; `keys` it has at least. GraphError: all that is wrong with it."""
+    """Content of a file as a struct, and its source for messages; `keys` names the required keys.
+
+    GraphError: lists all faults of the file.
+    """
     source, faults = read(path), Faults()
     if not isinstance(source.data, dict):
         faults.add(f"expected a mapping with {keys}", "", source.place())
@@ -37,13 +40,13 @@ def filled(kind: type[Line], path: Path, keys: str) -> tuple[Line, YamlSource]:
 
 
 def graph_of(path: Path, name: str) -> str:
-    """The graph that a file names: one beside it, or one that ships."""
-    beside = path.parent / name
-    return str(beside) if beside.is_file() else name
+    """The graph that a file names: a path relative to the file, or a shipped graph."""
+    file = path.parent / name
+    return str(file) if file.is_file() else name
 
 
 def locked(file: IO[Any]) -> bool:
-    """Lock a file for this process alone, until it is closed; False where another process has it."""
+    """Lock a file exclusively until it is closed; False if another process holds the lock."""
     import fcntl  # POSIX
 
     with contextlib.suppress(BlockingIOError):
@@ -53,7 +56,7 @@ def locked(file: IO[Any]) -> bool:
 
 
 def replace(file: Path, content: Any) -> None:
-    """Write a file so that it is the old or the new one at any time, whatever becomes of the machine."""
+    """Replace a file atomically and durably: after a crash or power failure it has the old or the new content."""
     with replacing(file) as part, part.open("wb") as out:
         out.write(content)
         out.flush()
@@ -61,6 +64,6 @@ def replace(file: Path, content: Any) -> None:
 
 
 def refuse(folder: Path, mark: str, what: str) -> None:
-    """ArgumentError: the folder holds data of another kind, known by the file `mark`."""
+    """ArgumentError: the folder contains data of another kind, recognised by the file `mark`."""
     if (folder / mark).exists():
-        raise ArgumentError(f"{folder}: found {what} ({mark}), expected a folder of its own; name one with --out")
+        raise ArgumentError(f"{folder}: found {what} ({mark}), expected a separate folder; name one with --out")

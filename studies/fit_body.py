@@ -1,14 +1,14 @@
-"""Constants of a calibrated tissue model, fitted to a reference body under the scene's own patch, and what is left.
+"""Fit the constants of a calibrated tissue model to a reference body under the contact patch of the scene.
 
-MassSpring's law is that of a ball by default; under a patch of fixed width the force has another shape. The graph's
-touch is recorded once, the reference computes it, and of its indentation s and force f at all instants of contact
+By default MassSpring has the force law of a ball; under a patch of fixed width the law differs. The touch of the graph
+is recorded once and computed again by the reference. Its indentation s and force f during contact determine
 
     MassSpring   f = K s^n (1 + c s')    K, n, c by least squares of f: for each n a linear problem in K and K c >= 0
-    BeamBundle   all moduli times a and all relaxation times times b, by least squares of s under the reference's own
-                 loads. Below the strain limit s is linear in 1/a, so for each b the best a is known in closed form
+    BeamBundle   all moduli times a and all relaxation times times b, by least squares of s under the loads of the
+                 reference. Below the strain limit s is linear in 1/a, so the best a for each b has a closed form
 
-What the touch is off by with the constants is then measured, before and after: no constant makes the surface of springs
-that of a solid.
+The remaining error is then measured with the old and the new constants. Springs do not deform their surface as a solid
+does, with any constants.
 """
 
 import math
@@ -24,28 +24,33 @@ from scipy import optimize
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.messages import Contact, Load, Surface
 from palpate.nodes.deformation import BeamBundle, MassSpring
-from palpate.physics.bodies import beam_bed
+from palpate.physics.bodies import beam_foundation
 from palpate.physics.errors import ArgumentError
 from palpate.physics.materials.voigt import STRAIN_LIMIT
 from palpate.records.changed import changed
 from palpate.records.compare import compare
 from palpate.records.player import Player
-from palpate.studies.known import body_of, own_error
-from palpate.studies.search import Show, off_by, touched, write
+from palpate.studies.model_error import body_of, error_sentence
+from palpate.studies.search import Show, record_touch, relative_error, write
 
 QUANTITIES = ("force", "indentation", "shape")
-LEAST = 20  # Instants of contact below which nothing is fitted
-SLOWER = (1e-4, 1e2)  # Factors of the relaxation times that are tried
-Pressed = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
+LEAST = 20  # Fewest samples in contact for a fit
+SLOWER = (1e-4, 1e2)  # Range of the factor of the relaxation times
+PatchLoad = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
 THICK = 1e6
-"""Factor of the thickness of beams that are to stay below their strain limit; moduli times it keep their compliance."""
+"""Factor of thickness and moduli that keeps beams below their strain limit without a change of their compliance."""
 
 
 @dataclass(frozen=True)
 class FittedBody:
-    """The constants as `--set` takes them; what the touch is off by [1], rms over the peak of the reference, and the
-    force at worst, by quantity, before and after; what is known of the reference's own error, and a caution."""
+    """Fitted constants and the remaining error.
+
+    overrides      constants as `--set` takes them
+    before, after  [1] RMS error of each of `QUANTITIES` and peak error of the force (`worst`), over the reference peak
+    reference      a sentence on the known error of the reference
+    caution        a warning, or ""
+    """
 
     overrides: dict[str, Any]
     before: dict[str, float]
@@ -57,11 +62,11 @@ class FittedBody:
 def fit_body(
     launch: LaunchFile, file: Path, reference: Sequence[str] = (), show: Show = lambda what: None
 ) -> FittedBody:
-    """Fit the graph's body to a reference, by default ReducedFE in its place, and write the launch file.
+    """Fit the body of the graph to a reference and write the launch file.
 
-    reference  overrides that make it
+    reference  overrides that make the reference; by default they replace the body by ReducedFE
 
-    ArgumentError: a body without constants to fit, a touch without contact.
+    ArgumentError: the body has no constants to fit, or the touch has no contact.
     """
     graph = launch.load()
     name = body_of(graph)
@@ -73,51 +78,57 @@ def fit_body(
         )
     base = list(reference) or [f"{name}.use=deformation.ReducedFE"]
     with tempfile.TemporaryDirectory() as folder:
-        recording = touched(launch, Path(folder) / "touch.mcap")
+        recording = record_touch(launch, Path(folder) / "touch.mcap")
         show("the touch")
+        # Compute the touch with the reference and collect indentation and force, or loads and indentations for beams.
         senders = [sender for sender, spec in graph.nodes.items() if Contact in spec.streams.values()]
         loaders = [edge.producer for edge in graph.nodes[name].edges]
         pressed: list[tuple[float, ...]] = []
-        borne: list[tuple[list[Pressed], list[float]]] = []
+        steps: list[tuple[list[PatchLoad], list[float]]] = []
 
         def on_tick(players: Sequence[Player]) -> None:
             for sent in (message for sender in senders for message in players[0].last(sender)):
                 if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
                     pressed.append((sent.indentation, sent.indentation_rate, sent.force))
             if cls is BeamBundle:
-                borne.append(_borne(players[0], loaders, name))
+                steps.append(_loads_and_depths(players[0], loaders, name))
 
         _, first = compare(recording, [[]], reference=base, on_tick=on_tick)
         show("the reference and the model as it is")
         if len(pressed) < LEAST:
-            raise ArgumentError(f"{graph.path}: the touch hardly presses the body; a longer one may: --duration '3 s'")
+            raise ArgumentError(
+                f"{graph.path}: found {len(pressed)} samples in contact, expected at least {LEAST}; try a longer "
+                "touch: --duration '3 s'"
+            )
+        # Fit the constants, then compute the touch with them.
         caution = ""
         if cls is MassSpring:
             law: dict[str, Any] = power_law(*np.array(pressed).T)
         else:
             spec = graph.nodes[name]
-            law, caution = layer_constants(BeamBundle(**spec.settings), borne, spec.every / graph.rate)
+            law, caution = layer_constants(BeamBundle(**spec.settings), steps, spec.every / graph.rate)
         fitted = {f"{name}.{key}": value for key, value in law.items()}
         _, last = compare(recording, [[f"{key}={value}" for key, value in fitted.items()]], reference=base)
         show("the fitted model")
-        known = own_error(changed(recording, base).graph)
+        known = error_sentence(changed(recording, base).graph)
     before, after = (
-        {q: off_by(one, q) for q in QUANTITIES} | {"worst": off_by(one, "force", "peak")} for one in (first, last)
+        {q: relative_error(one, q) for q in QUANTITIES} | {"worst": relative_error(one, "force", "peak")}
+        for one in (first, last)
     )
-    told = (
+    comments = (
         f"Fitted by palpate fit body to {' '.join(base)} on this graph's touch. Differences, RMS of its peak:",
         f"  before: {words(before)}",
         f"  after:  {words(after)}",
         *filter(None, (known, caution)),
     )
-    write(launch, fitted, told, file)
+    write(launch, fitted, comments, file)
     return FittedBody(fitted, before, after, known, caution)
 
 
-def words(off: dict[str, float]) -> str:
-    """The differences by quantity."""
-    shares = ", ".join(f"{name} {100 * off[name]:.2g} %" for name in QUANTITIES)
-    return f"{shares}; force {100 * off['worst']:.2g} % at worst"
+def words(errors: dict[str, float]) -> str:
+    """Errors of all quantities as text."""
+    shares = ", ".join(f"{name} {100 * errors[name]:.2g} %" for name in QUANTITIES)
+    return f"{shares}; force {100 * errors['worst']:.2g} % at worst"
 
 
 def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[str, Any]:
@@ -131,13 +142,13 @@ def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[st
     n = float(optimize.minimize_scalar(lambda n: solved(n)[1], bounds=(1.0, 3.0), method="bounded").x)
     (k, kc), _ = solved(n)
     if not k > 0.0:
-        raise ArgumentError("no power law fits the reference's force: it does not rise with its indentation")
+        raise ArgumentError("no power law fits: the force of the reference does not rise with its indentation")
     rounded = {"stiffness": k / deepest**n, "exponent": n, "damping": kc / k}
     return {name: float(f"{value:.6g}") for name, value in rounded.items()}
 
 
-def _borne(player: Player, loaders: Sequence[str], body: str) -> tuple[list[Pressed], list[float]]:
-    """Loads of one tick on a body, and the indentation [m] under each after its step."""
+def _loads_and_depths(player: Player, loaders: Sequence[str], body: str) -> tuple[list[PatchLoad], list[float]]:
+    """Loads on a body in one tick, and the indentation [m] under each after the step; empty without a step."""
     loads = [m for sender in loaders for m in player.last(sender) if isinstance(m, Load)]
     surface = next((m for m in player.last(body) if isinstance(m, Surface)), None)
     if surface is None or surface.tick != loads[0].tick:
@@ -146,36 +157,40 @@ def _borne(player: Player, loaders: Sequence[str], body: str) -> tuple[list[Pres
     return [(load.nodes.copy(), load.forces.copy(), load.foot, load.normal) for load in loads], depths
 
 
-def _depths(bed: beam_bed.BeamFoundation, loads: list[Pressed], dt: float) -> np.ndarray:
-    """Indentations [m] of a bed under these loads after a step."""
+def _depths(foundation: beam_foundation.BeamFoundation, loads: list[PatchLoad], dt: float) -> np.ndarray:
+    """Indentations [m] of a beam foundation under these loads after one step."""
     for contact, (nodes, forces, foot, normal) in enumerate(loads):
-        beam_bed.bear(bed, contact, nodes, forces, foot, normal)
-    beam_bed.answer(bed, dt)
-    return bed.contacts.laws[:, 4].copy()
+        beam_foundation.bear(foundation, contact, nodes, forces, foot, normal)
+    beam_foundation.answer(foundation, dt)
+    return foundation.contacts.laws[:, 4].copy()
 
 
 def layer_constants(
-    body: BeamBundle, borne: Sequence[tuple[list[Pressed], list[float]]], dt: float
+    body: BeamBundle, steps: Sequence[tuple[list[PatchLoad], list[float]]], dt: float
 ) -> tuple[dict[str, Any], str]:
-    """Moduli and relaxation times with which the beams have the indentations [m] of a reference under its loads, one
-    entry for each step of dt [s]; and a caution where the loads would take beams of this thickness to their limit."""
-    steps = [(loads, depths) for loads, depths in borne if loads]
-    right = np.concatenate([depths for _, depths in steps])
+    """Moduli and relaxation times of beams that match the indentations [m] of a reference under its loads.
 
-    def solved(logarithm: float) -> tuple[float, float]:
-        """Squared error and the factor 1/a, for the logarithm of b."""
-        bed = body.foundation(THICK, math.exp(logarithm), len(steps[0][0]))
-        own = np.concatenate([_depths(bed, loads, dt) for loads, _ in steps])
-        softer = float(own @ right / (own @ own))
-        return float(np.sum((softer * own - right) ** 2)), softer
+    steps  loads and indentations of each step of dt [s]
 
-    at = 0.0
+    Returns a warning too, if the loads would take beams of this thickness to their strain limit; else "".
+    """
+    steps = [(loads, depths) for loads, depths in steps if loads]
+    target = np.concatenate([depths for _, depths in steps])
+
+    def solved(log_b: float) -> tuple[float, float]:
+        """Squared error and the factor 1/a, for log b."""
+        foundation = body.foundation(THICK, math.exp(log_b), len(steps[0][0]))
+        depths = np.concatenate([_depths(foundation, loads, dt) for loads, _ in steps])
+        softer = float(depths @ target / (depths @ depths))
+        return float(np.sum((softer * depths - target) ** 2)), softer
+
+    log_b = 0.0
     if any(body.relaxations):
         within = np.log(SLOWER)
-        at = float(optimize.minimize_scalar(lambda x: solved(x)[0], bounds=within, options={"xatol": 0.05}).x)
-    stiffer = 1.0 / solved(at)[1]
+        log_b = float(optimize.minimize_scalar(lambda x: solved(x)[0], bounds=within, options={"xatol": 0.05}).x)
+    stiffer = 1.0 / solved(log_b)[1]
     moduli = [float(f"{modulus * stiffer:.4g}") for modulus in body.moduli]
-    relaxations = [float(f"{time * math.exp(at):.4g}") for time in body.relaxations]
+    relaxations = [float(f"{time * math.exp(log_b):.4g}") for time in body.relaxations]
     areas = body.mesh().areas
     pressure = max((float((-f @ np.array(n) / areas[k]).max()) for loads, _ in steps for k, f, _, n in loads if len(k)))
     thicker = pressure / min(moduli) / STRAIN_LIMIT
@@ -183,7 +198,7 @@ def layer_constants(
     if thicker > 1.0:
         layers = ", ".join(f"{1e3 * layer * math.ceil(2 * thicker):g} mm" for layer in body.layers)
         caution = (
-            f"The deepest press takes these beams to their strain limit of {STRAIN_LIMIT:g}, where they are too stiff; "
-            f"thicker ones would not be. Give the scene `tissue: {{layers: [{layers}]}}` and fit again"
+            f"The deepest press takes these beams to their strain limit of {STRAIN_LIMIT:g}, where they are too stiff. "
+            f"Set thicker layers in the scene, `tissue: {{layers: [{layers}]}}`, and fit again"
         )
     return {"moduli": moduli, "relaxations": relaxations}, caution

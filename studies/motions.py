@@ -1,4 +1,4 @@
-"""Motions of a simulated hand: its path at several speeds, and others through the same region."""
+"""Motions of a simulated hand: its path at several speeds, and random strokes through the same region."""
 
 import json
 import math
@@ -12,17 +12,14 @@ from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
 from palpate.nodes.device.hand import SimulatedOperator
 
-STROKES = 8  # of another motion
-SLOWEST = 0.2
-"""[1] Speed of the slowest of these, over that of the fastest."""
-PEAK = 1.875
-"""[1] Greatest over mean speed of a minimum-jerk move."""
-AFTER = 0.1  # [s] of another motion, after its last stroke
+STROKES = 8  # in a random motion
+SLOWEST = 0.2  # [1] Speed of the slowest stroke over that of the fastest
+PEAK = 1.875  # [1] Peak speed over mean speed of a minimum-jerk move
+AFTER = 0.1  # [s] of rest after the last stroke
 
 
 def at_speeds(launch: LaunchFile, speeds: Sequence[float]) -> dict[float, LaunchFile]:
-    """The run with its hand at each of these speeds, as long as its path then takes; as it is where no hand follows a
-    path."""
+    """The run with the hand at each of these speeds, with its duration scaled; unchanged if no hand follows a path."""
     hands = hands_of(launch)
     if not hands:
         return {1.0: launch}
@@ -45,20 +42,22 @@ def hands_of(launch: LaunchFile) -> dict[str, SimulatedOperator]:
 
 
 def reached(launch: LaunchFile, speeds: Sequence[float]) -> tuple[float, float]:
-    """[m/s] Speed of the slowest and of the fastest move of the hands at these speeds, each at its fastest moment."""
+    """Peak speed [m/s] of the slowest and of the fastest move of the hands at these speed factors."""
     found = list[float]()
     for hand in hands_of(launch).values():
         lengths = np.linalg.norm(np.diff(hand.points(), axis=0), axis=1)
         peaks = [1.0 if segment.shape == "linear" else PEAK for segment in hand.path]
-        own = lengths / np.diff(hand.ends(), prepend=0.0) * peaks
-        found += own[_moves(hand, launch.duration)].tolist()
+        speed = lengths / np.diff(hand.ends(), prepend=0.0) * peaks
+        found += speed[_moves(hand, launch.duration)].tolist()
     return min(found, default=0.0) * min(speeds), max(found, default=0.0) * max(speeds)
 
 
 def others(launch: LaunchFile, reach: tuple[float, float], seeds: Iterable[int]) -> Iterator[LaunchFile]:
-    """The run with other motions of its hands: straight strokes between random places on its path. The first and the
-    last have the fastest speed of `reach` [m/s], and of every third motion all, with short holds: the worst that it
-    covers. None where no hand moves."""
+    """The run with random motions of its hands: straight strokes between random points of the path.
+
+    The first and the last stroke have the fastest speed of `reach` [m/s]. In every third motion all strokes do, with
+    short holds: the worst case within `reach`. Yields nothing if no hand moves.
+    """
     hands = hands_of(launch) if reach[1] else {}
     free = replace(launch, overrides=tuple(each for each in launch.overrides if not _sets_path(each)))
     for seed in seeds if hands else ():
@@ -71,13 +70,13 @@ def others(launch: LaunchFile, reach: tuple[float, float], seeds: Iterable[int])
 
 
 def _sets_path(override: str | Override) -> bool:
-    """Whether it sets a path of the scene, which reaches no node once the node's path is set."""
+    """Whether an override sets a path of the scene, which has no effect once the path of the node is set."""
     keys = override.keys if isinstance(override, Override) else override.partition("=")[0].split(".")
     return keys[0] == "scene" and keys[-1] == "path"
 
 
 def _moves(hand: SimulatedOperator, duration: float | None) -> np.ndarray:
-    """Segments of a path that move the hand and begin within a time [s]."""
+    """Indices of the path segments that move the hand and begin within the duration [s]."""
     begins = hand.ends() - np.diff(hand.ends(), prepend=0.0)
     return np.flatnonzero(np.diff(hand.points(), axis=0).any(axis=1) & (begins < (duration or math.inf)))
 
@@ -85,7 +84,7 @@ def _moves(hand: SimulatedOperator, duration: float | None) -> np.ndarray:
 def _strokes(
     hand: SimulatedOperator, moves: np.ndarray, fastest: float, draw: np.random.Generator, hurried: bool
 ) -> list[dict[str, Any]]:
-    """A path of one hand, between places on these segments of its own path; at rest where it has none."""
+    """A random path of one hand between points on these segments of its path; a rest if there are none."""
     points = hand.points() + np.array(hand.origin)
     here, path = points[0], list[dict[str, Any]]()
     for number in range(STROKES if len(moves) else 0):

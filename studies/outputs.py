@@ -1,4 +1,4 @@
-"""How far two runs are apart in the messages of one node."""
+"""Differences between two runs in the messages of one node."""
 
 import math
 from typing import Any
@@ -13,8 +13,10 @@ from palpate.records.player import Player
 
 
 class Outputs:
-    """The numbers in a node's messages that somebody reads, of a body's law `without` those that these nodes read, and
-    how far two runs are apart in them."""
+    """Accumulates the differences between two runs in those numbers of a node's messages that other nodes read.
+
+    without  nodes whose reads of the terminal law of a body do not count
+    """
 
     def __init__(self, plan: Plan, node: str, without: set[str]) -> None:
         self.node = node
@@ -29,35 +31,35 @@ class Outputs:
             self.shown += [(index, f) for f in fields(kind) if f.name in shown and _measured(f)]
         self.squares, self.peaks, self.count = [0.0] * len(self.shown), [0.0] * len(self.shown), 0
 
-    def seen(self, player: Player | None) -> list[Any]:
-        """What others read of it now; None for each where there is nothing yet."""
+    def values(self, player: Player | None) -> list[Any]:
+        """Current values of these numbers; None for each before the first message."""
         last = player.last(self.node) if player else []
         return [_values(last[index], f) if last else None for index, f in self.shown]
 
-    def add(self, now: list[Any], base: list[Any]) -> None:
-        """One tick of both."""
+    def add(self, values: list[Any], base: list[Any]) -> None:
+        """Add the values of both runs in one tick."""
         self.count += 1
-        for k, (own, other) in enumerate(zip(now, base, strict=True)):
-            off, size = _apart(own, other)
-            self.squares[k] += off * off
+        for k, (value, other) in enumerate(zip(values, base, strict=True)):
+            difference, size = _difference(value, other)
+            self.squares[k] += difference * difference
             self.peaks[k] = max(self.peaks[k], size)
 
     @property
     def error(self) -> float:
-        """[1] rms over the touch of what is furthest off, over its own peak."""
+        """[1] RMS error over the touch, relative to the peak, of the number with the largest error."""
         shares = [math.sqrt(s / self.count) / p for s, p in zip(self.squares, self.peaks, strict=True) if p > 0.0]
         return max(shares, default=0.0)
 
 
 def _measured(field: Field) -> bool:
-    """Whether it is a quantity that changes bit by bit: no count, index or word."""
+    """Whether a field is a continuous quantity, not a count, index or word."""
     if field.dtype is not None:
         return field.dtype.kind == "f"
     return field.type is float or float in getattr(field.type, "__args__", ())
 
 
 def _values(message: Message | None, field: Field) -> tuple[np.ndarray, np.ndarray | None] | None:
-    """Rows of numbers, and the vertices that they are of, where the message names them."""
+    """Rows of numbers of a field, and the vertices of the rows if the message names them."""
     if message is None:
         return None
     values = np.array(getattr(message, field.name), dtype=float)
@@ -67,16 +69,16 @@ def _values(message: Message | None, field: Field) -> tuple[np.ndarray, np.ndarr
     return rows, np.array(nodes) if of_nodes else None
 
 
-def _apart(own: Any, other: Any) -> tuple[float, float]:
-    """How far one is from another: of a number or a vector its length, of many vertices the rms of those in one of
-    both; and the size of the other, of vertices the largest."""
+def _difference(value: Any, other: Any) -> tuple[float, float]:
+    """Difference of two values and the size of the other: the norm of a number or vector; of vertices the RMS
+    difference over those in either value, and the largest norm."""
     if other is None:
         return 0.0, 0.0
     rows, nodes = other
     size = float(np.sqrt((rows**2).sum(axis=1)).max()) if rows.size else 0.0
-    if own is None:
+    if value is None:
         return size, size
-    if nodes is None or own[1] is None:
-        fits = own[0].shape == rows.shape
-        return (float(np.linalg.norm(own[0] - rows)) if fits else size), size
-    return apart(own[1], own[0], nodes, rows), size
+    if nodes is None or value[1] is None:
+        fits = value[0].shape == rows.shape
+        return (float(np.linalg.norm(value[0] - rows)) if fits else size), size
+    return apart(value[1], value[0], nodes, rows), size

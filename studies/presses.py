@@ -1,4 +1,4 @@
-"""Measured presses from files: tables of numbers, and recordings of palpate's own."""
+"""Measured presses from tables of numbers and from recordings."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -11,17 +11,17 @@ from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress, prepared, read_presses
 from palpate.records.reader import Recording
 
-APART = 0.02  # [1] Of the greatest force, below which it does not press
+APART = 0.02  # [1] Share of the greatest force below which the probe counts as free
 
 
-class Presses:
+class PressReader:
     """Reads the presses of a file.
 
-    columns  "force=F": names of a table's columns
-    units    "F=mN": units of those whose header has none
-    bone     whether the depth of a recording is that of the bone's edge, which a fingertip pads
+    columns  "force=F": names of the columns of a table
+    units    "F=mN": units of columns whose header has none
+    bone     whether the depth of a recording is the displacement of the finger bone, not the tissue indentation
 
-    SessionError: a text that is none of these.
+    SessionError: a text has another form.
     """
 
     def __init__(self, columns: Iterable[str], units: Iterable[str], bone: bool) -> None:
@@ -30,7 +30,7 @@ class Presses:
             raise SessionError(f"--columns: found {key!r}, expected time, force, indentation")
 
     def __call__(self, file: Path) -> list[MeasuredPress]:
-        """SessionError, RecordingError: what is wrong with it."""
+        """All presses of a file. SessionError, RecordingError: the file is faulty."""
         if file.suffix == ".mcap":
             return [self._recorded(file)]
         return read_presses(file, self.names, self.units, convert)
@@ -47,7 +47,7 @@ class Presses:
 
 
 def length(option: str, text: str) -> float:
-    """[m] of a length on the command line. SessionError: it is none, or has no unit."""
+    """Length [m] from the command line. SessionError: no length, or no unit."""
     if not split(text)[1]:
         raise SessionError(f"{option}: found {text!r}, expected a length with its unit, such as {option} '{text} mm'")
     try:
@@ -57,7 +57,7 @@ def length(option: str, text: str) -> float:
 
 
 def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
-    """`key=value` texts. SessionError: one that is none."""
+    """Parse `key=value` texts. SessionError: one has another form."""
     found = {}
     for text in filter(None, (t.strip() for t in texts)):
         key, sign, value = text.partition("=")
@@ -68,30 +68,29 @@ def _pairs(option: str, texts: Iterable[str]) -> dict[str, str]:
 
 
 def recorded_press(name: str, poses: Sequence[Pose], contacts: Sequence[Contact], bone: bool) -> MeasuredPress:
-    """The deepest press of one stream of contacts; that of poses says the way of a probe whose contact is measured.
+    """The deepest press of a stream of contacts.
 
-    bone  whether indentation means the approach of the fingertip's bone, not the tissue's own
+    poses  path of the probe; used if the contacts are of a force sensor, which measures no indentation
+    bone   whether depth is the approach of the finger bone, that is indentation plus compression of the fingertip
 
-    SessionError: nothing that presses, and what `prepared` refuses.
+    SessionError: no press, or `prepared` rejects it.
     """
     force = np.array([m.force for m in contacts], float)
     if not len(force):
         raise SessionError(f"{name}: no messages of Contact, expected a press")
     time = np.array([m.time for m in contacts], float)
     depth = np.array([m.indentation + (m.compression if bone else 0.0) for m in contacts], float)
-    if not depth.any():  # a sensor knows no indentation
+    if not depth.any():  # a force sensor measures no indentation
         if not poses:
-            raise SessionError(
-                f"{name}: contacts of a force sensor and no stream of Pose, expected the way of its probe"
-            )
+            raise SessionError(f"{name}: contacts of a force sensor without a stream of Pose, expected the probe path")
         when = np.array([m.time for m in poses], float)
         depth = -np.interp(time, when, np.array([m.position for m in poses]) @ np.array(contacts[0].normal))
-    own = _deepest_touch(depth, force)
-    return prepared(name, 1e-9 * time[own], depth[own], force[own])
+    rows = _deepest_touch(depth, force)
+    return prepared(name, 1e-9 * time[rows], depth[rows], force[rows])
 
 
 def _deepest_touch(depth: np.ndarray, force: np.ndarray) -> slice:
-    """The rows of the touch that goes deepest, with the free motion before and after it."""
+    """Rows of the deepest touch, with the free motion before and after it."""
     pressed = force > APART * force.max()
     at = int(np.argmax(np.where(pressed, depth, -np.inf)))
     begin, end = at - int(np.argmin(pressed[at::-1])), at + int(np.argmin(pressed[at:]))

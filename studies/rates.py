@@ -1,12 +1,11 @@
-"""The lowest rate of each effect that keeps what comes of it to a stated error, on a touch at several speeds.
+"""Find the lowest update rate of each effect that keeps the error of its output within a limit.
 
-An effect that is a node of its own may run at each n-th tick (`every: n`); others read its last message until then.
-How often it has to run follows from its own time constant: the time in which its output, as fast as it changes in the
-mean (rms) over the touch, goes through its own peak. Held for n ticks of dt, it is off by n dt/(sqrt(3) constant) of
-its peak (rms). What is chosen was measured: the touch is computed again with the effect at each of several rates.
-A faster hand goes through the peak sooner, so that this is done at a spread of speeds and on other motions through the
-same region, up to the fastest of these speeds; the worst counts. What is predicted comes from motions that the search
-has not seen.
+An effect that is a separate node may run at every n-th tick (`every: n`); its readers hold its last message. The
+required rate follows from the time constant of the effect: the peak of its output over the RMS rate of change. Held for
+n ticks of dt, the output has an RMS error of n dt/(sqrt(3) constant) of its peak. The choice itself is measured: the
+touch is computed again with the effect at several rates. Outputs change faster if the hand is faster, so this is done
+at several speeds and on other motions through the same region, up to the fastest of these speeds; the worst case
+counts. Predictions come from motions that the search has not used.
 """
 
 import itertools
@@ -25,39 +24,40 @@ from palpate.records.player import Player
 from palpate.records.reader import Recording
 from palpate.studies.motions import at_speeds, others, reached
 from palpate.studies.outputs import Outputs
-from palpate.studies.search import Found, Show, Trial, off_by, touched, write
+from palpate.studies.search import Evaluation, SearchResult, Show, record_touch, relative_error, write
 
 SPEEDS = (0.5, 1.0, 2.0)
-"""Of the hand, over that of the graph's own path."""
+"""Of the hand, over that of the path in the graph."""
 DIVISORS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
-"""Divisors of the graph's rate that are tried."""
+"""Candidate divisors of the rate of the graph."""
 SEARCHED, ACCEPTED, HELD_OUT = 2, 6, 12
-"""Other motions that the search uses, those that accept its rates, and those that only the predictions come from."""
+"""Numbers of other motions for the search, for accepting its rates, and for predictions only."""
 MARGIN = 0.8
-"""[1] Share of the error that other motions may reach for the rates to be accepted: more motions have a worse worst."""
+"""[1] Share of the error that motions for acceptance may reach: the worst of more motions is larger."""
 
 
 @dataclass(frozen=True)
 class Rate:
-    """One effect: its node, the divisor of its rate as the graph has it and as it may be, its time constant [s], and
-    what it is off by at the latter: its own output, and the force on the hand, rms over the peak. The law of a body
-    that the force waits for is told by the force.
+    """The update rate of one effect.
 
-    felt  whether the force waits for it
+    before, every  divisor of the rate in the graph, and the chosen one
+    in_loop        whether the node is on the force path; the terminal law of a body there counts in the force error
+    constant       [s] time constant of the output
+    output_error   [1] RMS error of the output at `every`, over its peak;  force_error [1] of the force on the hand
     """
 
     node: str
     effect: str
     before: int
-    felt: bool
+    in_loop: bool
     constant: float = math.inf
     every: int = 1
-    own: float = 0.0
-    force: float = 0.0
+    output_error: float = 0.0
+    force_error: float = 0.0
 
     @property
     def idle(self) -> bool:
-        """Whether nothing of it changed on the touch, so that its rate is left."""
+        """Whether the output is constant on the touch; the rate is then kept."""
         return math.isinf(self.constant)
 
     def override(self, every: int | None = None) -> str:
@@ -66,24 +66,26 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Slowed(Found):
-    """With what came of the run at each speed, and of the motions that the search has not seen.
+class RatesResult(SearchResult):
+    """Adds the measurements at each speed and those of motions outside the search.
 
-    reach  [m/s] slowest and fastest move of the hand in all of them; 0: no hand follows a path
+    reach  [m/s] slowest and fastest move of the hand in all motions; 0: no hand follows a path
     """
 
-    at: dict[float, Trial] = field(default_factory=dict)
-    unseen: tuple[Trial, ...] = ()
+    at: dict[float, Evaluation] = field(default_factory=dict)
+    unseen: tuple[Evaluation, ...] = ()
     reach: tuple[float, float] = (0.0, 0.0)
 
 
 def rates(
     launch: LaunchFile, error: float, file: Path, show: Show = lambda what: None, speeds: Sequence[float] = SPEEDS
-) -> Slowed:
-    """The lowest rates that keep an error [1] on the fastest path and some motions, raised until runs of the path at
-    each speed and of new motions keep it. Twelve others then give the prediction and decide nothing but whether the
-    error is kept; if so, a launch file is written."""
-    effects_of(launch.plan())  # reports a graph without any before anything runs
+) -> RatesResult:
+    """Find the lowest rates within an error [1] and write a launch file if the rates meet it.
+
+    The search uses the fastest path and a few other motions. Rates are then raised until runs of the path at each speed
+    and of new motions are within the error. 12 more motions give the prediction and can only reject the rates.
+    """
+    effects_of(launch.plan())  # fails before the first run if the graph has no effects
     motions, drawn, reach = at_speeds(launch, speeds), itertools.count(), reached(launch, speeds)
 
     def fresh(count: int) -> Iterator[LaunchFile]:
@@ -91,73 +93,79 @@ def rates(
 
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
+        # Search on recordings of the fastest path and of random motions.
         searched = [motions[max(motions)], *fresh(SEARCHED)]
-        recordings = [touched(motion, folder / f"{number}.mcap") for number, motion in enumerate(searched)]
+        recordings = [record_touch(motion, folder / f"{number}.mcap") for number, motion in enumerate(searched)]
         show("the touch")
         picked, _ = together(recordings, chosen(recordings[0], error), error)
         show("the search")
+        # Raise the rates until runs of new motions, then of the path at each speed, are within the error.
         for motion in fresh(ACCEPTED):
             picked, _ = accepted(motion, picked, MARGIN * error, folder)
-        at = dict[float, Trial]()
+        at = dict[float, Evaluation]()
         while missing := motions.keys() - at.keys():
-            before, speed = picked, max(missing)  # the fastest hand misses first
+            before, speed = picked, max(missing)  # the fastest hand has the largest error
             picked, one = accepted(motions[speed], picked, error, folder)
             at = {**(at if picked == before else {}), speed: one}
         show("runs that accept the rates")
-        came = worst_of(list(at.values()))
-        unseen = [ran(motion, picked, folder) for motion in fresh(HELD_OUT)] if came.most <= error else []
-        promised = worst_of(unseen) if unseen else together(recordings, picked, math.inf)[1]
+        # Predict from motions that have not been used so far.
+        measured = worst_of(list(at.values()))
+        unseen = [ran(motion, picked, folder) for motion in fresh(HELD_OUT)] if measured.most <= error else []
+        predicted = worst_of(unseen) if unseen else together(recordings, picked, math.inf)[1]
         show("runs that predict")
-    picked = [replace(rate, own=own) for rate, own in zip(picked, worst_of([came, *unseen]).own, strict=True)]
-    kept = max(one.most for one in (came, *unseen)) <= error
-    if kept:
-        told = [
+    worst = worst_of([measured, *unseen]).outputs
+    picked = [replace(rate, output_error=output) for rate, output in zip(picked, worst, strict=True)]
+    met = max(one.most for one in (measured, *unseen)) <= error
+    if met:
+        comments = [
             f"Chosen by palpate rates: the lowest update rates for an error of {100 * error:.2g} %.",
             f"Measured on the path of this graph at {spread(at)}:",
-            *(f"  {speed:g} times its speed: {percents(picked, one)}" for speed, one in sorted(at.items())),
+            *(f"  {speed:g} times its speed: {errors_text(picked, one)}" for speed, one in sorted(at.items())),
         ]
         if unseen:
-            told.append(f"Predicted from {len(unseen)} other motions: {percents(picked, promised)}")
-        write(launch, promised.overrides, [*told, valid(reach)], file)
-    return Slowed(picked, promised, came, kept, dict(sorted(at.items())), tuple(unseen), reach)
+            comments.append(f"Predicted from {len(unseen)} other motions: {errors_text(picked, predicted)}")
+        write(launch, predicted.overrides, [*comments, valid(reach)], file)
+    return RatesResult(picked, predicted, measured, met, dict(sorted(at.items())), tuple(unseen), reach)
 
 
-def accepted(motion: LaunchFile, rates: list[Rate], error: float, folder: Path) -> tuple[list[Rate], Trial]:
-    """The rates, raised until a run of this motion keeps the error [1], and that run."""
+def accepted(motion: LaunchFile, rates: list[Rate], error: float, folder: Path) -> tuple[list[Rate], Evaluation]:
+    """The rates, raised until a run of this motion is within the error [1], and that run."""
     while True:
         one = ran(motion, rates, folder)
-        finer = oftener(rates, one, error)
+        finer = raised(rates, one, error)
         if finer is None:
             return rates, one
         rates = finer
 
 
-def ran(motion: LaunchFile, rates: Sequence[Rate], folder: Path) -> Trial:
-    """Errors of a run at these rates, compared with the same motion of the device with each effect at each tick."""
-    return tried(touched(motion.but(overrides=[rate.override() for rate in rates]), folder / "slow.mcap"), rates)
+def ran(motion: LaunchFile, rates: Sequence[Rate], folder: Path) -> Evaluation:
+    """Errors of a run at these rates, compared with the same device motion with all effects at every tick."""
+    return tried(record_touch(motion.but(overrides=[rate.override() for rate in rates]), folder / "slow.mcap"), rates)
 
 
-def worst_of(trials: Sequence[Trial]) -> Trial:
-    """The one with the greatest error, with the greatest peak error and the greatest of each output of all."""
-    own = tuple(max(each) for each in zip(*(one.own for one in trials), strict=True))
-    return replace(max(trials, key=lambda one: one.error), worst=max(one.worst for one in trials), own=own)
+def worst_of(runs: Sequence[Evaluation]) -> Evaluation:
+    """The run with the largest error, with the largest peak error and output errors of all runs."""
+    outputs = tuple(max(each) for each in zip(*(one.outputs for one in runs), strict=True))
+    return replace(max(runs, key=lambda one: one.error), worst=max(one.worst for one in runs), outputs=outputs)
 
 
 def valid(reach: tuple[float, float]) -> str:
-    """The range of speeds of the hand for which the rates hold."""
+    """A sentence on the range of hand speeds for which the rates are valid."""
     if not reach[1]:
-        return "Holds for this motion alone: a faster one may be off by more."
+        return "Valid for this motion only: the error of a faster one may be larger."
     low, high = (1e3 * speed for speed in reach)
     return (
-        f"Holds for moves of the hand at {low:.3g} to {high:.3g} mm/s through the region of this graph's path: a "
-        "faster hand may be off by more."
+        f"Valid for moves of the hand at {low:.3g} to {high:.3g} mm/s in the region of this graph's path: the error of "
+        "a faster hand may be larger."
     )
 
 
-def percents(rates: Sequence[Rate], one: Trial) -> str:
+def errors_text(rates: Sequence[Rate], one: Evaluation) -> str:
     """Errors of the force and of the outputs in words."""
-    own = ", ".join(f"{rate.node} {100 * own:.2g} %" for rate, own in zip(rates, one.own, strict=True))
-    return f"force error {100 * one.error:.2g} % of peak (RMS), {100 * one.worst:.2g} % at worst; output errors {own}"
+    pairs = zip(rates, one.outputs, strict=True)
+    outputs = ", ".join(f"{rate.node} {100 * output:.2g} %" for rate, output in pairs)
+    force = f"force error {100 * one.error:.2g} % of peak (RMS), {100 * one.worst:.2g} % at worst"
+    return f"{force}; output errors {outputs}"
 
 
 def spread(speeds: Iterable[float]) -> str:
@@ -166,83 +174,88 @@ def spread(speeds: Iterable[float]) -> str:
 
 
 def effects_of(plan: Plan) -> list[Rate]:
-    """Each running node that is an effect as a whole. ArgumentError: there is none."""
+    """Each running node that computes one effect and nothing else. ArgumentError: the graph has none."""
     path = force_path(plan)
     nodes = [plan.graph.nodes[name] for name in plan.order]
-    told = [
+    found = [
         Rate(spec.name, spec.cls.effect, spec.every, spec.name in path)
         for spec in nodes
         if spec.cls.effect and not (spec.cls.paced or spec.cls.hardware)
     ]
-    if not told:
+    if not found:
         raise ArgumentError(
-            f"{plan.graph.path}: no effect of this graph is a node of its own, so there is no rate to choose; "
+            f"{plan.graph.path}: no effect of this graph is a separate node, so there is no rate to choose; "
             "`palpate plan` shows the effects of a graph"
         )
-    return told
+    return found
 
 
 def chosen(recording: Recording, error: float) -> Iterator[Rate]:
-    """Each effect of the recorded graph at the lowest rate that keeps `error` [1], while the others run at each tick.
+    """Each effect of the recorded graph at its lowest rate within `error` [1], with the others at every tick.
 
-    The error grows with the divisor, so the divisors are bisected; a pass over the recording serves all effects.
+    The error grows with the divisor, so the divisors are bisected; one pass over the recording serves all effects.
     """
     plan = changed(recording)
-    kept = [replace(rate, every=1) for rate in effects_of(plan)]
-    change = [Outputs(plan, rate.node, without=set()) for rate in kept]
-    missed, watched = [len(DIVISORS)] * len(kept), change
+    found = [replace(rate, every=1) for rate in effects_of(plan)]
+    change = [Outputs(plan, rate.node, without=set()) for rate in found]
+    missed, watched = [len(DIVISORS)] * len(found), change
     while True:
-        middle = [(DIVISORS.index(rate.every) + limit) // 2 for rate, limit in zip(kept, missed, strict=True)]
-        trials = {k: replace(kept[k], every=DIVISORS[m]) for k, m in enumerate(middle) if DIVISORS[m] > kept[k].every}
-        if not trials:
+        middle = [(DIVISORS.index(rate.every) + limit) // 2 for rate, limit in zip(found, missed, strict=True)]
+        slower = {k: replace(found[k], every=DIVISORS[m]) for k, m in enumerate(middle) if DIVISORS[m] > found[k].every}
+        if not slower:
             break
         tries = [
-            ([rate.override(), *(other.override(1) for other in kept if other.node != rate.node)], [rate])
-            for rate in trials.values()
+            ([rate.override(), *(other.override(1) for other in found if other.node != rate.node)], [rate])
+            for rate in slower.values()
         ]
-        (_, *variants), own = _computed(recording, kept, tries, watched)
+        (_, *variants), outputs = _computed(recording, found, tries, watched)
         watched = []  # the reference is the same in each pass
-        for (k, rate), variant, (off,) in zip(trials.items(), variants, own, strict=True):
-            one = replace(rate, own=off.error, force=off_by(variant))
-            if max(one.own, one.force) <= error:
-                kept[k] = one
+        for (k, rate), variant, (output,) in zip(slower.items(), variants, outputs, strict=True):
+            one = replace(rate, output_error=output.error, force_error=relative_error(variant))
+            if max(one.output_error, one.force_error) <= error:
+                found[k] = one
             else:
                 missed[k] = middle[k]
-    for rate, output in zip(kept, change, strict=True):
+    for rate, output in zip(found, change, strict=True):
         constant = 1.0 / (plan.graph.rate * output.error) if output.error > 0.0 else math.inf
         yield replace(rate, constant=constant, every=rate.before if math.isinf(constant) else rate.every)
 
 
-def together(recordings: Sequence[Recording], rates: Iterable[Rate], error: float) -> tuple[list[Rate], Trial]:
-    """All of them at once: while one of the touches misses `error` [1], an effect runs more often. Returns the rates
-    and the touch with the greatest error."""
-    picked, done = list(rates), list[Trial]()
+def together(recordings: Sequence[Recording], rates: Iterable[Rate], error: float) -> tuple[list[Rate], Evaluation]:
+    """Apply all rates at once, and raise the rate of one effect while any touch exceeds `error` [1].
+
+    Returns the rates and the errors of the worst touch.
+    """
+    picked, done = list(rates), list[Evaluation]()
     while len(done) < len(recordings):
         done.append(tried(recordings[len(done)], picked, [rate.override() for rate in picked]))
-        finer = oftener(picked, done[-1], error)
+        finer = raised(picked, done[-1], error)
         if finer:
             picked, done = finer, []
     return picked, worst_of(done)
 
 
-def oftener(rates: Sequence[Rate], one: Trial, error: float) -> list[Rate] | None:
-    """The next higher rate for the effect with the largest share in an error [1] that a trial misses: one whose output
-    misses it, or else that with the largest part in the force. None: the trial keeps it, or all run at each tick."""
+def raised(rates: Sequence[Rate], one: Evaluation, error: float) -> list[Rate] | None:
+    """The rates with the next higher rate for the effect that contributes most to exceeding an error [1].
+
+    That is the effect whose output exceeds it most, or else the one with the largest force error. None: the run is
+    within the error, or all effects run at every tick.
+    """
     slow = [k for k, rate in enumerate(rates) if rate.every > 1]
     if one.most <= error or not slow:
         return None
-    worst = max(slow, key=lambda k: (one.own[k] if one.own[k] > error else 0.0, rates[k].force, one.own[k]))
+    output = one.outputs
+    worst = max(slow, key=lambda k: (output[k] if output[k] > error else 0.0, rates[k].force_error, output[k]))
     every = max(n for n in DIVISORS if n < rates[worst].every)
-    force = rates[worst].force * every / rates[worst].every
-    return [replace(rate, every=every, force=force) if k == worst else rate for k, rate in enumerate(rates)]
+    force = rates[worst].force_error * every / rates[worst].every
+    return [replace(rate, every=every, force_error=force) if k == worst else rate for k, rate in enumerate(rates)]
 
 
-def tried(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Trial:
-    """Errors of a touch compared with itself with each effect at each tick, with these overrides of the run; without
-    any, as it was run at these rates."""
-    (base, variant), (own,) = _computed(recording, rates, [(texts, rates)])
+def tried(recording: Recording, rates: Sequence[Rate], texts: Sequence[str] = ()) -> Evaluation:
+    """Errors of a recorded touch with these overrides, compared with all effects at every tick."""
+    (base, variant), (outputs,) = _computed(recording, rates, [(texts, rates)])
     overrides = {f"{rate.node}.every": rate.every for rate in rates}
-    return Trial(overrides, own=tuple(output.error for output in own)).measured(base, variant)
+    return Evaluation(overrides, outputs=tuple(output.error for output in outputs)).with_errors(base, variant)
 
 
 def _computed(
@@ -251,28 +264,33 @@ def _computed(
     tries: Sequence[tuple[Sequence[str], Sequence[Rate]]],
     change: Sequence[Outputs] = (),
 ) -> tuple[list[Variant], list[list[Outputs]]]:
-    """The touch with all effects at each tick and with the overrides of each of `tries`: the variants, and of each the
-    error in the outputs of its effects. `change` receives the change of the former from tick to tick."""
+    """Compute the touch with all effects at every tick, and with the overrides of each of `tries`.
+
+    Returns the variants, and for each the errors in the outputs of its effects. `change` accumulates the changes of the
+    first variant from tick to tick.
+    """
     plan = changed(recording)
     path = force_path(plan)
-    own = [[Outputs(plan, rate.node, without=path if rate.felt else set()) for rate in watched] for _, watched in tries]
-    before = [one.seen(None) for one in change]
+    outputs = [
+        [Outputs(plan, rate.node, without=path if rate.in_loop else set()) for rate in watched] for _, watched in tries
+    ]
+    before = [one.values(None) for one in change]
 
     def on_tick(players: Sequence[Player]) -> None:
         for k, one in enumerate(change):
-            now = one.seen(players[0])
+            now = one.values(players[0])
             one.add(now, before[k])
             before[k] = now
-        for watched, player in zip(own, players[1:], strict=True):
+        for watched, player in zip(outputs, players[1:], strict=True):
             for one in watched:
-                one.add(one.seen(player), one.seen(players[0]))
+                one.add(one.values(player), one.values(players[0]))
 
     full = [rate.override(1) for rate in effects]
-    return compare(recording, [texts for texts, _ in tries], reference=full, on_tick=on_tick), own
+    return compare(recording, [texts for texts, _ in tries], reference=full, on_tick=on_tick), outputs
 
 
 def read_speeds(text: str) -> tuple[float, ...]:
-    """Speeds of '0.5, 1, 2'. ArgumentError: they are none."""
+    """Speeds of '0.5, 1, 2'. ArgumentError: another form."""
     try:
         speeds = tuple(float(part) for part in text.split(","))
     except ValueError:

@@ -1,8 +1,8 @@
-"""Settings of a graph tried on one recorded touch: what `palpate tune`, `rates` and `plan --ablate` have in common.
+"""Evaluate settings of a graph on one recorded touch: shared by `palpate tune`, `rates` and `plan --ablate`.
 
-The touch is recorded once as the graph stands (`touched`), and each choice computes it again next to a reference
-(`compared`). A choice is written as a launch file (`write`) and run: the hand reacts to the force, so that the touch
-becomes another one, and what came is measured on that.
+The touch is recorded once with the graph as it is (`record_touch`); each choice of settings then computes it again in
+parallel with a reference (`compared`). The best choice is written as a launch file (`write`) and run: the hand reacts
+to the force, so the touch changes, and the error is measured on the new touch.
 """
 
 from __future__ import annotations
@@ -23,23 +23,21 @@ from palpate.records.compare import Variant, compare
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-Show = Callable[[str], None]  # Called with the name of what was done
+Show = Callable[[str], None]  # Called with the name of each finished stage
 
 
 @dataclass(frozen=True)
-class Trial:
-    """Settings, and what they gave on a touch.
+class Evaluation:
+    """Settings, with their error and time on a touch.
 
-    overrides  as `--set` takes them, by name
-    error      [1] rms of a quantity from that of the reference, over its peak;  worst [1] its greatest, over its peak
-    p50, p99   [s] processor time of a tick, which other programs do not change;  mean [s] too, as a rate that is lower
-               does not show in the median
-    why        what went wrong, if something did
-    slowest    the node beside the body that takes longest of those that run in at least one tick of a hundred, and the
-               p50 [s] of its steps
-    reference  [s] mean of a tick with the settings of the reference
-    own        [1] error of the output of each effect (`rates`)
-    wall       [s] p50 and p99 of a tick by the clock: longer than processor time where other programs run
+    overrides   as `--set` takes them, by name
+    error       [1] RMS error of a quantity over the peak of the reference;  worst [1] peak error over the same
+    p50, p99    [s] processor time per tick, independent of other programs;  mean [s] includes the effect of lower rates
+    why         the reason if the settings failed
+    slowest     slowest node apart from the body that runs in at least 1 % of the ticks, and the p50 [s] of its steps
+    reference   [s] mean time per tick with the settings of the reference
+    outputs     [1] error of the output of each effect (`rates`)
+    wall        [s] p50 and p99 of the wall time per tick, which grows if other programs run
     """
 
     overrides: dict[str, Any]
@@ -51,7 +49,7 @@ class Trial:
     mean: float = math.inf
     reference: float = math.inf
     worst: float = math.inf
-    own: tuple[float, ...] = ()
+    outputs: tuple[float, ...] = ()
     wall: tuple[float, float] = (math.inf, math.inf)
 
     @property
@@ -61,31 +59,35 @@ class Trial:
 
     @property
     def most(self) -> float:
-        """[1] The greatest of all its errors."""
-        return max((self.error, *self.own))
+        """[1] The largest of all errors."""
+        return max((self.error, *self.outputs))
 
-    def measured(self, base: Variant, variant: Variant, quantity: str = "force") -> Trial:
-        """With the error of a quantity and the times of what it gave."""
+    def with_errors(self, base: Variant, variant: Variant, quantity: str = "force") -> Evaluation:
+        """A copy with the times and the error of a quantity of this variant."""
         cpu, wall = variant.cpu.report(), variant.whole.report()
-        worst = off_by(variant, quantity, "peak")
-        return replace(self, error=off_by(variant, quantity), worst=worst, p50=cpu["p50"], p99=cpu["p99"],
+        worst = relative_error(variant, quantity, "peak")
+        return replace(self, error=relative_error(variant, quantity), worst=worst, p50=cpu["p50"], p99=cpu["p99"],
                        mean=cpu["mean"], reference=base.cpu.report()["mean"],
                        wall=(wall["p50"], wall["p99"]))  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a search ended with: all that was tried, what was promised on the touch and came in a run of it (None:
-    nothing keeps what is asked for), and whether the run kept it."""
+class SearchResult:
+    """Result of a search.
+
+    tried      all candidates
+    predicted  the choice on the recorded touch;  measured in a run. None: no candidate meets the goal
+    met        whether the run met the goal
+    """
 
     tried: Sequence[Any]
-    promised: Trial | None = None
-    came: Trial | None = None
-    kept: bool = False
+    predicted: Evaluation | None = None
+    measured: Evaluation | None = None
+    met: bool = False
 
 
 def read_error(text: str, quantities: Sequence[str] = ()) -> tuple[float, str]:
-    """Share [1] and quantity of '2 % force'; without quantities to choose from, of '1 %'. ArgumentError: it is none."""
+    """Share [1] and quantity of '2 % force'; of '1 %' if there are no quantities. ArgumentError: another form."""
     number, sign, rest = text.partition("%")
     quantity = rest.strip() or "force"
     try:
@@ -100,8 +102,8 @@ def read_error(text: str, quantities: Sequence[str] = ()) -> tuple[float, str]:
     return share, quantity
 
 
-def off_by(variant: Variant, quantity: str = "force", measure: str = "rms") -> float:
-    """[1] By what a quantity is off, rms (or peak) over the peak of the reference; 0 where the reference has none."""
+def relative_error(variant: Variant, quantity: str = "force", measure: str = "rms") -> float:
+    """[1] RMS or peak error of a quantity over the peak of the reference; 0 if the reference has no peak."""
     spread = getattr(variant, quantity).report()
     return spread[measure] / spread["reference_peak"] if spread["reference_peak"] > 0.0 else 0.0
 
@@ -109,9 +111,9 @@ def off_by(variant: Variant, quantity: str = "force", measure: str = "rms") -> f
 def compared(
     recording: Recording, texts: Sequence[str], reference: Sequence[str]
 ) -> tuple[Variant, Variant] | str:  # fmt: skip
-    """The touch with the settings of the reference and with these; or why it cannot be computed with them.
+    """The touch with the settings of the reference and with these; the reason if these cannot compute it.
 
-    RecordingError: it is no touch that can be computed again.
+    RecordingError: the recording cannot be replayed.
     """
     try:
         base, variant = compare(recording, [texts], reference=reference)
@@ -122,17 +124,16 @@ def compared(
     return base, variant
 
 
-def touched(launch: LaunchFile, file: Path) -> Recording:
-    """One run of the graph, in this process, recorded. ArgumentError: it has no end, it failed, or it would move a
-    device."""
+def record_touch(launch: LaunchFile, file: Path) -> Recording:
+    """Run the graph in this process and record it. ArgumentError: it is endless, fails, or drives a real device."""
     name, graph = launch.path or launch.graph, launch.load()
     if launch.duration is None:
-        raise ArgumentError(f"{name}: it runs without end; give the length of the touch: --duration '5 s'")
+        raise ArgumentError(f"{name}: the run has no end; set the length of the touch: --duration '5 s'")
     devices = [node for node, spec in graph.nodes.items() if spec.cls.hardware]
     if devices:
         raise ArgumentError(
-            f"{name}: node {devices[0]!r} drives a device, and the touch is computed many times here; expected a "
-            f"simulated one: --set {devices[0]}.use=device.Simulated, or the graph kidney"
+            f"{name}: node {devices[0]!r} drives a device, but the touch is computed many times; expected a simulated "
+            f"device: --set {devices[0]}.use=device.Simulated, or the graph kidney"
         )
     outcome = execute(replace(launch, record=file, place=FUSED, clock="simulated"))
     outcome.signalled()
@@ -141,14 +142,14 @@ def touched(launch: LaunchFile, file: Path) -> Recording:
     return Recording(file)
 
 
-def write(launch: LaunchFile, chosen: dict[str, Any], told: Sequence[str], path: Path) -> None:
-    """A launch file of the choice, its reasons as comments at its head."""
+def write(launch: LaunchFile, chosen: dict[str, Any], comments: Sequence[str], path: Path) -> None:
+    """Write the launch file of the choice, with these comments at its head."""
     content: dict[str, Any] = {"graph": str(launch.graph.resolve())}
     if launch.scene is not None:
         content["scene"] = str(launch.scene.resolve()) if isinstance(launch.scene, Path) else launch.scene
     content |= {name: getattr(launch, name) for name in ("clock", "duration") if getattr(launch, name) is not None}
-    own = [text.partition("=") for text in launch.overrides if isinstance(text, str)]
-    content["set"] = {key: yaml.safe_load(value) for key, _, value in own} | chosen
-    head = "".join(f"# {line}\n" for line in told)
+    given = [text.partition("=") for text in launch.overrides if isinstance(text, str)]
+    content["set"] = {key: yaml.safe_load(value) for key, _, value in given} | chosen
+    head = "".join(f"# {line}\n" for line in comments)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(head + yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")

@@ -9,7 +9,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
-from palpate.models.fe import Material, Rigid, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
+from palpate.models.fe import Material, RigidIndenter, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
 from palpate.models.fe.contact.pressure import nodal_pressure
 from palpate.models.fe.element.mesh import bricks, grid
 from palpate.models.fe.element.vtk import write_vtu
@@ -49,7 +49,7 @@ def press(law: Material, depths: np.ndarray, cells: int = 6) -> tuple[Solver, li
     fixed = np.stack([x < 1e-9, y < 1e-9, np.zeros_like(z, dtype=bool)], axis=1)
     fixed[z < -(FAT + SKIN) * (1 - 1e-9)] = True
     top = mesh.faces[(mesh.points[mesh.faces][:, :, 2] > -1e-9).all(axis=1)]
-    ball = Rigid(top, sphere, (BALL,), path=lambda depth: np.array([0.0, 0.0, BALL - depth]))
+    ball = RigidIndenter(top, sphere, (BALL,), path=lambda depth: np.array([0.0, 0.0, BALL - depth]))
     steps = Settings(step=1e-4, largest=4e-4, least=1e-7)  # in the unit of the load: here [m]
     body = Solver(mesh, {0: neo_hooke(5e3, 0.48), 1: law}, fixed, contacts=[ball], settings=steps)
     forces, areas = [], []

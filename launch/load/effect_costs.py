@@ -21,7 +21,7 @@ class EffectCost:
     nodes   nodes that run only for it
     fields  fields that are computed only for it, `stream.field`
     setting whether a setting switches it
-    beside  whether only observers compute it, so that no message depends on it
+    observed whether only observers compute it, so that no message depends on it
     price   [s] time of these nodes per tick; None: not measured
     proof   how the forces change if it is toggled; None: not tried
     """
@@ -32,7 +32,7 @@ class EffectCost:
     rule: str
     where: list[str]
     setting: bool = False
-    beside: bool = False
+    observed: bool = False
     nodes: list[str] = field(default_factory=list)
     fields: list[str] = field(default_factory=list)
     price: float | None = None
@@ -62,8 +62,8 @@ def _item(planned: Plan, name: str, able: list[tuple[str, Effect]], times: dict[
     where = [f"{node}.{e.setting}" if e.setting else node for node, e in able]
     about = next((e.about for _, e in able if e.about), "")
     setting = all(e.how == "setting" for _, e in able)
-    beside = all(nodes[node].observer for node, _ in able)
-    item = EffectCost(name, about, on, _rule(planned, name, able, on), list(dict.fromkeys(where)), setting, beside)
+    observed = all(nodes[node].observer for node, _ in able)
+    item = EffectCost(name, about, on, _rule(planned, name, able, on), list(dict.fromkeys(where)), setting, observed)
     if on:
         without = _without(planned, name, able)
         if without is not None:

@@ -21,23 +21,23 @@ TOP = ("rate", "wanted")
 
 
 def find_file(
-    name: str, folder: Path, beside: Path | None = None, place: Location = NOWHERE, what: str = "file",
+    name: str, folder: Path, base: Path | None = None, place: Location = NOWHERE, what: str = "file",
     words: Sequence[str] = (),
 ) -> Path:  # fmt: skip
-    """The file with this name: a path, relative to `beside` or the working directory, or a shipped file of `folder`.
+    """The file with this name: a path, relative to `base` or the working directory, or a shipped file of `folder`.
 
     words  other valid values, for the error
 
     GraphError: no such file; lists the shipped ones.
     """
     given = Path(os.path.expanduser(name))
-    tried = [(beside or Path.cwd()) / given, folder / given, folder / f"{name}.yaml"]
+    tried = [(base or Path.cwd()) / given, folder / given, folder / f"{name}.yaml"]
     for path in tried:
         if os.path.isfile(path):  # False, not an error, for a name that no file can have
             return path.resolve()
     shipped = [*words, *(p.stem for p in sorted(folder.glob("*.yaml")))]
     cure = f"{choices('Shipped', given.stem, shipped)} Or give the path of a file."
-    raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(beside or Path.cwd()))}", cure, place)])
+    raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(base or Path.cwd()))}", cure, place)])
 
 
 def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:

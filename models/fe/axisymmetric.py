@@ -107,11 +107,11 @@ def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
 
 @dataclass
 class RoundBody:
-    """A cylinder of r in `across` and z in `up` [m] (ends and middles of its elements), standing on z = 0."""
+    """A cylinder of r in `across` and z in `up` [m] (ends and midpoints of its elements), on z = 0."""
 
     across: np.ndarray
     up: np.ndarray
-    slides: bool = True  # whether it slides on what it stands on, or is bonded to it
+    slides: bool = True  # whether it slides on its base or is bonded to it
 
     def __post_init__(self) -> None:
         m, n = len(self.across), len(self.up)

@@ -148,9 +148,9 @@ def _check(kind: type[CompiledNode]) -> None:
     name = f"{kind.__name__}.compute"
     from numba import config
 
-    from palpate.physics.kernel import Kernel
+    from palpate.physics.kernel import CompiledKernel
 
-    if not (isinstance(kind.compute, Kernel) or config.DISABLE_JIT):  # type: ignore[attr-defined]
+    if not (isinstance(kind.compute, CompiledKernel) or config.DISABLE_JIT):  # type: ignore[attr-defined]
         raise TypeError(f"{name}: found {kind.compute!r}, expected a kernel: write @kernel above it")
     hints = typing.get_type_hints(kind.wiring(), include_extras=True)
     sent = [argument for argument, hint in hints.items() if OUT in getattr(hint, "__metadata__", ())]

@@ -27,7 +27,7 @@ from palpate.physics.exact import product
 from palpate.physics.geometry.graded import filled, spread_over
 from palpate.physics.geometry.kidney import THICKNESS, kidney
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import capsule, plane_patch, sphere
 from palpate.physics.geometry.tessellate import tessellate
 from palpate.physics.geometry.thinned import thinned
@@ -150,7 +150,7 @@ def complete(surface: Surface, points: np.ndarray) -> Surface:
     )  # fmt: skip
 
 
-def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> Nurbs:
+def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> NurbsPatch:
     """The NURBS patch of a built-in surface, turned and moved to its place in the world. SettingError: no such surface,
     or one that is a mesh."""
     if surface not in SURFACES:
@@ -163,7 +163,7 @@ def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = L
     return _patch(surface).moved(rotation_matrix(rotation), np.asarray(position))
 
 
-def _patch(surface: str) -> Nurbs:
+def _patch(surface: str) -> NurbsPatch:
     if surface == "kidney":
         return kidney()
     if surface == "fingertip":

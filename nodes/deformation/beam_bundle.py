@@ -9,7 +9,7 @@ from palpate.messages import Load, Surface, Vector
 from palpate.nodes.base import ARRAY, TABLE, Calibrated, CompiledNode, Out, Part, SettingError, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
-from palpate.physics.bodies.beam_bed import (
+from palpate.physics.bodies.beam_foundation import (
     BeamFoundation,
     answer,
     beam_foundation,
@@ -17,7 +17,7 @@ from palpate.physics.bodies.beam_bed import (
     foundation_contacts,
     relaxation,
 )
-from palpate.physics.bodies.beam_bed_step import held_force
+from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.exact import row_times
 from palpate.physics.kernel import kernel
@@ -112,7 +112,7 @@ class BeamBundle(CompiledNode, WithNodule):
 
     @kernel
     def idle(own, load, out, dt):
-        if longs(own.bed.moving.told)[0] > 0:
+        if longs(own.bed.moving.sent)[0] > 0:
             return False
         for i in range(load.count):
             each, place = nth(load, i), floats(own.places)[i]
@@ -141,10 +141,10 @@ class BeamBundle(CompiledNode, WithNodule):
             for k in range(3):
                 places[i, k], places[i, 3 + k] = each.foot[k], each.normal[k]
         send_laws(own, out)
-        out.step, out.relaxation, out.limited = dt, relaxation(bed.beams, dt), bed.moving.told[1]
+        out.step, out.relaxation, out.limited = dt, relaxation(bed.beams, dt), bed.moving.sent[1]
         if not own.shape:
             return
-        count = bed.moving.told[0]
+        count = bed.moving.sent[0]
         lend_first(out.nodes, own.bed.moving.nodes, count)
         lend_first(out.displacement, own.bed.moving.moved, count)
         if own.pressure:

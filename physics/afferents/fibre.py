@@ -1,17 +1,17 @@
 """One afferent: stress at its receptor -> input -> membrane -> spikes, at 5 kHz (docs/equations/afferents.md).
 
-The receptor takes the stress of a bar that holds the strain energy density W of its place, whatever the modulus E,
+The stimulus is the stress of a bar with the same strain energy density W, which is independent of the modulus E,
 
     q = sqrt(2 E W) = sqrt((1 + nu) sigma:sigma - nu tr(sigma)²)
 
-times chi = sigma_z/q below the probe of the experiments, so that this probe gives the input of the published fits. It
-passes a low-pass filter (Butterworth, third order) and becomes a current; s is in MPa, d = D ds/dt stands for the speed
-of the skin's surface below the probe, and k counts samples:
+times chi = sigma_z/q under the probe of the experiments, so that this probe gives the input of the published fits. A
+third-order Butterworth low-pass filter gives s [MPa]; d = D ds/dt represents the speed of the skin under the probe; k
+is the sample. The current I changes the membrane potential V,
 
     I = w(s; 1, 2) + w(d; 3, 4) + w(d_k - d_(k-1); 5, 6) + noise,   w(x; i, j) = w_i x for x >= 0, else -w_j x
     I <- S I/(S + |I|),   V <- V - V/tau + I + a_1 b_1(t) + a_2 b_2(t)
 
-with t since the last spike. Where V > 1 the fibre fires, at most once in 1.2 ms, and V becomes 0.
+with the time t since the last spike. If V > 1 the fibre fires, at most once in 1.2 ms, and V becomes 0.
 """
 
 import math
@@ -22,16 +22,13 @@ from palpate.physics.afferents.published import PROBE, RATE
 from palpate.physics.exact import log
 from palpate.physics.kernel import kernel
 
-ROW = 19
-"""Constants of a fibre: filter b (4), a (3), weights (6), D (1), saturation, noise, 1/tau, a_1, a_2."""
-STATE = 8
-"""Of a fibre: filter (3), s, d, V, input before, smoothed rate [1/s]."""
-REFRACTORY = 6  # Samples from a spike to the next one, at least
+STATE = 8  # State of a fibre: filter (3), s, d, V, last input, smoothed rate [1/s]
+REFRACTORY = 6  # Minimum number of samples between spikes
 
 
 def post_spike() -> np.ndarray:
-    """b_1 and b_2 (189,2) at each sample since the spike: raised cosines over x = 3 pi/2 ln(1 + t/ms)/ln 9, with their
-    middles at 0 and 3 pi/2, both of half width pi."""
+    """b_1 and b_2 (189,2) at each sample since the spike: raised cosines over x = 3 pi/2 ln(1 + t/ms)/ln 9, centred at
+    0 and 3 pi/2, with the half width pi."""
     x = 1.5 * math.pi * log(1.0 + np.arange(189) * 1e3 / RATE) / log(np.array(9.0))
     return np.stack([0.5 + 0.5 * np.cos(np.clip(x - at, -math.pi, math.pi)) for at in (0.0, 1.5 * math.pi)], axis=1)
 
@@ -39,12 +36,12 @@ def post_spike() -> np.ndarray:
 def probe_gains(depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarray]:
     """chi [1] and D [1/mm] (n) of receptors at depths [m] (n) on the axis of the probe.
 
-    A flat punch of radius a under the force P makes on its axis, with zeta = z/a (I. N. Sneddon 1946),
+    The stress on the axis of a flat punch of radius a under the force P, with zeta = z/a, is (I. N. Sneddon 1946)
 
         sigma_z = -P/(2 pi a²) (1 + 3 zeta²)/(1 + zeta²)²,   tr(sigma) = -(1 + nu) P/(pi a² (1 + zeta²))
 
-    The fits take d = E* (du/dt)/z² for the speed du/dt of the punch and s = E* u (1 + 3 zeta²)/(pi a (1 + zeta²)²), in
-    mm and MPa, so D = pi a (1 + zeta²)²/((1 + 3 zeta²) z²): no modulus is left.
+    The fits use d = E* (du/dt)/z² for the speed du/dt of the punch and s = E* u (1 + 3 zeta²)/(pi a (1 + zeta²)²), in
+    mm and MPa; so D = pi a (1 + zeta²)²/((1 + 3 zeta²) z²), independent of the modulus.
     """
     zeta = depth / PROBE
     wide = 1.0 + zeta * zeta
@@ -55,8 +52,8 @@ def probe_gains(depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarr
 
 
 def rows(fits: np.ndarray, depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarray]:
-    """Constants (n,`ROW`) for `advance` of fibres with these fits (n,12) and depths [m] (n), and chi [1/Pa] (n), by
-    which q [Pa] becomes the input in MPa."""
+    """Constants (n,19) of fibres with these fits (n,12) and depths [m] (n), for `advance`: filter b (4), a (3), weights
+    (6), D, saturation, noise, 1/tau, a_1, a_2. And the factor (n) from q [Pa] to the input [MPa]."""
     chi, dynamic = probe_gains(depth, poisson)
     angle = math.pi * fits[:, 0] * 10.0 / RATE
     k = np.sin(angle) / np.cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
@@ -69,8 +66,8 @@ def rows(fits: np.ndarray, depth: np.ndarray, poisson: float) -> tuple[np.ndarra
 
 @kernel
 def _noise(key, sample):
-    """A number of mean 0 and variance 1 for a fibre's key and a sample: the sum of four uniform ones, from the mixer of
-    G. L. Steele et al. (SplitMix64, 2014). No state, so the same whatever was computed before."""
+    """A random number of mean 0 and variance 1 for a fibre's key and a sample: the sum of four uniform ones from the
+    stateless mixer SplitMix64 (G. L. Steele et al., 2014), so that it does not depend on the history."""
     z = np.uint64(key) + np.uint64(sample) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -87,10 +84,10 @@ def _weighed(x, positive, negative):
 
 @kernel(error_model="numpy")
 def advance(row, state, since, basis, key, sample, count, first, stride, target):
-    """Take a fibre through `count` samples and return the samples that fired as a mask of bits, at most 62.
+    """Advance a fibre by `count` <= 62 samples; the bit mask of the samples that fired, and samples since the spike.
 
-    row, state   its constants and state;  since (1): samples since its last spike
-    first        place of the first sample between the input before (0) and `target` (1), and `stride` between samples
+    row, state   its constants and state;  since: samples since its last spike
+    first        position of the first sample between the last input (0) and `target` (1);  stride: between samples
     """
     fired, before, step = 0, state[6], target - state[6]
     z0, z1, z2, s, d, v = state[0], state[1], state[2], state[3], state[4], state[5]

@@ -1,4 +1,4 @@
-"""Where the receptors of a fingertip lie, and from which points of the stress each gets its own."""
+"""Receptors of a fingertip: their places, and the interpolation of the stress at each."""
 
 import csv
 import math
@@ -11,30 +11,24 @@ from palpate.physics.afferents.published import FITS, TYPES
 from palpate.physics.contact.subsurface import energy_stress
 from palpate.physics.kernel import kernel
 
-NO_GRID, OUTSIDE = 1, 2
-"""Answers of `place`: the points are no grid; a receptor lies outside of it."""
+NO_GRID, OUTSIDE = 1, 2  # Results of `place`: the points are not a grid; a receptor is outside of it
 MOST = 20_000  # Receptors
 
 
 class Population(NamedTuple):
-    """Receptors, one type after the other.
+    """Receptors, sorted by type."""
 
-    kind   (n)    place in `TYPES`
-    at     (n,3)  [m] from the middle of the patch, and depth
-    fits   (n,12) of a fibre that was measured
-    keys   (n)    of their noise
-    """
-
-    kind: np.ndarray
-    at: np.ndarray
-    fits: np.ndarray
-    keys: np.ndarray
+    kind: np.ndarray  # (n) index in `TYPES`
+    at: np.ndarray  # [m] (n,3) position relative to the centre of the patch, and depth
+    fits: np.ndarray  # (n,12) parameters of a measured fibre
+    keys: np.ndarray  # (n) of their noise
 
 
 def scatter(
     densities: tuple[float, ...], reach: float, depths: tuple[float, ...], seed: int, trial: int = 0
 ) -> Population:
-    """Receptors with these densities [1/m²] of each type on a disc of radius `reach` [m], independent and uniform."""
+    """Independent, uniformly distributed receptors with these densities [1/m²] of each type on a disc of radius `reach`
+    [m]."""
     numbers = np.random.default_rng(seed)
     kind: list[int] = []
     places = []
@@ -52,7 +46,7 @@ def scatter(
 
 
 def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Population:
-    """Receptors of a CSV file with the columns type, x, y and, if wanted, depth, in m. ValueError, OSError: not one."""
+    """Receptors from a CSV file with columns type, x, y and optionally depth, in m. ValueError, OSError: invalid."""
     kind: list[int] = []
     at: list[list[float]] = []
     with path.open(newline="", encoding="utf-8") as file:
@@ -64,20 +58,20 @@ def read(path: Path, depths: tuple[float, ...], seed: int, trial: int = 0) -> Po
             except (KeyError, TypeError, ValueError):
                 raise ValueError(
                     f"{path}, line {number}: found {dict(line)}, expected a type of {', '.join(TYPES)}, and x, y and "
-                    "depth (which may be left out) in m"
+                    "depth (optional) in m"
                 ) from None
             if not all(map(math.isfinite, place)) or len(kind) == MOST:
                 raise ValueError(f"{path}, line {number}: expected finite numbers and at most {MOST} receptors")
             kind.append(which)
             at.append(place)
     if not kind:
-        raise ValueError(f"{path}: no receptors, expected lines with type, x, y, depth below a line with these names")
+        raise ValueError(f"{path}: no receptors, expected a header type, x, y, depth and lines with these values")
     order = np.argsort(kind, kind="stable")
     return _population(np.array(kind, np.int32)[order], np.array(at)[order], seed, trial)
 
 
 def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Population:
-    """The fibre of each receptor is one of those that were fitted to its type, by chance."""
+    """Assign to each receptor a random one of the fibres that were fitted for its type."""
     numbers = np.random.default_rng([seed, 1])
     fits = np.zeros((len(kind), 12))
     for which, fibres in enumerate(FITS):
@@ -89,9 +83,9 @@ def _population(kind: np.ndarray, at: np.ndarray, seed: int, trial: int) -> Popu
 
 @kernel(error_model="numpy")
 def place(points, at, corners, weights):
-    """Of each receptor at (n,3) the eight grid points around it (n,8) and their shares (n,8), by which the stress is
-    interpolated linearly; `points` (p,3) are those of `tactile.Stress`: depth by depth, x by x. The answer is 0, or
-    what is wrong and the receptor: (`OUTSIDE`, n)."""
+    """Fill `corners` and `weights` (n,8), the grid points round each receptor at (n,3) and their weights for trilinear
+    interpolation of the stress. points (p,3) of `tactile.Stress`: depth by depth, x by x. Returns (0, 0), or the fault
+    and the receptor, such as (`OUTSIDE`, n)."""
     total = len(points)
     layer = 0
     while layer < total and points[layer, 2] == points[0, 2]:
@@ -128,7 +122,7 @@ def place(points, at, corners, weights):
 
 @kernel(error_model="numpy")
 def equivalent(stress, corners, weights, poisson):
-    """q = sqrt(2 E W) [Pa] of a receptor: its corners (8), their shares (8), the stress [Pa] (p,6) of all points."""
+    """q = sqrt(2 E W) [Pa] at a receptor from the stress [Pa] (p,6) of all points; corners, weights (8) of `place`."""
     xx = yy = zz = yz = xz = xy = 0.0
     for c in range(8):
         w = weights[c]

@@ -19,8 +19,8 @@ class Basis:
     compliance: np.ndarray  # [m/N] (3V,3V) float32, for a modulus of 1 Pa
 
     def save(self, path: Path, about: str = "") -> None:
-        """Write the lower half in steps of the largest entry over 32767, high bytes and low ones apart, so that they
-        pack; and a text that says what it was made from."""
+        """Write the lower half, quantised to steps of the largest entry over 32767, with high and low bytes separate
+        for compression; `about` describes the origin."""
         step = float(np.abs(self.compliance).max()) / 32767
         lower = np.rint(self.compliance[np.tril_indices(len(self.compliance))] / step).astype("<i2")
         with replacing(path) as part, part.open("wb") as file:
@@ -37,7 +37,7 @@ class Basis:
             vertices, triangles = archive["vertices"], archive["triangles"]
             size = 3 * len(vertices)
             lower = np.ascontiguousarray(archive["lower"].T).view("<i2").ravel()
-            if lower.size != size * (size + 1) // 2:  # before room is made for all of the matrix
+            if lower.size != size * (size + 1) // 2:  # before the full matrix is allocated
                 raise ValueError(f"{lower.size} compliances for {len(vertices)} vertices")
             full = np.zeros((size, size), dtype=np.float32)
             full[np.tril_indices(size)] = lower * np.float32(archive["step"])

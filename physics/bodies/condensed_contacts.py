@@ -1,29 +1,29 @@
-"""A condensed organ under several contacts: what they are to each other.
+"""A condensed organ under several contacts: the coupling between them.
 
-What contact j has done, its history h_j, indents the patch of contact i by
+The load history h_j of contact j indents the patch of contact i by
 
     a_ij = (g_i.C h_j + H_ij y_j)/E,    H_ij = (1 - nu²)/pi (X_ij - g_i.T g_j) n_i.n_j,    i != j
 
-g shares of the normal force at the coarse vertices, C the compliance for a modulus of 1 Pa, y_j the normal force that
-h_j stands for on its own patch. As with a patch's own compliance (`physics.bodies.true_patch`) what the hats do to both
-loads is undone with a half-space: T its mean 1/r between hats, X that between the true loads, X = Y(d/R)/R at the
-distance d, R² the mean of both patches' R²,
+with the shares g of the normal force at the coarse vertices, the compliance C for a modulus of 1 Pa, and the normal
+force y_j that corresponds to h_j on its patch. As in `physics.bodies.true_patch`, a half-space corrects for the hat
+functions: T is its mean 1/r between hat functions, X that between the true loads, X = Y(d/R)/R at the distance d, R²
+the mean of both patches' R²,
 
-    Y(rho) = integral of (48 J3(x)/x³)² J0(x rho) from 0 on,    Y(0) = I,    Y -> 1/rho + 1/(8 rho³)
+    Y(rho) = integral of (48 J3(x)/x³)² J0(x rho) from 0 to inf,    Y(0) = I,    Y -> 1/rho + 1/(8 rho³)
 
-The compliance between two patches is c_ij = (g_i.C g_j + H_ij)/E = c_ji (E. Betti 1872), |c_ij| <= sqrt(c_ii c_jj).
-Where the patches stick, the mean places of all are held along the surface at once: with z the normal and t the two
+The compliance between two patches is c_ij = (g_i.C g_j + H_ij)/E = c_ji (E. Betti 1872), |c_ij| <= sqrt(c_ii c_jj). If
+patches stick, the mean tangential displacements of all are fixed simultaneously: with z the normal and t the two
 tangential directions of each patch, c_zz becomes the block over all patches
 
     C_zz - C_zt C_tt^-1 C_tz
 
-H enters C_tt with `TruePatch.tangential`; C_zt between patches has none. What holds each point of a patch enters its
-own compliance alone.
+H enters C_tt with the factor `TruePatch.tangential`; C_zt between patches is not corrected. Sticking of each point of a
+patch affects only c_ii.
 
-Large displacement follows the whole indentation under a patch; its chord over the linear body's, tau_i, scales what the
-contacts add: c_ij sqrt(tau_i tau_j) is symmetric and positive, so that a step of all together is passive. At one place
-two contacts are one that bears both forces. The energy changes along the surface under contact i by its own part
-(`physics.bodies.place_energy`) and by f_i times the slope of a_ij, which draws a finger into the dent of another.
+Large displacement is applied to the total indentation of a patch. The ratio tau_i of its chord compliance to the linear
+one scales the coupling: c_ij sqrt(tau_i tau_j) is symmetric and positive, so that the joint step is passive. Two
+contacts at the same place equal one with both forces. The tangential energy gradient at contact i is that of
+`physics.bodies.place_energy` plus f_i times the gradient of a_ij, which attracts a finger to another's indentation.
 """
 
 import numpy as np
@@ -39,38 +39,39 @@ from palpate.physics.bodies.condensed_step import (
     TOTAL,
     add_others,
 )  # fmt: skip
-from palpate.physics.bodies.true_patch import dent_depth, sideways
+from palpate.physics.bodies.true_patch import half_space_depth, sideways
 from palpate.physics.exact import product
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
-STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Of the table of Y over d/R
-RIDGE = 1e-3  # [1] By which C_tt's diagonal is greater: two patches at one place are held by the same forces
+STEP, FARTHEST = 1.0 / 32.0, 6.0  # [1] Step and end of the table of Y over d/R
+RIDGE = 1e-3  # [1] Relative increase of the diagonal of C_tt, which is singular for two patches at the same place
 
 
 @kept
 def joint_profile() -> np.ndarray:
-    """Y at rho = 0, STEP ... FARTHEST: the mean of W (`true_patch.dent_profile`) over a patch whose centre lies rho
-    off, by Gauss-Legendre's rule over its radius and the trapezoidal one round it."""
+    """Y at rho = 0, STEP ... FARTHEST: the mean of W (`true_patch.depth_profile`) over a patch at the distance rho, by
+    the Gauss-Legendre rule over its radius and the trapezoidal rule over the angle."""
     rho = np.arange(0.0, FARTHEST + 0.5 * STEP, STEP)
     node, weight = np.polynomial.legendre.leggauss(32)
     r = 0.5 * (node + 1.0)
     weight = 0.5 * weight * 6.0 * r * (1.0 - r * r) ** 2
     turn = (np.arange(64) + 0.5) * np.pi / 64
     away = np.sqrt(rho[:, None, None] ** 2 + r[:, None] ** 2 + 2.0 * rho[:, None, None] * r[:, None] * np.cos(turn))
-    return product(dent_depth(away).mean(axis=2), weight)
+    return product(half_space_depth(away).mean(axis=2), weight)
 
 
 @kernel
 def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, room, cross, coupling, slope, dt):
-    """What the contacts are to each other, and large displacement: changes `numbers`, and fills the compliances between
-    patches `cross` [m/N] (c,c), the diagonal 0, `coupling` [1] (c,c), see `physics.contact.joint`, and `slope` [N]
-    (c,3), how the energy changes along the surface under each by what the others have done.
+    """Coupling between contacts, and large displacement: updates `numbers`, and fills the compliances between patches
+    `cross` [m/N] (c,c), with a zero diagonal, `coupling` [1] (c,c), see `physics.contact.joint`, and `slope` [N] (c,3),
+    the tangential energy gradient at each contact due to the others.
 
-    fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third
-                                                        count is filled
-    room   (c,4,V) of each contact: vertices that it holds load at or touches, its share there, and room for two more
+    fields (c,F,V,3), marks (c,3,V), numbers (c,N), counts (c,3): of each contact, see `condensed_step`; the third count
+                                                                  is filled
+    room   (c,4,V) of each contact: list of its loaded and touched vertices, shares of the patch, two workspaces
     """
+    # lists of vertices and shares of each contact
     many = len(counts)
     aside, others, scale = np.zeros(many), np.zeros(many), np.zeros(many)
     slope[:] = 0.0
@@ -87,7 +88,8 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
                 room[i, 0, held] = v
                 held += 1
         counts[i, 2] = held
-    lost = _hold_together(model, profile, fields, marks, numbers, counts, normals, feet, room)
+    # compliance of each patch, reduced by sticking of all patches
+    lost = _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room)
     for i in range(many):
         if not numbers[i, OWN] > 0.0:
             continue
@@ -95,17 +97,20 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
         aside[i] -= (1.0 - change) * numbers[i, OWN] * numbers[i, PRESS]
         numbers[i, OWN] *= change
         numbers[i, COMPLIANCE] *= change
+    # compliances between patches, indentation and gradient due to the others
     for i in range(many):
         for j in range(i):
             _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope, lost)
+    # large displacement at the effective forces; tau is the square of `scale`
     take = dt / (dt + model.retardation)
     for i in range(many):
-        own = max(numbers[i, OWN], 1e-300)
+        self_compliance = max(numbers[i, OWN], 1e-300)
         for j in range(many):
-            others[i] += cross[i, j] * numbers[j, TOTAL] / own
+            others[i] += cross[i, j] * numbers[j, TOTAL] / self_compliance
     for i in range(many):
         add_others(model, dt, numbers[i], aside[i], others[i])
         scale[i] = np.sqrt(max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300)))
+    # laws: free indentation without the forces of the others, which act through the coupling
     for i in range(many):
         compliance = max(numbers[i, COMPLIANCE], 1e-300)
         numbers[i, FREE] += numbers[i, COMPLIANCE] * others[i]
@@ -119,8 +124,8 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
 
 
 @kernel
-def _between(i, j, model, profile, numbers, feet, hats):
-    """Mean 1/r [1/m] between two true patches less the hats' one, and its slope along the distance over that [1/m³]."""
+def _between(i, j, profile, numbers, feet, hats):
+    """Mean 1/r [1/m] between two true patches minus that of the hat functions; derivative over the distance [1/m³]."""
     radius = np.sqrt(0.5 * (numbers[i, RADIUS] ** 2 + numbers[j, RADIUS] ** 2))
     away = 0.0
     for x in range(3):
@@ -131,13 +136,14 @@ def _between(i, j, model, profile, numbers, feet, hats):
 
 
 @kernel
-def _hold_together(model, profile, fields, marks, numbers, counts, normals, feet, room):
-    """What the compliances [m/N] (c,c), for a modulus of 1 Pa, lose where all patches are held along the surface at
-    once; the diagonal is what they lose beyond what each loses alone. 0 where they may slide."""
+def _joint_sticking(model, profile, marks, numbers, counts, normals, feet, room):
+    """C_zt C_tt^-1 C_tz [m/N] (c,c), for a modulus of 1 Pa, by which sticking of all patches reduces the compliances;
+    the diagonal without what each patch loses by itself. 0 if patches slide."""
     many, compliance, true = len(counts), model.compliance, model.true
     lost = np.zeros((many, many))
     if not true.sticks:
         return lost
+    # C_tt in `held`, C_zt in `drag`; blocks of a patch with itself from `patch_compliance`
     size = 2 * many
     held, drag = np.zeros((size, size)), np.zeros((many, size))
     block, axes = np.zeros((3, 3)), np.zeros((many, 2, 3))
@@ -147,6 +153,7 @@ def _hold_together(model, profile, fields, marks, numbers, counts, normals, feet
             drag[i, 2 * i + a] = numbers[i, HOLD + 4 + a]
             for b in range(2):
                 held[2 * i + a, 2 * i + b] = numbers[i, HOLD + 2 * a + b]
+        # blocks between two patches: g_i.C g_j, in C_tt with the correction
         for j in range(i):
             block[:] = 0.0
             for k in range(counts[i, 1]):
@@ -158,7 +165,7 @@ def _hold_together(model, profile, fields, marks, numbers, counts, normals, feet
                         for y in range(3):
                             block[x, y] += both * compliance[3 * v + x, 3 * b + y]
             hats = _hats(i, j, true.table, marks, counts, room)
-            more = true.tangential * true.normal * _between(i, j, model, profile, numbers, feet, hats)[0]
+            more = true.tangential * true.normal * _between(i, j, profile, numbers, feet, hats)[0]
             for a in range(2):
                 for x in range(3):
                     for y in range(3):
@@ -167,8 +174,9 @@ def _hold_together(model, profile, fields, marks, numbers, counts, normals, feet
                         for b in range(2):
                             facing = more if x == y else 0.0
                             held[2 * i + a, 2 * j + b] += axes[i, a, x] * (block[x, y] + facing) * axes[j, b, y]
+    # with C_tt = L L', the product is the square of C_zt L^-T
     _cholesky(held)
-    for i in range(many):  # drag L^-T, so that what is lost is its square
+    for i in range(many):
         alone = _alone(numbers[i])
         for a in range(size):
             for b in range(a):
@@ -185,7 +193,7 @@ def _hold_together(model, profile, fields, marks, numbers, counts, normals, feet
 
 @kernel
 def _alone(numbers):
-    """What the compliance of a patch that is held alone has lost [m/N], for a modulus of 1 Pa."""
+    """Reduction of the compliance [m/N] of a patch that sticks by itself, for a modulus of 1 Pa."""
     a, b, d = numbers[HOLD] * (1.0 + RIDGE), numbers[HOLD + 1], numbers[HOLD + 3] * (1.0 + RIDGE)
     y, z = numbers[HOLD + 4], numbers[HOLD + 5]
     det = a * d - b * b
@@ -194,6 +202,7 @@ def _alone(numbers):
 
 @kernel
 def _cholesky(matrix):
+    """Replace the lower half of a matrix, its diagonal increased by `RIDGE`, by its Cholesky factor."""
     for a in range(len(matrix)):
         least = RIDGE * matrix[a, a]
         matrix[a, a] += least
@@ -206,9 +215,13 @@ def _cholesky(matrix):
 
 @kernel
 def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, room, cross, aside, slope, lost):
-    """What two contacts are to each other, see `joint_answer`. The compliance is read once, for both ways."""
+    """Fill c_ij in `cross`, and add a_ij to `aside` and its gradient to `slope`, for both contacts, see `joint_answer`.
+
+    C is read once for both directions.
+    """
     true, compliance, young = model.true, model.compliance, model.young
     n, m, f, g = normals[i], normals[j], fields[i, 0], fields[j, 0]
+    # -n.C h of each contact at the vertices of the other, in `mine` and `yours`; g_i.C g_j in `both`
     mine, yours = room[i, 2], room[j, 2]
     for k in range(counts[j, 2]):
         yours[int(room[j, 0, k])] = 0.0
@@ -226,17 +239,19 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
                 yours[b] -= f[v, x] * along
                 total -= n[x] * (c0 * g[b, 0] + c1 * g[b, 1] + c2 * g[b, 2])
         mine[v] = total
+    # correction H_ij minus the reduction by sticking; c_ij is limited to sqrt(c_ii c_jj)
     facing = max(n[0] * m[0] + n[1] * m[1] + n[2] * m[2], 0.0) * true.normal
     more = change = 0.0
     if len(true.table) > 0:
         hats = _hats(i, j, true.table, marks, counts, room)
         _hats(j, i, true.table, marks, counts, room)
-        more, change = _between(i, j, model, profile, numbers, feet, hats)
+        more, change = _between(i, j, profile, numbers, feet, hats)
     more = facing * more - lost[i, j]
     both += more
     most = np.sqrt(max(numbers[i, OWN] * numbers[j, OWN], 0.0)) * young
     share = (most / abs(both) if abs(both) > most else 1.0) / young
     cross[i, j] = cross[j, i] = share * both
+    # indentation a_ij and its gradient, without the part along the normal
     for a, b in ((i, j), (j, i)):
         press = numbers[b, PRESS]
         done = more * press
@@ -259,7 +274,7 @@ def _pair(i, j, model, profile, fields, marks, numbers, counts, normals, feet, r
 
 @kernel
 def _hats(i, j, table, marks, counts, room):
-    """Mean 1/r [1/m] between the hats of two patches; leaves that of each vertex of the first in its room."""
+    """Mean 1/r [1/m] between the hat functions of two patches; fills that of each vertex of the first into its room."""
     total = 0.0
     for k in range(counts[i, 1]):
         v = marks[i, 2, k]
@@ -274,6 +289,7 @@ def _hats(i, j, table, marks, counts, room):
 
 @kernel
 def _mean_inverse(profile, rho):
+    """Y and its derivative at rho [1], by linear interpolation of the table, and the asymptote beyond its end."""
     at = rho / STEP
     k = int(at)
     if k + 1 >= len(profile):

@@ -1,17 +1,18 @@
-"""Displacements of a condensed organ's surface under what it holds, see `condensed_body`."""
+"""Displacements of a condensed organ's surface due to its loads, see `condensed_body`."""
 
 import numpy as np
 
 from palpate.physics.bodies.condensed_step import MORE, NARROWED, PRESS, RADIUS, ROOM, SIDE
-from palpate.physics.bodies.patch import carried
-from palpate.physics.bodies.true_patch import dent_at
+from palpate.physics.bodies.patch import interpolated
+from palpate.physics.bodies.true_patch import depth_at
 from palpate.physics.kernel import kernel
 
 
 @kernel
 def add_field(model, u, fields, marks, count, touched, normal, numbers):
-    """Add displacements u (V,3), in single precision, of the coarse vertices: of the body under what it holds, what
-    large displacement adds and what holds the patch along the surface, less the half-space's own under the hats."""
+    """Add displacements u [m] (V,3), in single precision, of the coarse vertices due to the load history, the
+    additional load of large displacement and the tangential force that holds the patch, minus those of the half-space
+    under the hat functions."""
     held, share, room, active, order = fields[0], fields[2], fields[ROOM], marks[0], marks[2]
     true, press, side = model.true, numbers[PRESS], numbers[SIDE]
     narrowed = numbers[NARROWED] > 0.0
@@ -19,7 +20,7 @@ def add_field(model, u, fields, marks, count, touched, normal, numbers):
         v = order[k]
         for i in range(3):
             room[v, i] = share[v, 0] * (press * side[i] - numbers[MORE] * normal[i])
-            if narrowed:  # twice: what is shown passes through the hats once more
+            if narrowed:  # twice, as displacements are also averaged with the hat functions
                 room[v, i] += 2.0 * (share[v, 1] - share[v, 0]) * press * (side[i] - normal[i])
     for k in range(count):
         b = active[k]
@@ -44,14 +45,14 @@ def add_field(model, u, fields, marks, count, touched, normal, numbers):
 
 
 @kernel
-def surface_displacements(model, reach, told, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
-    """Displacements of the fine mesh near the feet under all contacts; returns of how many vertices."""
+def surface_displacements(model, reach, sent, fields, marks, numbers, counts, normals, feet, u, nodes, moved):
+    """Displacements of the fine mesh near the feet due to all contacts; returns the number of vertices."""
     u[:] = 0.0
     for c in range(len(counts)):
         add_field(model, u, fields[c], marks[c], counts[c, 0], counts[c, 1], normals[c], numbers[c])
-    count = carried(model.corners, model.weights, u, reach, feet, told, nodes, moved)
+    count = interpolated(model.corners, model.weights, u, reach, feet, sent, nodes, moved)
     for c in range(len(counts)):
-        add_dent(model, feet[c], normals[c], numbers[c], nodes[:count], moved)
+        _add_half_space(model, feet[c], normals[c], numbers[c], nodes[:count], moved)
     return count
 
 
@@ -63,13 +64,13 @@ def _add_three(field, rows, v, force, young):
     if f0 == 0.0 and f1 == 0.0 and f2 == 0.0:
         return
     first, second, third = rows[3 * v], rows[3 * v + 1], rows[3 * v + 2]
-    for k in range(len(field)):  # the field is read and written once
+    for k in range(len(field)):  # one pass over the field
         field[k] += f0 * first[k] + f1 * second[k] + f2 * third[k]
 
 
 @kernel(error_model="numpy")
-def add_dent(model, foot, normal, numbers, nodes, moved):
-    """Add the half-space's own displacement under the true load to that of the fine vertices `nodes`."""
+def _add_half_space(model, foot, normal, numbers, nodes, moved):
+    """Add the displacement of the half-space under the true load to that of the fine vertices `nodes`."""
     true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
     if len(true.table) == 0:
         return
@@ -78,7 +79,7 @@ def add_dent(model, foot, normal, numbers, nodes, moved):
     for k in range(len(nodes)):
         p = nodes[k]
         d0, d1, d2 = model.fine[p, 0] - foot[0], model.fine[p, 1] - foot[1], model.fine[p, 2] - foot[2]
-        dent = dent_at(true.profile, (d0 * d0 + d1 * d1 + d2 * d2) * flat)
-        moved[k, 0] -= dent * n0
-        moved[k, 1] -= dent * n1
-        moved[k, 2] -= dent * n2
+        depth = depth_at(true.profile, (d0 * d0 + d1 * d1 + d2 * d2) * flat)
+        moved[k, 0] -= depth * n0
+        moved[k, 1] -= depth * n1
+        moved[k, 2] -= depth * n2

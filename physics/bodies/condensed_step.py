@@ -1,4 +1,4 @@
-"""One implicit viscoelastic step of a condensed organ under the patch that presses it, see `condensed_body`."""
+"""One implicit viscoelastic step of a condensed organ under a patch, see `condensed_body`."""
 
 from typing import Annotated, NamedTuple
 
@@ -7,53 +7,50 @@ import numpy as np
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import DEEPEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
-from palpate.physics.bodies.true_patch import TruePatch, draw_together, patch_compliance
+from palpate.physics.bodies.true_patch import TruePatch, narrow_load, patch_compliance
 from palpate.physics.kernel import kernel
 
-FORGOTTEN = 1e-9  # [N] Remaining load below which a vertex is dropped
-LEAST_FORCE = 1e-3  # [N] Least force that the terminal law is taken at
+FORGOTTEN = 1e-9  # [N] Load history below which a vertex is removed from the list
+LEAST_FORCE = 1e-3  # [N] Smallest force at which the terminal law is fitted
 
 
 class CondensedModel(NamedTuple):
-    """What a condensed body is made of.
+    """Constants of a condensed body.
 
     compliance, vertices  as in `Basis`
-    corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    corners, weights  [1] (W,3)  coarse triangle of each vertex of the fine mesh, and its barycentric weights
     young [Pa], retardation [s]  E, tau
     """
 
     compliance: Annotated[np.ndarray, "<f4", 2]
     vertices: Annotated[np.ndarray, "<f8", 2]
-    rho: Annotated[
-        np.ndarray, "<f8", 1
-    ]  # [1] (3,) of large displacement, see `large_displacement`; empty: the linear organ
-    moments: Annotated[np.ndarray, "<f8", 1]  # of the hats of the coarse vertices, see `patch.hat_moments`
+    rho: Annotated[np.ndarray, "<f8", 1]  # [1] (3,) see `large_displacement`; empty: the linear organ
+    moments: Annotated[np.ndarray, "<f8", 1]  # of the hat functions of the coarse vertices, see `patch.hat_moments`
     corners: Annotated[np.ndarray, "<i8", 2]
     weights: Annotated[np.ndarray, "<f8", 2]
-    slopes: Annotated[np.ndarray, "<f8", 3]  # [1/m] (W,3,3) gradients of these shares along the surface
+    slopes: Annotated[np.ndarray, "<f8", 3]  # [1/m] (W,3,3) gradients of these weights along the surface
     young: float
     retardation: float
     fine: Annotated[np.ndarray, "<f8", 2]  # [m] (W,3) vertices of the fine mesh
-    true: TruePatch  # what is known of the load's own patch
+    true: TruePatch  # the correction for the true load
 
 
 COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
-"""Numbers that a body keeps: compliance [m/N], s_free and s [m] of the law that was told, the load [N] on the patch
-that large displacement adds, compliance [m/N] of the linear body at rest, the normal force [N] on the patch with what
-was added, the patch's radius [m], that on the coarse surface, whether it is drawn together near a
-nodule; then how far [1] it is outside of what the body can tell, 0 within, 1 at twice the limit: deeper
-than `DEEPEST`, narrower than the touched mesh, on thin or curved ground, too narrow near a nodule, too
-heavy for a surface that is free to slide."""
-TOTAL, NUMBERS = 24, 25  # The normal force of the load [N]; how many numbers
-ROOM, TILT, FIELDS = 3, 4, 5  # Of the fields of a contact, see `take_load`
+"""Numbers of a contact: compliance [m/N], s_free and s [m] of its law, additional load [N] on the patch for large
+displacement, compliance [m/N] of the linear body at rest, normal force [N] on the patch with the additional load,
+radius [m] of the patch and on the coarse surface, whether the load is narrowed near a nodule; then the excess [1] over
+the limits of the body, 0 within, 1 at twice the limit: deeper than `DEEPEST`, narrower than the fine mesh resolves, on
+thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide."""
+TOTAL, NUMBERS = 24, 25  # The normal force of the load [N]; the number of numbers
+ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_load`
 SIDE, HOLD = slice(15, 24), 18
-"""What holds the patch along the surface, see `true_patch.patch_compliance`; where its compliances begin."""
+"""Forces that hold the patch along the surface, see `true_patch.patch_compliance`; start of its compliances."""
 
 
 @kernel
 def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count):
-    """The load and the patch on the vertices of the coarse mesh, and the history h of the load. Returns how
-    many vertices hold load, and how many the patch touches."""
+    """Transfer the load and the patch to the coarse mesh, and update the history h of the load. Returns the numbers of
+    loaded vertices and of those of the patch."""
     held, load, measure, tilt = fields[0], fields[1], fields[2], fields[TILT]
     active, marked, order = marks[0], marks[1], marks[2]
     # the load, and the patch weights m
@@ -66,7 +63,7 @@ def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, c
         part = share_of(k, pull, normal, total)
         for a in range(3):
             v = model.corners[p, a]
-            if marked[v] < 2:  # 1: holds load, 2: touched now
+            if marked[v] < 2:  # 1: loaded, 2: touched in this step
                 marked[v] += 2
                 order[touched] = v
                 touched += 1
@@ -93,7 +90,7 @@ def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, c
                 marked[v] = 1
                 active[count] = v
                 count += 1
-    # drop what has faded
+    # remove vertices with a negligible history
     kept = 0
     for k in range(count):
         v = active[k]
@@ -108,12 +105,12 @@ def _take_history(model, patch, pull, share, normal, total, dt, fields, marks, c
 
 @kernel
 def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, count):
-    """`share` is 1 where `pull` is a load, 0 where it only marks the patch. Returns how many vertices hold load, and
-    how many the patch touches.
+    """Step the linear body under the load `pull` [N] (k,3) on the fine vertices `patch`; `share` is 0 if this is no
+    load but defines the patch, else 1. Returns the numbers of loaded vertices and of those of the patch.
 
-    fields  (F,V,3)    h [N]; the load; shares of the normal force, of the true patch and drawn together; room; what the
-                       shares change by as the patch moves [1/m]
-    marks   [1] (3,V)  the vertices that hold load; 1 for each of these; the vertices of the patch
+    fields  (F,V,3)    h [N]; the load; shares of the normal force, those of the narrowed patch; workspace; derivatives
+                       [1/m] of the shares when the patch moves
+    marks   [1] (3,V)  the loaded vertices; 1 for each of these; the vertices of the patch
     """
     young = model.young
     held, load, measure = fields[0], fields[1], fields[2]
@@ -121,11 +118,11 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
     total = normal_force(pull, normal)
     count, touched = _take_history(model, patch, pull, share, normal, total, dt, fields, marks, count)
-    # the patch as small as the load is: a half-space's correction to the compliance
+    # correction of the compliance for the true load, by a half-space
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
     numbers[DEEP : SLIDES + 1] = 0.0
-    narrowed = draw_together(model, patch, pull, normal, total, order, touched, measure, radius)
+    narrowed = narrow_load(model, patch, pull, normal, total, order, touched, measure, radius)
     block = np.zeros((3, 3))
     # indentation of the linear body: m.C h of the history, m.C f of the load
     sums = np.zeros(4)
@@ -148,8 +145,8 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
             numbers[SLIDES] = max(total / (young * radius * radius * LIGHT) - 1.0, 0.0)
         numbers[NEAR] = max(NEAR_WIDTH * wide / radius - 1.0, 0.0) if narrowed else 0.0
     self_compliance = (body + more) / young
-    press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that h stands for
-    # what the tangential load adds
+    press = pressed / body if body > 0.0 else 0.0  # the normal force on the patch that corresponds to h
+    # indentation due to the tangential load
     tangential = (static - body * total) / young if share > 0.0 and total > 0.0 else 0.0
     now = (now + more * press) / young
     free = keep * now + take * tangential
@@ -161,8 +158,8 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
 
 @kernel
 def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
-    """Add what the coarse vertex b is to the patch: to `block` [m/N] (3,3) its part of g.C g, and to `sums` those of
-    m.C h, of the part of it that the normal forces of h make, of m.C f, and of g.T g."""
+    """Add the contributions of the coarse vertex b: to `block` [m/N] (3,3) that to g.C g; to `sums` those to m.C h, to
+    its part due to normal forces, to m.C f, and to g.T g."""
     first, second, third = model.compliance[3 * b], model.compliance[3 * b + 1], model.compliance[3 * b + 2]
     c00 = c01 = c02 = c10 = c11 = c12 = c20 = c21 = c22 = hats = 0.0
     corrects = len(model.true.table) > 0
@@ -195,10 +192,10 @@ def _gather(model, b, order, touched, measure, held, load, normal, block, sums):
 
 @kernel
 def add_others(model, dt, numbers, aside, others):
-    """Change `numbers` by what other contacts and large displacement add.
+    """Update `numbers` for other contacts and large displacement.
 
-    aside   [m] indentation of the linear body under the patch by what the other contacts have done
-    others  [N] force on the patch that would indent it as what presses there now does
+    aside   [m] indentation of the linear body under the patch due to the history of the other contacts
+    others  [N] force on the patch with the same indentation as the current forces of the other contacts
     """
     rho = model.rho
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
@@ -214,7 +211,8 @@ def add_others(model, dt, numbers, aside, others):
     numbers[DEEP] = max(numbers[NOW] / (radius * DEEPEST) - 1.0, 0.0)
     then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
-    # The tangent of a convex s(f): contact comes to its force from above, and does not swing. At rest s_free stays 0.
+    # the tangent of a convex s(f), so that the contact approaches its force from above without oscillation; s_free at
+    # rest remains 0
     if numbers[TOTAL] + others > LEAST_FORCE and slope * take * self_compliance > numbers[COMPLIANCE]:
         numbers[COMPLIANCE] = slope * take * self_compliance
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force

@@ -1,7 +1,7 @@
-"""Where the ground under a patch is a half-space, and what the corrected compliance is off by where it is not.
+"""Validity of the half-space under a patch, and the error of the corrected compliance outside of it.
 
-`true_patch` takes what the coarse surface's wider load loses (radius R_w instead of R) from a half-space. Where the
-organ is thin or curved, for R_w up to 2 R, the indentation is off by
+`true_patch` corrects for the wider load of the coarse surface (radius R_w instead of R) with a half-space. On a thin or
+curved organ, for R_w up to 2 R, this leaves the relative error of the indentation
 
     thickness t   <= 0.2 (R_w²/R² - 1) (R/t)³   an elastic layer on a rigid base, bonded (nu = 0.45) or free to slide,
                                                 by Hankel transforms (K. L. Johnson, Contact Mechanics, 1985, ch. 5.8)
@@ -15,27 +15,28 @@ from palpate.physics.exact import solve
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-FLAT = 2.0  # [1] Thickness and radius of curvature over R from which on the ground counts as a half-space
-NEAR_WIDTH = 0.7  # [1] Least R/R_w at which the load can be drawn together near another modulus
-LAYER, BALL, INNERMOST = 0.2, 0.013, 1.5  # [1] Of the errors above; the least rho/R that is known
-LIGHT = 0.12  # [1] Force over E R² up to which a surface that is free to slide answers like the linear law, to 2 %
+FLAT = 2.0  # [1] Thickness and radius of curvature over R above which the ground counts as a half-space
+NEAR_WIDTH = 0.7  # [1] Smallest R/R_w for which the load can be narrowed near another modulus
+LAYER, BALL, INNERMOST = 0.2, 0.013, 1.5  # [1] Coefficients of the errors above; smallest known rho/R
+LIGHT = 0.12  # [1] Force over E R² up to which the linear law is valid within 2 % for a surface that is free to slide
 SLIDING = np.array([[0.0, 0.25, 0.49, 0.74, 0.99], [0.0, 0.04, 0.14, 0.25, 0.30]])
-"""[1] By f/(E R²) what the linear law is too stiff by, found by `fe.Solver` on the slab (R = 8 mm, nu = 0.45)."""
+"""[1] f/(E R²), and relative excess stiffness of the linear law, by `fe.Solver` on the slab (R = 8 mm, nu = 0.45)."""
 CAUSES = ("depth", "narrow", "thin", "curved", "near", "slides")
-"""Limits of a condensed body; `caution` says what each means."""
-EDGE = 1e-9  # [1] By which a ray may miss a triangle, so that it does not pass between two
-ROWS = 64  # Rays that are cast at once: what they take is ROWS x T numbers
+"""Limits of a condensed body; `caution` explains them."""
+EDGE = 1e-9  # [1] Tolerance of ray casting at edges, so that no ray passes between two triangles
+ROWS = 64  # Number of rays that are cast at once, which takes ROWS x T numbers
 
 
 def inverse_thickness(mesh: Mesh) -> np.ndarray:
-    """[1/m] (V,) one over the way from each vertex along its inward normal to the other side; 0 where there is none."""
+    """Inverse distance [1/m] (V,) from each vertex along its inward normal to the other side; 0 without another side.
+
+    Ray casting: T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21-28."""
     a = mesh.vertices[mesh.triangles[:, 0]]
     e1, e2 = mesh.vertices[mesh.triangles[:, 1]] - a, mesh.vertices[mesh.triangles[:, 2]] - a
     out = np.zeros(len(mesh.vertices))
     least = 1e-3 * float(np.ptp(mesh.vertices, axis=0).max())
     for begin in range(0, len(out), ROWS):
         origin, ray = mesh.vertices[begin : begin + ROWS, None], -mesh.normals[begin : begin + ROWS, None]
-        # T. Moeller, B. Trumbore, J. Graphics Tools 2 (1997) 21-28
         p = np.cross(ray, e2)
         det = np.einsum("tj,rtj->rt", e1, p)
         to = origin - a
@@ -49,45 +50,45 @@ def inverse_thickness(mesh: Mesh) -> np.ndarray:
 
 
 def curvature(mesh: Mesh) -> np.ndarray:
-    """[1/m] (V,) greatest normal curvature at each vertex, of the shape operator dn/dx fitted to the edges round it."""
+    """Largest normal curvature [1/m] (V,) at each vertex, from the shape operator dn/dx fitted to its edges."""
     edges, _ = mesh.edges
-    own, other = np.concatenate([edges, edges[:, ::-1]]).T
+    here, other = np.concatenate([edges, edges[:, ::-1]]).T
     n = mesh.normals
-    x = mesh.vertices[other] - mesh.vertices[own]
-    turn = n[other] - n[own]
+    x = mesh.vertices[other] - mesh.vertices[here]
+    turn = n[other] - n[here]
     first = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1)[:, None]
     second = np.cross(n, first)
-    (x1, x2), (t1, t2) = ([np.einsum("ej,ej->e", along, axis[own]) for axis in (first, second)] for along in (x, turn))
-    # Least squares for the symmetric (p, q, r): t1 = p x1 + q x2, t2 = q x1 + r x2.
+    (x1, x2), (t1, t2) = ([np.einsum("ej,ej->e", along, axis[here]) for axis in (first, second)] for along in (x, turn))
+    # least squares for the symmetric matrix (p, q; q, r): t1 = p x1 + q x2, t2 = q x1 + r x2
     zero = np.zeros_like(x1)
     rows = np.stack([np.stack([x1, x2, zero], 1), np.stack([zero, x1, x2], 1)], 1)
     normal, right = np.zeros((len(n), 3, 3)), np.zeros((len(n), 3))
-    np.add.at(normal, own, np.einsum("eki,ekj->eij", rows, rows))
-    np.add.at(right, own, np.einsum("eki,ek->ei", rows, np.stack([t1, t2], 1)))
+    np.add.at(normal, here, np.einsum("eki,ekj->eij", rows, rows))
+    np.add.at(right, here, np.einsum("eki,ek->ei", rows, np.stack([t1, t2], 1)))
     normal += 1e-12 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-300 * np.eye(3)
     p, q, r = solve(normal, right[..., None])[..., 0].T
     return np.abs(0.5 * (p + r)) + np.sqrt(0.25 * (p - r) ** 2 + q * q)
 
 
 def thin_error(radius: float, wide: float, thick: float) -> float:
-    """[1] Most that the indentation is off by over ground of this thickness, all in m."""
+    """Bound [1] of the relative error of the indentation on ground of this thickness; all lengths in m."""
     return LAYER * max((wide / radius) ** 2 - 1.0, 0.0) * (radius / thick) ** 3
 
 
 def curved_error(excess: float) -> str:
-    """The same on curved ground, in words; `excess` is 2R/rho - 1."""
+    """The same bound on curved ground, as text; `excess` is 2R/rho - 1."""
     return f"{BALL:.1%}" if FLAT / (1.0 + excess) >= INNERMOST else "more than 2 %; it is unknown below 1.5 radii"
 
 
 def sliding_error(load: float) -> float:
-    """[1] What the linear law is too stiff by on a surface that is free to slide; `load` is f/(E R²)."""
+    """Relative excess stiffness [1] of the linear law on a surface that is free to slide; `load` is f/(E R²)."""
     return float(np.interp(load, *SLIDING))
 
 
 @kernel
 def ground_under(ground, order, touched, measure):
-    """Mean inverse thickness and curvature [1/m] under a patch, whose shares are the first column of `measure`."""
+    """Mean inverse thickness and curvature [1/m] under a patch, with the shares in the first column of `measure`."""
     thin = curved = 0.0
     for k in range(touched):
         v = order[k]
@@ -97,41 +98,41 @@ def ground_under(ground, order, touched, measure):
 
 
 def narrow_error(narrower: float) -> float:
-    """[1] Most that the indentation is off by under a load narrower than the touched mesh can tell (`load_radius`), as
-    found for the biweight kernel at random places of a triangulated plane: 1.4, 1 and fewer spacings wide."""
+    """Bound [1] of the relative error of the indentation under a load too narrow for the fine mesh (`load_radius`),
+    measured with the biweight kernel at random places of a triangulated plane: 1.4, 1 and fewer spacings wide."""
     return 0.1 if narrower < 0.05 else 0.25 if narrower < 0.6 else 1.0
 
 
 def caution(cause: str, excess: float, radius: float, wide: float) -> str:
-    """What it means that a step is outside one of `CAUSES` by `excess` [1] (0 at the limit, 1 at twice or half of it),
-    and the error to expect, under a load of this radius [m], which the coarse surface makes `wide` [m]."""
+    """Explains that a step exceeds a limit (`CAUSES`) by `excess` [1], 0 at the limit, 1 at twice or half of it, and
+    the expected error, for a load of this radius [m], which is `wide` [m] on the coarse surface."""
     patch, ground = f"a patch of {1e3 * radius:.2g} mm", FLAT * radius
     there = ground / (1.0 + excess)
     if cause == "depth":
-        return "it is pressed deeper than its nonlinear table; the error there is unknown"
+        return "the indentation exceeds its nonlinear table; the error there is unknown"
     if cause == "narrow":
         return (
-            f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may be off by "
+            f"the load is narrower than its mesh resolves and acts like {patch}; the indentation may have an error of "
             f"{narrow_error(excess):.0%}. More vertices resolve it"
         )
     if cause == "thin":
         return (
             f"under {patch} it is {1e3 * there:.2g} mm thick, expected at least {1e3 * ground:.2g} mm; the indentation "
-            f"may be off by {thin_error(radius, wide, there):.1%}"
+            f"may have an error of {thin_error(radius, wide, there):.1%}"
         )
     if cause == "curved":
         return (
             f"under {patch} its radius of curvature is {1e3 * there:.2g} mm, expected at least {1e3 * ground:.2g} mm; "
-            f"the indentation may be off by {curved_error(excess)}"
+            f"the indentation may have an error of {curved_error(excess)}"
         )
     if cause == "near":
         return (
-            f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation may be "
-            "off by 20 %. A basis with more coarse vertices resolves it"
+            f"{patch} near another modulus, expected at least {1e3 * NEAR_WIDTH * wide:.2g} mm; the indentation may "
+            "have an error of 20 %. A basis with more coarse vertices resolves it"
         )
     heavy = LIGHT * (1.0 + excess)
     return (
         f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "
-        f"{LIGHT:g} E R²; such a surface gives way sideways, which the body does not: it is too stiff by "
+        f"{LIGHT:g} E R²; the body neglects the lateral motion of the surface and is too stiff by "
         f"{sliding_error(heavy):.0%}"
     )

@@ -1,4 +1,4 @@
-"""Mean inverse distances between the hats of a surface: a half-space under loads that pass through its vertices."""
+"""Mean inverse distances between the hat functions of a surface: a half-space under loads on its vertices."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from palpate.physics.dot import cross, dot
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-NEAR = 2.5  # [1] Distance of two triangles, over the mesh's mean edge, within which 1/r is integrated in closed form
+NEAR = 2.5  # [1] Distance of two triangles over the mean edge, below which 1/r is integrated in closed form
 RULE = np.array([
     [1 / 3, 1 / 3, 1 / 3, 0.225],
     [0.059715871789770, 0.470142064105115, 0.470142064105115, 0.132394152788506],
@@ -20,11 +20,10 @@ RULE = np.array([
 
 
 def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
-    """T [1/m] (V,V): mean of 1/|x - y| over the hats of two vertices, each of integral 1.
+    """T [1/m] (V,V): mean of 1/|x - y| over the hat functions of two vertices, each normalised to the integral 1.
 
-    Triangles near each other: the potential of a linear density over a triangle in closed form (D. R. Wilton et al.,
-    IEEE Trans. Antennas Propag. 32 (1984) 276-281), integrated over the other by `RULE`. Farther apart three points
-    each.
+    For close triangles the potential of a linear density on one, in closed form (D. R. Wilton et al., IEEE Trans.
+    Antennas Propag. 32 (1984) 276-281), is integrated over the other by `RULE`; for others three points are used each.
     """
     corner = np.ascontiguousarray(mesh.vertices[mesh.triangles])
     area = 0.5 * np.linalg.norm(mesh.face_vectors, axis=1)
@@ -41,6 +40,11 @@ def mean_inverse_distance(mesh: Mesh) -> np.ndarray:
 
 @kernel
 def _integrate(corner, area, triangles, near, rule, total):
+    """Add to `total` [m³] (V,V) the double integrals of hat functions over distance, for all pairs of triangles.
+
+    corner [m] (T,3,3), area [m²] (T,), triangles (T,3);  near [m²] squared distance of centres for the closed form
+    """
+    # three quadrature points of each triangle; their barycentric coordinates are the rows of `inside`
     inside, close = np.array([[2.0, 0.5, 0.5], [0.5, 2.0, 0.5], [0.5, 0.5, 2.0]]) / 3.0, np.zeros(3)
     count = len(corner)
     points = np.zeros((count, 3, 3))
@@ -58,9 +62,10 @@ def _integrate(corner, area, triangles, near, rule, total):
                 apart -= (corner[t, 0, i] + corner[t, 1, i] + corner[t, 2, i]) / 3.0
                 square += apart * apart
             block[:] = 0.0
+            # distant triangles: quadrature over both; symmetric, so each pair is computed once
             if square > near:
                 if t < s:
-                    continue  # the pair is symmetric: see below
+                    continue
                 share = area[s] * area[t] / 9.0
                 for p in range(3):
                     for q in range(3):
@@ -75,12 +80,11 @@ def _integrate(corner, area, triangles, near, rule, total):
                     for b in range(3):
                         total[triangles[s, a], triangles[t, b]] += block[a, b]
                         total[triangles[t, b], triangles[s, a]] += block[a, b]
-            else:
+            else:  # close triangles: potential of triangle t in closed form at the points of a rule on triangle s
+                first, second, third = corner[s, 0], corner[s, 1], corner[s, 2]
                 for q in range(len(rule)):
                     for i in range(3):
-                        point[i] = (
-                            rule[q, 0] * corner[s, 0, i] + rule[q, 1] * corner[s, 1, i] + rule[q, 2] * corner[s, 2, i]
-                        )
+                        point[i] = rule[q, 0] * first[i] + rule[q, 1] * second[i] + rule[q, 2] * third[i]
                     _potential(point, corner[t], close)
                     for a in range(3):
                         for b in range(3):
@@ -102,8 +106,8 @@ def _times(a, scale):
 
 @kernel
 def _potential(point, corner, out):
-    """Fill `out` (3): integral over a triangle (3,3) of each corner's barycentric coordinate over the distance from a
-    point (3)."""
+    """Fill `out` [m] (3): integral over a triangle [m] (3,3) of each barycentric coordinate over the distance from a
+    point [m] (3)."""
     normal = cross(_minus(corner[1], corner[0]), _minus(corner[2], corner[0]))
     double = np.sqrt(dot(normal, normal))
     normal = _times(normal, 1.0 / double)

@@ -1,13 +1,14 @@
-"""The mass-spring body, nodal law: each surface node of the zone of influence is a spring and damper of its own.
+"""The mass-spring body, nodal law: each loaded node of the surface is an independent spring with a damper.
 
-Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the contact's law on its share of the force,
+Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the law of the contact for a fraction of the
+total normal force f [N],
 
     K u^n <1 + c (u - u_j)/T> = f p_j/p_max,
 
-f [N] the total normal force. So the most loaded node goes in by the contact's own indentation s, and at rest
-u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface a linear
-spring k_t and damper d_t by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total. Only nodes
-under load or not yet recovered are touched; they are kept in a compact list.
+so that the node with the largest pressure moves by the indentation s of the contact, and at rest
+u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface each node
+has a linear spring k_t and damper d_t, by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the
+total. A compact list contains the nodes that are loaded or have not recovered.
 """
 
 import math
@@ -15,23 +16,22 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, hold_together, neighbours
+from palpate.physics.bodies import patch
+from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, limit_stretch, neighbours
 from palpate.physics.contact.terminal import indentation
+from palpate.physics.dot import dot
 from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
 AT_REST = 1e-9  # [m] Displacement below which an unloaded node counts as recovered
-MOST_STRAIN = 0.8  # Largest difference of displacement between neighbours, over the length of their edge
+MOST_STRAIN = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge
 
 
 @kernel(error_model="numpy")
 def normal_force(forces, normal):
-    """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3): positive pressing, else zero."""
-    total = 0.0
-    for i in range(forces.shape[0]):
-        total -= forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]
-    return max(total, 0.0)
+    """Total of nodal forces [N] (k,3) against the outward unit normal [1] (3), at least 0."""
+    return max(patch.normal_force(forces, normal), 0.0)
 
 
 @kernel(error_model="numpy")
@@ -40,8 +40,8 @@ def shared(foot, other_foot, normal, other_normal, radius):
 
         O = (1 - q)^4 (4q + 1) n.n',    q = |x - x'|/2R
 
-    1 at one place, 0 where the patches do not overlap or face away; positive definite over all places (H. Wendland,
-    Adv. Comput. Math. 4 (1995) 389-396), so contacts under it are passive. feet [m] (3), normals [1] (3)
+    1 for equal feet, 0 if the patches do not overlap or face away; positive definite (H. Wendland, Adv. Comput. Math. 4
+    (1995) 389-396), so that the coupled contacts are passive. feet [m] (3), normals [1] (3)
     """
     away = facing = 0.0
     for i in range(3):
@@ -54,7 +54,7 @@ def shared(foot, other_foot, normal, other_normal, radius):
 
 @kernel(error_model="numpy")
 def shifted(forces, normal, share):
-    """Nodal forces [N] (k,3) with this share [1] of their normal parts added."""
+    """Nodal forces [N] (k,3) plus the fraction `share` [1] of their normal parts."""
     out = np.empty_like(forces)
     for i in range(len(forces)):
         along = share * row_times(forces[i], normal)
@@ -65,7 +65,8 @@ def shifted(forces, normal, share):
 
 @kernel(error_model="numpy")
 def deeper(body):
-    """Make one surface of the dents of several contacts, of each node the larger, in the order of nodes; how many."""
+    """Merge the displacements of several contacts, the larger one at each node, in ascending order of nodes; their
+    number."""
     nodes, chosen, count = body.nodes, body.chosen, 0
     for c in range(len(body.counts)):
         for slot in range(body.counts[c]):
@@ -96,7 +97,7 @@ def mean_hardness(nodes, forces, normal, hardness):
     total = weighted = 0.0
     for i in range(nodes.size):
         if 0 <= nodes[i] < hardness.size:
-            push = max(-(forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]), 0.0)
+            push = max(-dot(forces[i], normal), 0.0)
             total += push
             weighted += push * hardness[nodes[i]]
     return weighted / total if total > 0.0 else 1.0
@@ -104,24 +105,21 @@ def mean_hardness(nodes, forces, normal, hardness):
 
 @kernel(error_model="numpy")
 def admit(node, where, active, state, count):
-    """Slot of a node in the compact list, appended at rest where it is new; returns the slot and the count."""
+    """Slot of a node in the compact list, appended at rest if it is new; returns the slot and the count."""
     slot = where[node]
     if slot < 0:
         slot = count
         where[node] = slot
         active[slot] = node
-        for k in range(10):
-            state[slot, k] = 0.0
+        state[slot] = 0.0
         count += 1
     return slot, count
 
 
 @kernel(error_model="numpy")
 def take_load(nodes, forces, normal, per_area, where, active, state, count):
-    """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, greatest pressure, count.
-
-    Forces on nodes that the mesh does not have are left out.
-    """
+    """Sum the nodal forces [N] into columns 7-9 of `state`; returns total normal force, largest pressure, count. Forces
+    on nodes that the mesh does not have are ignored."""
     for slot in range(count):
         state[slot, 7] = state[slot, 8] = state[slot, 9] = 0.0
     total = 0.0
@@ -132,10 +130,10 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
         slot, count = admit(node, where, active, state, count)
         for k in range(3):
             state[slot, 7 + k] += forces[i, k]
-        total -= forces[i, 0] * normal[0] + forces[i, 1] * normal[1] + forces[i, 2] * normal[2]
+        total -= dot(forces[i], normal)
     peak = 0.0
     for slot in range(count):
-        push = -(state[slot, 7] * normal[0] + state[slot, 8] * normal[1] + state[slot, 9] * normal[2])
+        push = -dot(state[slot, 7:], normal)
         if push > 0.0:
             peak = max(peak, push * per_area[active[slot]])
     return max(total, 0.0), peak, count
@@ -143,45 +141,44 @@ def take_load(nodes, forces, normal, per_area, where, active, state, count):
 
 @kernel(error_model="numpy")
 def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, state, out, room, count):
-    """One step of the nodal law; returns how many nodes are displaced.
+    """One step of the nodal law; returns the number of displaced nodes.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
     law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
     nodal    (2,V)   factor on K of each node, and inverse nodal areas [1/m²]
     where, active (V)  slot of each node in the list, -1 outside, and node of each slot
-    state    (V,10)  by slot: u [m], u_t [m] (3), the normal [1] (3) against which it was last pressed, load [N] (3)
+    state    (V,10)  by slot: u [m], u_t [m] (3), normal [1] (3) of the last load, load [N] (3)
     out      (V,3)   displacement [m] by slot
-    room             work space of `stretch.hold_together`
+    room             workspace of `stretch.limit_stretch`
     count            length of the list before the step
     """
     stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
     hardness, per_area = nodal[0], nodal[1]
-    nx, ny, nz = normal[0], normal[1], normal[2]
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
+    # backward Euler along the surface, u_t <- keep u_t + gain f_t; `share` makes pressures fractions of the total
     gain = 1.0 / (k_t + d_t / dt)
     keep = gain * d_t / dt
     share = total / peak if peak > 0.0 else 0.0
     widest = 0.0
     for slot in range(count):
-        push = -(state[slot, 7] * nx + state[slot, 8] * ny + state[slot, 9] * nz)
+        push = -dot(state[slot, 7:], normal)
         u = state[slot, 0]
-        state[slot, 1] *= keep
-        state[slot, 2] *= keep
-        state[slot, 3] *= keep
+        for k in range(1, 4):
+            state[slot, k] *= keep
         if push > 0.0:
             scale = share * per_area[active[slot]]
             local = stiffness * hardness[active[slot]]
             state[slot, 0] = indentation(push * scale, dt, local, exponent, damping, 0.0, u)
-            state[slot, 4], state[slot, 5], state[slot, 6] = nx, ny, nz
             scale *= gain
-            state[slot, 1] += scale * (state[slot, 7] + push * nx)
-            state[slot, 2] += scale * (state[slot, 8] + push * ny)
-            state[slot, 3] += scale * (state[slot, 9] + push * nz)
+            for k in range(3):
+                state[slot, 4 + k] = normal[k]
+                state[slot, 1 + k] += scale * (state[slot, 7 + k] + push * normal[k])
         else:
             state[slot, 0] = max(0.0, u - dt / damping) if damping > 0.0 else 0.0
         widest = max(widest, state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2)
+    # limit differences between neighbours, remove recovered nodes, add both parts of the displacement
     if 2.0 * math.sqrt(widest) > MOST_STRAIN * shortest:
-        hold_together(state[:, 1:4], count, MOST_STRAIN, edges, where, active, room)
+        limit_stretch(state[:, 1:4], count, MOST_STRAIN, edges, where, active, room)
     count = drop_rested(where, active, state, count)
     for slot in range(count):
         for k in range(3):
@@ -191,7 +188,7 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, stat
 
 @kernel(error_model="numpy")
 def drop_rested(where, active, state, count):
-    """Take nodes without load (columns 7-9) and displacement (0-3) out of the list, in order; returns the count."""
+    """Remove nodes without load (columns 7-9) and displacement (0-3) from the list, in order; returns the count."""
     kept = 0
     for slot in range(count):
         node = active[slot]
@@ -221,9 +218,9 @@ class NodalBody(NamedTuple):
     moved: Annotated[np.ndarray, "<f8", 3]  # [m] (c,V,3) displacement by slot
     counts: Annotated[np.ndarray, "<i4", 1]  # (c) displaced nodes
     room: StretchWorkspace
-    nodes: Annotated[np.ndarray, "<i4", 1]  # one surface of several: its nodes, their displacement [m] (V,3)
+    nodes: Annotated[np.ndarray, "<i4", 1]  # of all contacts: displaced nodes, their displacement [m] (V,3)
     deepest: Annotated[np.ndarray, "<f8", 2]
-    chosen: Annotated[np.ndarray, "<i4", 2]  # (V,2) contact and slot of each of its nodes, -1 outside
+    chosen: Annotated[np.ndarray, "<i4", 2]  # (V,2) contact and slot of each of these nodes, -1 outside
 
 
 def nodal_body(
@@ -239,9 +236,8 @@ def nodal_body(
     """A body at rest.
 
     stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
-    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node
-
-    A node without area counts as a millionth of the mean.
+    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node. Nodal areas are at least 1e-6 of the
+    mean.
     """
     size, several = len(mesh.vertices), len(mesh.vertices) if contacts > 1 else 0
     mean = float(mesh.areas.mean())
@@ -260,8 +256,8 @@ def nodal_body(
 
 @kernel(error_model="numpy")
 def move(body, contact, nodes, forces, normal, dt):
-    """Step dt > 0 [s] of the dent of a contact under nodal forces [N] (k,3); how many nodes are displaced: the first of
-    `active` and of `moved`."""
+    """Step dt > 0 [s] of a contact's indentation under nodal forces [N] (k,3); the number of displaced nodes, the first
+    of `active` and of `moved`."""
     body.counts[contact] = nodal_step(
         nodes, forces, normal, dt, body.law, body.nodal, body.edges, body.where[contact], body.active[contact],
         body.state[contact], body.moved[contact], body.room, body.counts[contact],

@@ -1,4 +1,4 @@
-"""What reduced bodies share: the coarse surface below the mesh that is touched and drawn."""
+"""The fine surface mesh of reduced bodies, for loads and displacements, and its relation to the coarse one."""
 
 from typing import Annotated, NamedTuple
 
@@ -12,7 +12,7 @@ from palpate.physics.kernel import kernel
 
 
 def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners (k,3) of these triangles and weights (k,3) of points on them; weights in [0, 1] that sum to 1."""
+    """Corners (k,3) of these triangles, and barycentric weights (k,3) of points on them, in [0, 1]."""
     corners = mesh.triangles[triangle].astype(np.int64)
     a, b, c = (mesh.vertices[corners[:, i]] for i in range(3))
     normal = np.cross(b - a, c - a)
@@ -24,18 +24,18 @@ def barycentric(mesh: Mesh, triangle: np.ndarray, foot: np.ndarray) -> tuple[np.
 
 
 class FineMesh(NamedTuple):
-    """The mesh that loads and displacements are given on, of a body that is known on a coarse surface only."""
+    """The mesh of loads and displacements of a body that is condensed to a coarse surface."""
 
-    spreader: Spreader  # of the patch that the terminal law is taken over while nothing is loaded
+    spreader: Spreader  # of the patch of the terminal law without load
     reach: Annotated[np.ndarray, "<f4", 2]  # see `reaches`
-    told: Annotated[np.ndarray, "|u1", 1]
-    nodes: Annotated[np.ndarray, "<i4", 1]  # (N,) that `carried` fills
+    sent: Annotated[np.ndarray, "|u1", 1]
+    nodes: Annotated[np.ndarray, "<i4", 1]  # (N,) filled by `interpolated`
     moved: Annotated[np.ndarray, "<f8", 2]  # [m] (N,3)
 
 
 def fine_mesh(mesh: Mesh, radius: float, reach: float) -> FineMesh:
-    """Of a mesh, the patch's radius [m], and the reach from the foot point [m] within which all displacements are told,
-    fewer farther off."""
+    """The fine mesh for a patch radius [m] and a reach [m]: the distance from the foot point within which all
+    displacements are sent, fewer beyond it."""
     count = len(mesh.vertices)
     return FineMesh(
         spreader(mesh, radius), *reaches(mesh.vertices, ranges(mesh.vertices, reach)),
@@ -44,14 +44,14 @@ def fine_mesh(mesh: Mesh, radius: float, reach: float) -> FineMesh:
 
 
 def lies_on(coarse: Mesh, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Coarse vertices (N,3) and shares (N,3) of each vertex of the fine mesh, see `barycentric`."""
+    """Coarse vertices (N,3) and weights (N,3) of each vertex of the fine mesh, see `barycentric`."""
     foot, _, triangle, _ = MeshClosestPoint(coarse).find(mesh.vertices)
     return barycentric(coarse, triangle, foot)
 
 
 @kernel(error_model="numpy")
 def patch_of(fine, nodes, forces, foot, normal):
-    """A load, nodes (k) and forces [N] (k,3), and 1; where there is none a patch round the foot [m] (3), and 0."""
+    """A load, nodes (k) and forces [N] (k,3), and 1; without load a patch round the foot [m] (3), and 0."""
     if len(nodes) > 0:
         return nodes, forces, 1.0
     count = spread(fine.spreader, foot, normal, (-normal[0], -normal[1], -normal[2]))
@@ -69,7 +69,7 @@ def normal_force(pull, normal):
 
 @kernel
 def share_of(k, pull, normal, total):
-    """Share [1] of node k in the normal force `total`; even shares where that does not press."""
+    """Share [1] of node k in the normal force `total`; equal shares if that does not press."""
     if not total > 0.0:
         return 1.0 / len(pull)
     return -(pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]) / total
@@ -77,8 +77,8 @@ def share_of(k, pull, normal, total):
 
 @kernel
 def load_radius(vertices, patch, pull, normal, total, least):
-    """R [m] of a load (k,3) on vertices `patch` of the touched mesh: twice the rms distance of its normal force from
-    its centre, no less than that of one vertex's hat; and by how much it is narrower than the mesh can tell, 0 to
+    """R [m] of a load (k,3) on vertices `patch` of the fine mesh: twice the rms distance of its normal force from its
+    centre, at least that of the hat function of a vertex; and how much narrower it is than the mesh resolves [1], 0 to
     13."""
     x0 = x1 = x2 = floor = 0.0
     for k in range(len(patch)):
@@ -99,44 +99,45 @@ def load_radius(vertices, patch, pull, normal, total, least):
 
 
 def reaches(vertices: np.ndarray, within: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """x, y, z [m] of each vertex and the square of the distance `within` [m²] from a foot up to which it is told (4,N),
-    in rows of single precision; and the room for what comes of it, see `carried`."""
+    """Coordinates [m] of each vertex and the squared distance [m²] from a foot within which it is sent, as rows (4,N)
+    in single precision; and the workspace of `interpolated`."""
     rows = np.ascontiguousarray(np.concatenate([vertices.T, within[None] ** 2]), dtype=np.float32)
     return rows, np.zeros(-(-len(vertices) // 8) * 8, dtype=np.uint8)
 
 
 @kernel(error_model="numpy")
-def _within(reach, foot, more, told):
+def _within(reach, foot, more, sent):
+    """Flag the vertices to send for a foot [m] (3), in addition to those flagged if `more`."""
     x, y, z, square = reach[0], reach[1], reach[2], reach[3]
     f0, f1, f2 = np.float32(foot[0]), np.float32(foot[1]), np.float32(foot[2])
     if more:
         for p in range(len(x)):
             d0, d1, d2 = x[p] - f0, y[p] - f1, z[p] - f2
-            told[p] |= np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
+            sent[p] |= np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
     else:
         for p in range(len(x)):
             d0, d1, d2 = x[p] - f0, y[p] - f1, z[p] - f2
-            told[p] = np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
+            sent[p] = np.uint8(d0 * d0 + d1 * d1 + d2 * d2 <= square[p])
 
 
 @kernel(error_model="numpy")
-def carried(corners, weights, u, reach, feet, told, nodes, moved):
-    """Displacements of the fine mesh round some points, from u [m] (V,3) of the coarse vertices: fills `nodes` and
-    `moved` [m]; returns how many.
+def interpolated(corners, weights, u, reach, feet, sent, nodes, moved):
+    """Displacements of the fine mesh round the feet, from u [m] (V,3) of the coarse vertices: fills `nodes` and `moved`
+    [m]; returns their number.
 
-    corners, weights  (N,3) coarse vertices and shares of each fine vertex, see `barycentric`
+    corners, weights  (N,3) coarse vertices and weights of each fine vertex, see `barycentric`
     reach  (4,N) see `reaches`;  feet [m] (c,3)
-    told   (N,) uint8, room: N a multiple of 8 and zero beyond the vertices
+    sent   (N,) uint8, workspace: N a multiple of 8, zero beyond the vertices
     """
     for c in range(len(feet)):
-        _within(reach, feet[c], c > 0, told)
+        _within(reach, feet[c], c > 0, sent)
     count = 0
-    eight = told.view(np.uint64)
+    eight = sent.view(np.uint64)
     for k in range(len(eight)):
         if eight[k] == 0:
             continue
         for p in range(8 * k, 8 * k + 8):
-            if told[p] == 0:
+            if sent[p] == 0:
                 continue
             nodes[count] = p
             a, b, c = corners[p, 0], corners[p, 1], corners[p, 2]
@@ -147,21 +148,21 @@ def carried(corners, weights, u, reach, feet, told, nodes, moved):
 
 
 @kernel
-def add_pressure(pull, patch, normal, areas, told, push, out):
-    """Add to `out` [Pa] (t,): of nodal forces (k,3) on `patch`, their part against the normal over the vertex's area,
-    on the vertices `told`; `push` (N,) is room of zeros, and is left so."""
+def add_pressure(pull, patch, normal, areas, nodes, push, out):
+    """Add to `out` [Pa] (t,) the pressure at the vertices `nodes` (t,) due to nodal forces (k,3) on `patch`: their part
+    against the normal over the nodal area. push (N,): workspace, zero before and after."""
     for k in range(len(patch)):
         p = patch[k]
         force = pull[k, 0] * normal[0] + pull[k, 1] * normal[1] + pull[k, 2] * normal[2]
         push[p] = -force / areas[p]
-    for k in range(len(told)):
-        out[k] += push[told[k]]
+    for k in range(len(nodes)):
+        out[k] += push[nodes[k]]
     for k in range(len(patch)):
         push[patch[k]] = 0.0
 
 
 def hat_moments(mesh: Mesh) -> np.ndarray:
-    """Mean square distance [m²] (V,) from each vertex of a force spread over its triangles, highest at the vertex."""
+    """Mean square distance [m²] (V,) of the hat function of each vertex from the vertex."""
     corner = mesh.vertices[mesh.triangles]
     area = 0.5 * np.linalg.norm(mesh.face_vectors, axis=1)
     moment, weight = np.zeros(len(mesh.vertices)), np.zeros(len(mesh.vertices))
@@ -175,9 +176,9 @@ def hat_moments(mesh: Mesh) -> np.ndarray:
 
 @kernel
 def patch_radius(points, moments, nodes, count, share):
-    """Radius R [m] of a patch: twice the root mean square distance of its force from its centre, which is the radius
-    of a uniform or biweight patch to within 1.42 and 1. nodes (>= count) vertices of the patch, share (V,3) whose first
-    column holds their parts, taken without sign."""
+    """Radius R [m] of a patch: twice the rms distance of its force from its centre, which is the radius of a biweight
+    patch, and 1.42 times that of a uniform one. nodes (>= count) vertices of the patch, share (V,3) with their
+    shares in the first column, used without sign."""
     total = x0 = x1 = x2 = 0.0
     for k in range(count):
         v = nodes[k]

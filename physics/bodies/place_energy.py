@@ -1,20 +1,20 @@
-"""One energy for all places: what a body that is pressed along its normal does to a finger that moves along it.
+"""Tangential force of an indented body on a finger that moves along it, from an energy that depends on the place.
 
-Fingertip and body in series hold, at the approach e and the foot point p,
+The stored energy of fingertip and body in series, at the approach e and the foot point p, is
 
     U(e, p) = min over s of  U1(e - s) + V(s, p),    V(s, p) = integral of f ds
 
-The force that belongs to U has a part along the surface, towards where the body is softer, for each metre of p:
+Its derivative is a force along the surface, towards softer places:
 
     g = -dU/dp = -dV/dp at s = dV*/dp at f
 
-The bone edge x = p - e n moves less over a convex surface: with dn = S dp it is dx = (1 - e S) dp, so that the force on
-the hand is (1 - e S)^-1 g. Its work round any closed way is nothing (and with viscosity less).
+Over a convex surface the bone edge x = p - e n moves less than p: with dn = S dp, dx = (1 - e S) dp, so that the force
+on the hand is (1 - e S)^-1 g. Its work along a closed path is zero (negative with viscosity).
 
-V = R²/c times the integral of x over s/R (`large_displacement`), where only c depends on the place. Its derivative
-takes the gradient of a field over the coarse surface, averaged over the patch: the linear organ's compliance c = g.Cg/E
-under a patch round each vertex. Under the load itself that gradient would be the small difference of both sides of the
-dent, and the mesh's error as large as it.
+V is R²/c times the integral of x over s/R (`large_displacement`), in which only c depends on the place. Its derivative
+is computed from the compliance c = g.Cg/E of the linear organ under a patch round each coarse vertex: the gradient of
+this field, averaged over the patch. The gradient under the load itself would be a small difference of both sides of the
+indentation, of the order of the discretization error.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -23,31 +23,26 @@ import numpy as np
 
 from palpate.physics.bodies.large_displacement import large_depth, stored_energy
 from palpate.physics.bodies.patch import load_radius, normal_force
-from palpate.physics.bodies.true_patch import draw_together, gathered, patch_compliance
+from palpate.physics.bodies.true_patch import gathered, narrow_load, patch_compliance
 from palpate.physics.contact.spread import Spreader, spread
 from palpate.physics.exact import log, row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-STEEPEST = 0.75  # [1] Greatest e S that is undone: beyond, the bone edge is near the surface's centre of curvature
+STEEPEST = 0.75  # [1] Limit of e S: beyond it the bone edge is near the surface's centre of curvature
 
 
 class Ground(NamedTuple):
-    """The coarse surface."""
+    """The coarse surface; softness: logarithm of the linear organ's compliance under a patch round each vertex."""
 
     normals: Annotated[np.ndarray, "<f8", 2]  # [1] (V,3)
-    softness: Annotated[
-        np.ndarray, "<f8", 1
-    ]  # [1] (V,) logarithm of the linear organ's compliance under a patch round each vertex
+    softness: Annotated[np.ndarray, "<f8", 1]  # [1] (V,)
     rho: Annotated[np.ndarray, "<f8", 1]  # [1] of large displacement
 
 
 def softness(mesh: Mesh, model: Any, spreader: Spreader) -> np.ndarray:
     """Logarithm (V,) of the compliance under the spreader's patch round each vertex of a coarse mesh, for a modulus of
-    1 Pa; the mean of all where a patch finds nothing.
-
-    model  a `CondensedModel` whose fine mesh is the spreader's
-    """
+    1 Pa; the mean of all where a patch is empty. model: a `CondensedModel` whose fine mesh is the spreader's"""
     compliances = np.full(len(mesh.vertices), np.nan)
     _soften(np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.normals), model, spreader, compliances)
     good = compliances > 0.0
@@ -80,7 +75,7 @@ def _soften(vertices, normals, model, spreader, compliances):
                 touched += 1
         total = normal_force(forces, normal)
         radius, _ = load_radius(model.fine, nodes, forces, normal, total, model.true.least)
-        narrowed = draw_together(model, nodes, forces, normal, total, order, touched, measure, radius)
+        narrowed = narrow_load(model, nodes, forces, normal, total, order, touched, measure, radius)
         hats = gathered(model.compliance, model.true.table, order, touched, measure, 0, block)
         body, more = patch_compliance(
             model.compliance, model.true, order, touched, measure, narrowed, normal, radius, block, hats, side
@@ -100,11 +95,11 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, force, gradient, shape):
+def along(ground, nodes, touched, tilt, normal, radius, compliance, force, gradient, shape):
     """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, under a load.
 
-    nodes, touched   coarse vertices of the patch, and how many
-    measure, tilt    (V,3) shares of them, in the first column, and [1/m] (V,3) what these change by as the patch moves
+    nodes, touched   coarse vertices of the patch, and their number
+    tilt             [1/m] (V,3) derivatives of their shares along the surface
     normal [1] (3);  radius [m] and compliance [m/N] of the linear organ under the patch;  force [N] along the normal
     """
     gradient[:] = 0.0
@@ -112,7 +107,7 @@ def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, for
     if not (force > 0.0 and compliance > 0.0):
         return
     softer = np.zeros(3)
-    # derivatives of the patch's means when it moves along the surface: logarithm of the compliance, normal
+    # derivatives of the patch's mean log compliance and mean normal along the surface
     for a in range(touched):
         v = nodes[a]
         for i in range(3):
@@ -124,7 +119,7 @@ def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, for
     energy = radius * radius / compliance * stored_energy(depth, ground.rho)
     for i in range(3):
         gradient[i] = energy * softer[i]
-    # its part along the normal is work of the normal force and no resistance to sliding
+    # without the part along the normal, which is work of the normal force
     out = gradient[0] * normal[0] + gradient[1] * normal[1] + gradient[2] * normal[2]
     for i in range(3):
         gradient[i] -= out * normal[i]
@@ -132,14 +127,14 @@ def along(ground, nodes, touched, measure, tilt, normal, radius, compliance, for
 
 @kernel
 def on_hand(gradient, shape, approach, normal):
-    """Force along the surface on a hand [N] (3 numbers) whose bone edge is `approach` [m] below the foot point, from g
-    [N] (3) and S [1/m] (9), row by row: (1 - e S)^-1 g, with e S no greater than `STEEPEST`."""
+    """Tangential force on the hand (1 - e S)^-1 g [N] (3 numbers), from g [N] (3), S [1/m] (9) row by row, and the
+    approach e [m] of the bone edge below the foot point; e S is limited to `STEEPEST`."""
     size = 0.0
     for k in range(9):
         size += shape[k] * shape[k]
     deep = min(approach, STEEPEST / max(np.sqrt(size), 1e-12))
     force = np.zeros(3)
-    for _ in range(40):  # Neumann's series: what is left falls to STEEPEST of itself each time
+    for _ in range(40):  # Neumann series; the error decreases by the factor STEEPEST in each iteration
         for i in range(3):
             force[i] = gradient[i] + deep * (shape[i] * force[0] + shape[3 + i] * force[1] + shape[6 + i] * force[2])
     out = force[0] * normal[0] + force[1] * normal[1] + force[2] * normal[2]

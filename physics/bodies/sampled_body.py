@@ -1,16 +1,16 @@
-"""A finite-element body in a few modes, nonlinear, with what the modes miss added as a local compliance.
+"""A nonlinear finite-element body in a reduced basis, with a residual compliance for the truncated modes.
 
     u = Phi q(p) + gamma R h/E,      p = Phi'h/E,      dW/dq = p,      tau dh/dt + h = f
 
 Phi [m] (3V,r)  displacement of the surface in each mode; at rest the modes are orthonormal in the stiffness K0
-W               their strain energy, sampled (`sampled.energy`)
-R [m/N]         C - Phi Phi' >= 0, C the compliance of the whole surface at rest: a light touch is answered exactly
-gamma [1]       (1 + w²/w0²)^((m - 1)/2), w² = h.R h/E²: as the body stiffens or softens, so does what the modes
-                miss. w0 and m in [0, 2] are fitted to full solutions; beyond the loads of these gamma w is constant
+W               their strain energy, by empirical cubature (`sampled.energy`)
+R [m/N]         C - Phi Phi' >= 0, C the compliance of the whole surface at rest, so that light loads are exact
+gamma [1]       (1 + w²/w0²)^((m - 1)/2), w² = h.R h/E², for stiffening or softening of the residual compliance. w0 and
+                m in [0, 2] are fitted to full solutions; beyond their loads gamma w is constant
 
-The complementary energy V*(h) = E [max_q p.q - W(q) + G(w)], dG/dw = gamma w, is convex where W is; u is its
-gradient. With backward Euler h <- (tau h + T f)/(T + tau) the body is passive at a place: f.du is at least the
-growth of h.u - V*.
+The complementary energy V*(h) = E [max_q p.q - W(q) + G(w)], dG/dw = gamma w, is convex if W is; u is its gradient.
+With backward Euler h <- (tau h + T f)/(T + tau) the body is passive for a constant foot point: f.du is at least the
+increase of h.u - V*.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from palpate.physics.archive import ArchiveError, read_arrays, replacing
-from palpate.physics.bodies.patch import FineMesh, carried, fine_mesh, lies_on, patch_of
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, interpolated, lies_on, patch_of
 from palpate.physics.bodies.sampled.contacts import SampledContacts, sampled_contacts, step_all
 from palpate.physics.bodies.sampled.energy import Points, SampledWorkspace, scratch
 from palpate.physics.bodies.sampled.step import (
@@ -42,8 +42,8 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.hyperelastic import law, name_at, place_of
 
-MOST_VERTICES = 2000  # Of a surface that a body is condensed to, as of `deformation.ReducedFE.coarse`
-UNNAMED = ("neo_hooke", "mooney_rivlin", "hencky")  # Laws of a stored basis that does not name them
+MOST_VERTICES = 2000  # Limit of the vertices of a coarse surface, as of `deformation.ReducedFE.coarse`
+UNNAMED = ("neo_hooke", "mooney_rivlin", "hencky")  # Laws of a stored basis without their names
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class SampledBasis:
     residual_compliance: np.ndarray  # [m/N] (3V,3V) float32, R for a modulus of 1 Pa
     modes: np.ndarray  # [m] (3V,r), Phi
     points: Points  # see `sampled.energy`
-    bend: tuple[float, float, float]  # [1] (w0, m) of gamma, and w from which on gamma w is constant
+    bend: tuple[float, float, float]  # [1] w0 and m of gamma, and w above which gamma w is constant
 
     def save(self, path: Path, about: str = "") -> None:
-        """Write it, R's lower half and all modes in half precision, and a text that says what it was made from."""
-        kept = np.flatnonzero(np.abs(self.residual_compliance).sum(axis=1) > 0.0)  # held vertices have none
+        """Write the basis, with R's lower half and all modes in half precision; `about` describes the origin."""
+        kept = np.flatnonzero(np.abs(self.residual_compliance).sum(axis=1) > 0.0)  # 0 at fixed vertices
         block = self.residual_compliance[np.ix_(kept, kept)]
         halves = {"lower": block[np.tril_indices(len(kept))], "surface_modes": self.modes, "modes": self.points.modes}
         arrays: dict[str, Any] = {}
@@ -84,7 +84,7 @@ class SampledBasis:
                 archive[name].astype(np.float32) * np.float32(archive[f"{name}_scale"])
                 for name in ("lower", "surface_modes", "modes")
             )
-            if lower.size != len(kept) * (len(kept) + 1) // 2 or size > 3 * MOST_VERTICES:  # before room is made
+            if lower.size != len(kept) * (len(kept) + 1) // 2 or size > 3 * MOST_VERTICES:  # before allocation
                 raise ValueError(f"{lower.size} compliances of {len(kept)}, {size // 3} vertices")
             half = np.zeros((len(kept), len(kept)), dtype=np.float32)
             half[np.tril_indices(len(kept))] = lower
@@ -109,7 +109,7 @@ class SampledBody(NamedTuple):
 
     model: SampledModel
     fine: FineMesh
-    near: float  # [m²] squared distance from the feet within which the modes miss something
+    near: float  # [m²] squared distance from the feet within which the residual compliance is added
     fields: Annotated[np.ndarray, "<f8", 3]
     active: Annotated[np.ndarray, "<i8", 1]
     vectors: Annotated[np.ndarray, "<f8", 2]
@@ -125,10 +125,10 @@ def sampled_body(
 ) -> SampledBody:
     """A body at rest.
 
-    mesh      the surface that loads and displacements are given on, in the frame of the basis
-    young [Pa] > 0, retardation [s] >= 0   E, by which all moduli of the basis are multiplied, and tau
-    radius    [m] of the patch that the terminal law is taken over while nothing is loaded
-    reach     [m] from the foot point within which all displacements are told, fewer farther off
+    mesh      the fine surface of loads and displacements, in the frame of the basis
+    young [Pa] > 0, retardation [s] >= 0   E, a factor on all moduli of the basis, and tau
+    radius    [m] of the patch of the terminal law without load
+    reach     [m] distance from the foot point within which all displacements are sent, fewer beyond it
     """
     coarse = Mesh(basis.vertices, basis.triangles)
     edges = coarse.vertices[coarse.triangles]
@@ -148,7 +148,7 @@ def sampled_body(
 
 @kernel(error_model="numpy")
 def bear(body, contact, nodes, forces, foot, normal):
-    """Take the load of a contact, nodal forces [N] (k,3); `answer` follows for all."""
+    """Apply the load of a contact, nodal forces [N] (k,3). Call `answer` after all loads."""
     patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
     body.feet[contact, 0], body.feet[contact, 1], body.feet[contact, 2] = foot
     load, measures = body.fields[1], body.contacts.measures
@@ -161,11 +161,11 @@ def bear(body, contact, nodes, forces, foot, normal):
 
 @kernel(error_model="numpy")
 def answer(body, laws, coupling, dt):
-    """A step of dt > 0 [s] under the loads of all contacts: evaluations of the energy, and whether the step reached
-    equilibrium; what it left over is left to the next.
+    """A step of dt > 0 [s] under the loads of all contacts: number of evaluations of the energy, and whether the step
+    reached equilibrium; else the next step continues from the residual.
 
-    laws      (c,5)      filled: K, n, c, s_free and s_prev of each, s_prev the indentation now [m]: the mean of -n.u
-                         over the patch, weighted as the force is; n = 1 where there are several, see `sampled.contacts`
+    laws      (c,5)      filled: K, n, c, s_free and s_prev of each; s_prev is the current indentation [m], the mean of
+                         -n.u over the patch, weighted with the force; n = 1 for several, see `sampled.contacts`
     coupling  [1] (c,c)  filled: O, see `physics.contact.joint`
     """
     numbers, contacts = body.numbers, body.contacts
@@ -190,15 +190,15 @@ def answer(body, laws, coupling, dt):
 
 @kernel(error_model="numpy")
 def extrapolation(body):
-    """How far |q| is beyond the greatest of the full solutions, where half the root of the barrier's limit lies: 0
-    within, 1 where the barrier begins."""
+    """Excess of |q| over the largest one of the full solutions, which is half of that at which the barrier begins: 0
+    within, 1 at the barrier."""
     return max(2.0 * np.sqrt(sum_of_squares(body.vectors[1]) / body.model.points.limit) - 1.0, 0.0)
 
 
 @kernel(error_model="numpy")
 def displaced(body):
-    """Fill `fine.nodes`, vertices of the mesh, all near the foot points and fewer farther off, and `fine.moved`, their
-    displacements [m]; how many."""
+    """Fill `fine.nodes`, all vertices near the foot points and fewer farther away, and `fine.moved`, their
+    displacements [m]; their number."""
     model, fine, u = body.model, body.fine, body.fields[3]
     field(model, body.feet, body.near, body.fields, body.active, body.vectors[1], body.numbers[GAMMA])
-    return carried(model.corners, model.weights, u, fine.reach, body.feet, fine.told, fine.nodes, fine.moved)
+    return interpolated(model.corners, model.weights, u, fine.reach, body.feet, fine.sent, fine.nodes, fine.moved)

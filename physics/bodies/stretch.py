@@ -1,11 +1,11 @@
-"""How far apart neighbours on a surface may be displaced: what keeps a dragged surface from folding.
+"""Limit on the difference of displacement between neighbours on a surface, which prevents folding.
 
-Every displacement keeps its direction and is shortened, as little as possible, until
+Displacements keep their directions and are shortened, as little as possible, until
 
     |u_i - u_j| <= limit * length of the edge ij
 
-on all edges. Lengths only become shorter, each no more than its neighbours ask for, so the answer does not depend on
-the order, and follows a moving load without a jump.
+on all edges. Lengths only decrease, each as little as its neighbours require, so the result does not depend on the
+order and is continuous under a moving load.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ import numpy as np
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-EXCESS = 1e-9  # [1] By which an edge may pass its limit
-ROUNDS = 60  # Most times that a node's length is looked at, on the mean
+EXCESS = 1e-9  # [1] Tolerance of the limit
+ROUNDS = 60  # Maximum number of updates of a length, on average
 
 
 class Neighbours(NamedTuple):
-    """Who shares an edge with whom."""
+    """Adjacency of the nodes."""
 
-    first: Annotated[np.ndarray, "<i8", 1]  # [1] (V+1) place in `others` of the first neighbour of each node
+    first: Annotated[np.ndarray, "<i8", 1]  # [1] (V+1) index in `others` of the first neighbour of each node
     others: Annotated[np.ndarray, "<i4", 1]  # [1] (E) nodes that share an edge with it
     spans: Annotated[np.ndarray, "<f8", 1]  # [m] (E) length of that edge, > 0
 
 
 def neighbours(mesh: Mesh) -> Neighbours:
-    """The neighbours of each vertex of a mesh, in order of their number."""
+    """The neighbours of each vertex of a mesh, in ascending order."""
     size = len(mesh.vertices)
     edges = np.concatenate([mesh.triangles[:, [0, 1]], mesh.triangles[:, [1, 2]], mesh.triangles[:, [2, 0]]])
     edges = edges[edges[:, 0] != edges[:, 1]].astype(np.int64)
@@ -42,7 +42,7 @@ def neighbours(mesh: Mesh) -> Neighbours:
 
 
 class StretchWorkspace(NamedTuple):
-    """Work space of `hold_together`: lengths [m] (V), a queue of slots (V) and which are in it (V)."""
+    """Workspace of `limit_stretch`: lengths [m] (V), a queue of slots (V), and flags of those in it (V)."""
 
     lengths: Annotated[np.ndarray, "<f8", 1]
     queue: Annotated[np.ndarray, "<i8", 1]
@@ -60,8 +60,10 @@ def _apart(vectors, i, j):
 
 
 @kernel(error_model="numpy")
-def _within(vectors, count, limit, edges, place, nodes):
-    """Whether all edges of the listed nodes keep the limit; a node that is not listed stands still."""
+def _excess(vectors, count, limit, edges, place, nodes):
+    """Smallest ratio [1] of limit to difference over the edges of the listed nodes, 1 if all are within the limit; a
+    node that is not listed is at rest."""
+    worst = 1.0
     for slot in range(count):
         node = nodes[slot]
         for at in range(edges.first[node], edges.first[node + 1]):
@@ -71,8 +73,8 @@ def _within(vectors, count, limit, edges, place, nodes):
             square = _apart(vectors, slot, other) if other >= 0 else _square(vectors, slot)
             most = limit * edges.spans[at]
             if square > most * most * (1.0 + EXCESS):
-                return False
-    return True
+                worst = min(worst, most / math.sqrt(square))
+    return worst
 
 
 @kernel(error_model="numpy")
@@ -82,7 +84,7 @@ def _square(vectors, i):
 
 @kernel(error_model="numpy")
 def _allowed(a, b, cosine, most):
-    """The lengths of two vectors at a given angle, a >= b, shortened until they are at most `most` apart."""
+    """Lengths of two vectors at a given angle, a >= b, shortened until their difference is at most `most`."""
     if a * a + b * b - 2.0 * a * b * cosine <= most * most * (1.0 + EXCESS):
         return a, b
     rest = most * most - b * b * (1.0 - cosine * cosine)
@@ -94,10 +96,10 @@ def _allowed(a, b, cosine, most):
 
 
 @kernel(error_model="numpy")
-def hold_together(vectors, count, limit, edges, place, nodes, room):
-    """Shorten vectors [m] (count,3) of the listed nodes until neighbours are at most `limit` edges apart; how many
-    became shorter. place (V) slot of each node in the list, -1 outside; nodes (count) node of each slot"""
-    if _within(vectors, count, limit, edges, place, nodes):
+def limit_stretch(vectors, count, limit, edges, place, nodes, room):
+    """Shorten vectors [m] (count,3) of the listed nodes until neighbours differ by at most `limit` edge lengths; the
+    number of shortened ones. place (V) slot of each node in the list, -1 outside; nodes (count) node of each slot"""
+    if _excess(vectors, count, limit, edges, place, nodes) == 1.0:
         return 0
     lengths, queue, queued = room
     for slot in range(count):
@@ -130,7 +132,7 @@ def hold_together(vectors, count, limit, edges, place, nodes, room):
                 queue[(head + waiting) % count], queued[j] = j, True
                 waiting += 1
         if lengths[i] < before and not queued[i]:
-            # Neighbours that were looked at before it became shorter are looked at again.
+            # neighbours that were processed before this length decreased must be processed again
             queue[(head + waiting) % count], queued[i] = i, True
             waiting += 1
     return _shorten(vectors, count, limit, edges, place, nodes, room)
@@ -138,7 +140,7 @@ def hold_together(vectors, count, limit, edges, place, nodes, room):
 
 @kernel(error_model="numpy")
 def _shorten(vectors, count, limit, edges, place, nodes, room):
-    """Give the vectors their lengths. Should the rounds have run out, all of them are scaled by what is missing."""
+    """Apply the lengths. If the limit on updates was reached, scale all vectors by the remaining excess."""
     shorter = 0
     for slot in range(count):
         length = math.sqrt(_square(vectors, slot))
@@ -147,18 +149,8 @@ def _shorten(vectors, count, limit, edges, place, nodes, room):
             shorter += 1
             for k in range(3):
                 vectors[slot, k] *= room.lengths[slot] / length
-    worst = 1.0
-    for slot in range(count):
-        node = nodes[slot]
-        for at in range(edges.first[node], edges.first[node + 1]):
-            other = place[edges.others[at]]
-            square = _apart(vectors, slot, other) if other >= 0 else _square(vectors, slot)
-            most = limit * edges.spans[at]
-            if square > most * most * (1.0 + EXCESS):
-                worst = min(worst, most / math.sqrt(square))
+    worst = _excess(vectors, count, limit, edges, place, nodes)
     if worst < 1.0:
         shorter = count
-        for slot in range(count):
-            for k in range(3):
-                vectors[slot, k] *= worst
+        vectors[:count] *= worst
     return shorter

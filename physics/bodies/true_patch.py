@@ -1,41 +1,42 @@
-"""The compliance of the patch that presses a condensed body, in place of the one that its coarse surface makes of it.
+"""Compliance of the true patch on a condensed body, corrected for the wider load on its coarse surface.
 
-A load passes through the vertices of the coarse surface, spread over the triangles round each (hats), and so does the
-displacement: a patch of radius R acts like a wider one. What that loses is taken from a half-space:
+Loads and displacements are interpolated with the hat functions of the coarse surface, so that a patch of radius R acts
+like a wider one. A half-space gives the correction:
 
     c = g.C g/E + (c_R - g.H g)/E - hold
 
 g     shares of the normal force at the coarse vertices;  C the body's compliance for a modulus of 1 Pa
 c_R   of the half-space under the true load, the pressure 3f/(pi R²) (1 - r²/R²)², R twice the rms distance of the load:
-      c_R = I (1 - nu²)/(pi R),   I = integral of (48 J3(x)/x³)² from 0 on = 2.40817
-H     of the half-space between hats: H_ij = (1 - nu²)/pi T_ij, T_ij [1/m] the mean of 1/|x - y| over hats i and j
+      c_R = I (1 - nu²)/(pi R),   I = integral of (48 J3(x)/x³)² from 0 to inf = 2.40817
+H     of the half-space between hat functions: H_ij = (1 - nu²)/pi T_ij, T_ij [1/m] the mean of 1/|x - y| over i and j
       (J. Boussinesq 1885; K. L. Johnson, Contact Mechanics, 1985, eq. 3.19)
 
-Near a nodule or under a capsule C - H is not smooth at the scale of the patch: there C and H take the load
+Near a nodule or under a capsule C - H is not smooth at the scale of the patch. There C and H are applied to the
+narrowed load
 
     gamma = g - w b (g - h),    b = (R_w² - R²)/(R_w² - R_h²)
 
-R_w is the radius on the hats of g, R_h that of h, the load drawn together: its share at r times (1 - r²/R²)^8. With
-w = 1 gamma has the true second moment on the hats. w falls from 1 where the patch's mean distance from the other
-modulus is `WITHIN` R to 0 at `BEYOND` R.
+R_w is the radius of g on the coarse surface, R_h that of h, the load times (1 - r²/R²)^8. With w = 1 gamma has the true
+second moment on the coarse surface. w decreases from 1 at the mean distance `WITHIN` R of the patch from the other
+modulus to 0 at `BEYOND` R.
 
-`hold` is what it takes where the patch sticks to the finger, of
+`hold` is the reduction of the compliance by sticking,
 
-* its mean place along the surface: c_zt c_tt^-1 c_tz, c_tt with the same correction times (1 - nu/2)/(1 - nu), which is
-  the tangential over the normal displacement of a half-space, averaged over directions (Cerruti; Johnson eq. 3.75);
-* each of its points, which the pressure draws inwards by (1 - 2nu)(1 + nu)/(2 pi E r) F(r), F the force within r: to
-  undo this takes S_0 (1 - 2nu)²/(1 - nu)² of c_R: with A the half-space's response to radial shear and m = F/(2 pi r),
+* of the mean position of the patch: c_zt c_tt^-1 c_tz, with the same correction of c_tt times (1 - nu/2)/(1 - nu), the
+  ratio of tangential to normal displacement of a half-space, averaged over directions (Cerruti; Johnson eq. 3.75);
+* of each of its points, which the pressure moves inwards by (1 - 2nu)(1 + nu)/(2 pi E r) F(r), F the force within r:
+  S_0 (1 - 2nu)²/(1 - nu)² of c_R. With the half-space's response A to radial shear and m = F/(2 pi r),
   S_0 = pi/(2 I) <m, A^-1 m> = 0.17650 (Galerkin's method, exact to 1e-9). 0.6 % at nu = 0.45, 5.8 % at 0.3.
 
-The surface that is shown:  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f,  the mean of W over the patch being I.
+The displayed surface is  u = (C - H) g f/E + n (1 - nu²)/(pi E R) W(r/R) f,  where the mean of W over the patch is I.
 
-Range: R above the spacing of the touched mesh, thickness and radius of curvature above 2R, one modulus within R.
+Range: R above the spacing of the fine mesh, thickness and radius of curvature above 2R, one modulus within R.
 """
 
 from typing import Annotated, NamedTuple
 
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # loads its submodules when they are used
 
 from palpate.physics.bodies.half_space_range import curvature, inverse_thickness
 from palpate.physics.bodies.hat_distances import mean_inverse_distance
@@ -44,49 +45,45 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
-MEAN = 2.40816816  # I: mean of W over the patch, weighted as the pressure
-HELD = 0.1764960  # S_0, the share of c_R that holding each point under the patch takes, over (1 - 2nu)²/(1 - nu)²
-KNOTS = 256  # Intervals of the table of W
-LEAST_SHARE = 0.05  # [1] Of g.C g that is left whatever the correction says
-WITHIN, BEYOND = 0.5, 2.0
-"""[1] Distances from another modulus over R between which the load is drawn together less and less."""
-MOST_NARROWED = 3.0
-"""[1] Greatest b: beyond, the patch is so much narrower than the hats that too little of it is left to tell."""
-LEAST_MOMENT = 0.29  # [1] Mean square distance of a hat's force from its vertex, over the vertex's area: even triangles
+MEAN = 2.40816816  # I: mean of W over the patch, weighted with the pressure
+HELD = 0.1764960  # S_0, reduction of c_R by sticking of each point, over (1 - 2nu)²/(1 - nu)²
+KNOTS = 256  # Number of intervals of the table of W
+LEAST_SHARE = 0.05  # [1] Lower limit of the corrected compliance over g.C g
+WITHIN, BEYOND = 0.5, 2.0  # [1] Distances from another modulus over R between which w decreases from 1 to 0
+MOST_NARROWED = 3.0  # [1] Upper limit of b, for patches that are much narrower than the hat functions
+LEAST_MOMENT = 0.29  # [1] Mean square distance of a hat function from its vertex over the nodal area: regular triangles
 
 
 class TruePatch(NamedTuple):
-    """The half-space that corrects a body; with an empty table nothing is corrected.
+    """Tables of the half-space for the correction of a body; with an empty table nothing is corrected.
 
-    ground   [1/m] (V,2) one over the thickness, and the curvature, at each coarse vertex, see `half_space_range`
+    least    [m²] (N,) lower limit of the mean square radius of a load on each vertex of the fine mesh
+    apart    [m] (V,) distance of each coarse vertex from another modulus; empty if there is one modulus
+    ground   [1/m] (V,2) inverse thickness, and curvature, at each coarse vertex, see `half_space_range`
     """
 
     table: Annotated[np.ndarray, "<f4", 2]  # [1/m] (V,V) float32, see `mean_inverse_distance`
-    profile: Annotated[np.ndarray, "<f8", 1]  # [1] of W, see `dent_profile`
+    profile: Annotated[np.ndarray, "<f8", 1]  # [1] of W, see `depth_profile`
     normal: float  # [1] (1 - nu²)/pi
     tangential: float  # [1] (1 - nu/2)/(1 - nu)
-    held: float  # [1] share of c_R that sticking takes
+    held: float  # [1] relative reduction of c_R by sticking
     sticks: bool  # [1] whether the patch sticks to the finger
-    least: Annotated[
-        np.ndarray, "<f8", 1
-    ]  # [m²] (N,) least mean square radius of a load on each vertex of the touched mesh
-    apart: Annotated[
-        np.ndarray, "<f8", 1
-    ]  # [m] (V,) distance of each coarse vertex from another modulus; none where there is but one
+    least: Annotated[np.ndarray, "<f8", 1]
+    apart: Annotated[np.ndarray, "<f8", 1]
     ground: Annotated[np.ndarray, "<f8", 2]
 
 
 def true_patch(
     coarse: Mesh, fine: Mesh, poisson: float, sticks: bool = True, apart: np.ndarray | None = None
 ) -> TruePatch:
-    """Of a body that is condensed to `coarse` and touched on `fine`."""
+    """The correction of a body that is condensed to `coarse` and touched on `fine`."""
     held = HELD * ((1.0 - 2.0 * poisson) / (1.0 - poisson)) ** 2 if sticks else 0.0
-    table = _table(coarse)
     ratio = (1.0 - 0.5 * poisson) / (1.0 - poisson)
-    least = LEAST_MOMENT * fine.areas
     near = np.zeros(0) if apart is None else apart
-    ground = _ground(coarse)
-    return TruePatch(table, dent_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, least, near, ground)
+    return TruePatch(
+        _table(coarse), depth_profile(), (1.0 - poisson**2) / np.pi, ratio, held, sticks, LEAST_MOMENT * fine.areas,
+        near, _ground(coarse),
+    )  # fmt: skip
 
 
 @kept
@@ -100,21 +97,21 @@ def _ground(coarse: Mesh) -> np.ndarray:
 
 
 def uncorrected(fine: Mesh) -> TruePatch:
-    """Nothing is corrected: the body as its full model is under the widened load."""
-    least = LEAST_MOMENT * fine.areas
+    """No correction: the body is that of the full model under the widened load."""
     return TruePatch(
-        np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, least, np.zeros(0), np.zeros((0, 2))
-    )
+        np.zeros((0, 0), np.float32), np.zeros(0), 0.0, 1.0, 0.0, False, LEAST_MOMENT * fine.areas, np.zeros(0),
+        np.zeros((0, 2)),
+    )  # fmt: skip
 
 
-def dent_profile() -> np.ndarray:
+def depth_profile() -> np.ndarray:
     """W sqrt(1 + rho²), rho = r/R, at q = 1/(1 + rho²) = 0, 1/`KNOTS` ... 1: finite and smooth to infinity."""
     q = np.arange(1, KNOTS + 1) / KNOTS
-    return np.append(1.0, dent_depth(np.sqrt(1.0 / q - 1.0)) / np.sqrt(q))
+    return np.append(1.0, half_space_depth(np.sqrt(1.0 / q - 1.0)) / np.sqrt(q))
 
 
-def dent_depth(rho: np.ndarray) -> np.ndarray:
-    """W at these r/R: depth of the half-space under the patch, over (1 - nu²) f/(pi E R).
+def half_space_depth(rho: np.ndarray) -> np.ndarray:
+    """W at these r/R: displacement of the half-space under the patch, over (1 - nu²) f/(pi E R).
 
     Integrals of J3(x) J0(x rho)/x³ after H. Weber and P. Schafheitlin (Watson, Bessel Functions, 1944, 13.4)."""
     out = np.maximum(rho, 1.0)
@@ -124,7 +121,7 @@ def dent_depth(rho: np.ndarray) -> np.ndarray:
 
 @kernel
 def sideways(normal):
-    """Two unit vectors [1] (2,3) along the surface, at right angles."""
+    """Two orthogonal unit vectors [1] (2,3) along the surface."""
     along = np.zeros((2, 3))
     k = 0 if abs(normal[0]) < 0.8 else 1
     along[0, k] = 1.0
@@ -142,8 +139,8 @@ def sideways(normal):
 
 @kernel
 def _held_sideways(block, normal, more, side):
-    """What the compliance of a patch loses [m/N] where its mean place along the surface is held, of the patch's g.C g
-    `block` [m/N] (3,3), to which the tangential compliance adds `more`; fills `side` (9,), see `patch_compliance`."""
+    """Reduction c_zt c_tt^-1 c_tz of the compliance [m/N] by sticking of the mean position, from g.C g `block` [m/N]
+    (3,3) and the correction `more` of the tangential compliance; fills `side` (9,), see `patch_compliance`."""
     along = sideways(normal)
     own, cross = np.zeros((2, 2)), np.zeros(2)
     for a in range(2):
@@ -158,7 +155,7 @@ def _held_sideways(block, normal, more, side):
         return 0.0
     first = (own[1, 1] * cross[0] - own[0, 1] * cross[1]) / det
     second = (own[0, 0] * cross[1] - own[1, 0] * cross[0]) / det
-    for i in range(3):  # the normal force is against the normal, so this undoes what it drags along
+    for i in range(3):  # the normal force acts against the normal, so this force opposes its tangential displacement
         side[i] = first * along[0, i] + second * along[1, i]
     side[3], side[4], side[5], side[6] = own[0, 0], own[0, 1], own[1, 0], own[1, 1]
     side[7], side[8] = cross
@@ -166,8 +163,8 @@ def _held_sideways(block, normal, more, side):
 
 
 @kernel
-def draw_together(model, patch, pull, normal, total, order, touched, measure, radius):
-    """Fill the second column of `measure` (V,3), whose first holds g, with gamma. False where both are the same.
+def narrow_load(model, patch, pull, normal, total, order, touched, measure, radius):
+    """Fill the second column of `measure` (V,3), whose first contains g, with gamma. False if both are equal.
 
     model  a `CondensedModel`;  patch, pull  the load (k,3) on the fine vertices;  radius [m] R
     order (>= touched) coarse vertices of the patch
@@ -175,6 +172,7 @@ def draw_together(model, patch, pull, normal, total, order, touched, measure, ra
     apart = model.true.apart
     if len(apart) == 0:
         return False
+    # w from the patch's mean distance to the other modulus
     away, x = 0.0, np.zeros(3)
     for k in range(touched):
         v = order[k]
@@ -184,6 +182,7 @@ def draw_together(model, patch, pull, normal, total, order, touched, measure, ra
     near = 1.0 - at * at * (3.0 - 2.0 * at)
     if near <= 0.0:
         return False
+    # h: the load times (1 - r²/R²)^8 about its centre, normalised
     for k in range(len(patch)):
         share = abs(share_of(k, pull, normal, total))
         for i in range(3):
@@ -201,6 +200,7 @@ def draw_together(model, patch, pull, normal, total, order, touched, measure, ra
         return False
     for k in range(touched):
         measure[order[k], 1] /= whole
+    # b from the radii, and gamma
     wide = patch_radius(model.vertices, model.moments, order, touched, measure) ** 2
     drawn = patch_radius(model.vertices, model.moments, order, touched, measure[:, 1:]) ** 2
     by = (wide - radius * radius) / max(wide - drawn, 0.25 * radius * radius)
@@ -240,12 +240,12 @@ def _along(block, normal):
 
 @kernel
 def patch_compliance(compliance, true, order, touched, measure, narrowed, normal, radius, block, hats, side):
-    """Of a patch, for a modulus of 1 Pa [m/N]: g.C g along the normal, and what is added to it; fills `side` (9,): the
-    force along the surface that holds the patch there, for each newton of normal force [1] (3), c_tt (2,2) and c_tz (2)
-    [m/N] by the axes of `sideways`.
+    """Compliance of a patch for a modulus of 1 Pa [m/N]: g.C g along the normal, and its correction. Fills `side` (9,):
+    the tangential force that holds the patch, per newton of normal force [1] (3), and c_tt (2,2) and c_tz (2) [m/N] in
+    the axes of `sideways`.
 
     block, hats  g.C g [m/N] (3,3) and g.T g [1/m], see `gathered`; `block` is changed
-    order, measure, narrowed  see `draw_together`
+    order, measure, narrowed  see `narrow_load`
     """
     side[:] = 0.0
     own = _along(block, normal)
@@ -263,8 +263,8 @@ def patch_compliance(compliance, true, order, touched, measure, narrowed, normal
 
 
 @kernel(error_model="numpy")
-def dent_at(profile, square):
-    """W at rho = r/R, of which this is the square."""
+def depth_at(profile, square):
+    """W at the square of rho = r/R, from the table `profile`."""
     q = 1.0 / (1.0 + square)
     at = q * KNOTS
     k = min(int(at), KNOTS - 1)

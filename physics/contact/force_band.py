@@ -5,14 +5,14 @@
 Far from zero this is the normal law. Near first touch, where sigma is comparable to F, the part below zero (18 % at
 d = 0 for the published subject) is truncated and the rest is normalised.
 
-Laws fitted to few sessions are uncertain. A new force is then distributed as F + sigma t with Student's t of `freedom`
-degrees of freedom (0: the normal law).
+Because laws fitted to few sessions are uncertain, a new force is distributed as F + sigma t with Student's t of
+`freedom` degrees of freedom (0: the normal law).
 """
 
 from typing import NamedTuple
 
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # loads its submodules when they are used
 
 from palpate.physics.contact.force_models import MODELS
 
@@ -38,13 +38,13 @@ PUBLISHED = Band("fourier", (1.694, -1.673, 0.1971, 422.8), "exponential", (0.02
 def band_at(depth, band: Band = PUBLISHED):
     """(F, sigma, inside): mean [N], standard deviation [N] and whether the depth was measured, at each depth [m] (...).
 
-    Outside the measured range the laws are evaluated at its end, without extrapolation, and `inside` is false. A
-    negative fitted value counts as zero.
+    Outside the measured range the laws are evaluated at its end, without extrapolation, and `inside` is false.
+    Negative values are replaced by zero.
     """
     depth = np.asarray(depth, float)
-    held = np.clip(depth, 0.0, band.limit)
-    mean = MODELS[band.mean](held, band.mean_parameters)
-    deviation = MODELS[band.deviation](held, band.deviation_parameters)
+    limited = np.clip(depth, 0.0, band.limit)
+    mean = MODELS[band.mean](limited, band.mean_parameters)
+    deviation = MODELS[band.deviation](limited, band.deviation_parameters)
     return np.maximum(mean, 0.0), np.maximum(deviation, 0.0), (depth >= 0.0) & (depth <= band.limit)
 
 
@@ -69,11 +69,8 @@ def truncated_quantile(level, mean, deviation, freedom: float = 0.0):
 
 
 def uniform(seed: int, tick: int) -> float:
-    """A random number in [0, 1) that depends on seed and tick only, so that replays in any order draw the same.
-
-    Philox 4x64-10 with the seed as key and the tick as counter: J. K. Salmon et al., Parallel random numbers: as easy
-    as 1, 2, 3 (2011).
-    """
+    """A random number in [0, 1) that depends only on seed and tick, so that replays in any order draw the same number:
+    Philox 4x64-10 with the seed as key and the tick as counter (J. K. Salmon et al., 2011)."""
     counter = np.array([0, tick & 0xFFFF_FFFF_FFFF_FFFF, 0, 0], dtype=np.uint64)
     philox = np.random.Philox(key=seed, counter=counter)
     return float(np.random.Generator(philox).random())

@@ -1,8 +1,7 @@
-"""Curves of force, and of its standard deviation, against indentation depth.
+"""The five regression curves of the probabilistic force model: force, or its standard deviation, against depth.
 
-A model is y = basis(x; q) @ p: linear in the parameters p, not in the parameters q (none, one or two of them).
-`models.fit.curve_fit` fits them; x [m] (n) is the depth. MODELS are the five regression curves of the probabilistic
-force model.
+A model is y = basis(x; q) @ p: linear in the parameters p, nonlinear in the parameters q (none, one or two); x [m] (n)
+is the depth. `models.fit.curve_fit` fits them.
 """
 
 from collections.abc import Callable
@@ -58,17 +57,13 @@ def _gauss(x: np.ndarray, q, w) -> np.ndarray:
     return exp(-(((x - q) / w) ** 2))
 
 
-def _by_name(*models: ForceModel) -> dict[str, ForceModel]:
-    return {model.name: model for model in models}
-
-
-MODELS = _by_name(
+MODELS = {model.name: model for model in (
     ForceModel("linear", "m d + n", {"m": "N/m", "n": "N"}, lambda x: [x, np.ones(len(x))]),
     ForceModel(
         "quadratic", "k1 d² + k2 d + k3", {"k1": "N/m^2", "k2": "N/m", "k3": "N"},
         lambda x: [x ** 2, x, np.ones(len(x))],
     ),
-    # The data cover a third of a period, so the limits of omega matter: a constant and a long wave trade off.
+    # the data cover 1/3 of a period, so omega needs limits: a constant and a long wave are nearly equivalent
     ForceModel(
         "fourier", "a0 + a1 cos(omega d) + b1 sin(omega d)", {"a0": "N", "a1": "N", "b1": "N"},
         lambda x, w: [np.ones_like(w * x), np.cos(w * x), np.sin(w * x)],
@@ -89,5 +84,5 @@ MODELS = _by_name(
         lambda x, b: [[x * np.exp(b * x)]],
         lambda x: [np.linspace(-20.0, 20.0, 321) / _span(x)],
     ),
-)  # fmt: skip
+)}  # fmt: skip
 """The regression curves by name."""

@@ -30,8 +30,8 @@ def _cross(a, b, out):
 def internal_forces(points, forces):
     """The internal forces q [N] (k,3) and the arms r [m] (k,3), of forces [N] (k,3) at points [m] (k,3).
 
-    b is found by three steps of conjugate gradients. This also works for collinear points, for which the component of b
-    along their line is undetermined and has no effect.
+    b is computed by three steps of conjugate gradients, also for collinear points, for which the component of b along
+    their line is undetermined and has no effect.
     """
     count = len(points)
     arm, left = points.copy(), forces.copy()

@@ -23,9 +23,9 @@ MOST_STEPS = 60
 
 @kernel(error_model="numpy")
 def _one(i, others, approach, dt, before, finger, laws, out):
-    """phi_i: solve contact i under the force `others` [N] of the others; fills row i of `out` and returns t_i."""
+    """phi_i: solve contact i under the effect `others` [N] of the other forces; fills row i of `out`, returns t_i."""
     k, n, c, free, previous = laws[i]
-    if others < 0.0:  # the others push the body against the finger, as from the opposite side of an organ
+    if others < 0.0:  # the others push the body towards the finger, such as from the opposite side of an organ
         free += others / k if n == 1.0 else 0.0
         others = 0.0
     f, s1, s2, yields = balance(approach[i], dt, before[i], finger, k, n, c, free, previous, others)

@@ -35,7 +35,7 @@ PLACE, FORCE, ASKED, NORMAL, PUSH, COMPRESSION, INDENTATION, MOMENT = 0, 3, 6, 9
 and s2 [m]; the number of columns."""
 RENDERED = 2  # index in the sums, see `_works`; the last sum is the energy stored in all parts
 
-BOOKS = {
+LEDGER = {
     "accounts": (MORE + 2 * (FINGERS - 1), 4), "rows": int,  # rows in use
     "fingers": int, "moments": int, "newest": int,  # fingers, moments in the ring `past`, index of the newest
     "sums": (7,), "hand": (), "controller": (), "sampling": (), "balance": (), "work": (), "left": (),
@@ -45,21 +45,21 @@ also take `past` (d + 2, FINGERS, MOMENT), a ring buffer of the last moments."""
 
 
 @kernel
-def begin(books, past, count):
+def begin(ledger, past, count):
     """Begin the next moment with `count` fingers; whether it ends a step, false after a gap."""
-    books.newest = (books.newest + 1) % len(past)
-    if books.fingers != count:
-        books.fingers, books.moments = count, 0
-    books.rows = max(books.rows, MORE + 2 * (count - 1))
+    ledger.newest = (ledger.newest + 1) % len(past)
+    if ledger.fingers != count:
+        ledger.fingers, ledger.moments = count, 0
+    ledger.rows = max(ledger.rows, MORE + 2 * (count - 1))
     for i in range(6):
-        books.sums[i] = -0.0  # the neutral element of addition, also for -0.0
-    return books.moments > 0
+        ledger.sums[i] = -0.0  # the neutral element of addition, also for -0.0
+    return ledger.moments > 0
 
 
 @kernel
-def take(books, past, finger, place, force, normal, push, compression, indentation, along, friction):
+def take(ledger, past, finger, place, force, normal, push, compression, indentation, along, friction):
     """Store the moment of a finger; along [N] (3) a, friction [N] (3) f_t."""
-    now = past[books.newest, finger]
+    now = past[ledger.newest, finger]
     for i in range(3):
         now[PLACE + i], now[FORCE + i], now[NORMAL + i] = place[i], force[i], normal[i]
         now[ASKED + i] = push * normal[i] + along[i] - friction[i]
@@ -67,57 +67,58 @@ def take(books, past, finger, place, force, normal, push, compression, indentati
 
 
 @kernel
-def book_finger(books, past, finger, along, friction, stored):
+def add_finger(ledger, past, finger, along, friction, stored):
     """Account for the step of a finger; stored [J] (3) in its fingertip, the tissue and its friction, or NaN."""
-    size, sums = len(past), books.sums
+    size, sums = len(past), ledger.sums
     works = _works(
-        past[books.newest, finger], past[(books.newest - 1) % size, finger],
-        past[(books.newest - books.moments) % size, finger], along, friction,
+        past[ledger.newest, finger], past[(ledger.newest - 1) % size, finger],
+        past[(ledger.newest - ledger.moments) % size, finger], along, friction,
     )  # fmt: skip
     further = MORE + 2 * (finger - 1)
-    _book(books.accounts[further if finger else FINGERTIP], works[3], stored[0])
-    _book(books.accounts[further + 1 if finger else FRICTION], works[5], stored[2])
+    _add_step(ledger.accounts[further if finger else FINGERTIP], works[3], stored[0])
+    _add_step(ledger.accounts[further + 1 if finger else FRICTION], works[5], stored[2])
     for i in range(6):
         sums[i] += works[i]
     sums[6] = sums[6] + stored[0] + stored[2] if finger else 0.0 + stored[0] + stored[1] + stored[2]
 
 
 @kernel
-def end(books, past, stepped, tissue):
-    """End the moment; if it ends a step, after `book_finger` for each finger. tissue [J]: stored energy."""
+def end(ledger, past, stepped, tissue):
+    """End the moment; if it ends a step, after `add_finger` for each finger. tissue [J]: stored energy."""
     if not stepped:
-        books.moments = 1
+        ledger.moments = 1
         return
-    sums = books.sums
+    sums = ledger.sums
     hand, asked, rendered = sums[0], sums[1], sums[RENDERED]
-    _book(books.accounts[TISSUE], sums[4], tissue)
-    _book(books.accounts[DISPLAY], hand, sums[6])
-    books.controller += hand - asked
-    books.sampling += asked - rendered
-    books.hand += hand
-    books.work, books.left = hand, rendered - (0.0 + sums[3] + sums[4] + sums[5])
-    books.balance += books.left
-    books.moments = min(books.moments + 1, len(past) - 1)
+    _add_step(ledger.accounts[TISSUE], sums[4], tissue)
+    _add_step(ledger.accounts[DISPLAY], hand, sums[6])
+    ledger.controller += hand - asked
+    ledger.sampling += asked - rendered
+    ledger.hand += hand
+    ledger.work, ledger.left = hand, rendered - (0.0 + sums[3] + sums[4] + sums[5])
+    ledger.balance += ledger.left
+    ledger.moments = min(ledger.moments + 1, len(past) - 1)
 
 
 @kernel
 def _works(now, last, held, along, friction):
     """Works [J] of one finger in a step: of the hand, of the delayed G, of the present contact force, and on fingertip,
     tissue and friction. `held` is the moment from which the force on the hand was computed."""
-    way = (now[PLACE] - last[PLACE], now[PLACE + 1] - last[PLACE + 1], now[PLACE + 2] - last[PLACE + 2])
+    motion = (now[PLACE] - last[PLACE], now[PLACE + 1] - last[PLACE + 1], now[PLACE + 2] - last[PLACE + 2])
     tip, deeper = now[COMPRESSION] - last[COMPRESSION], now[INDENTATION] - last[INDENTATION]
-    rubbed = dot(friction, way)
-    # Along the mean normal; a finger that moved through air first pressed less than it moved.
-    between = -0.5 * (dot(now[NORMAL:PUSH], way) + dot(last[NORMAL:PUSH], way))
+    rubbed = dot(friction, motion)
+    # along the mean normal; the part of the motion before first touch does not press
+    between = -0.5 * (dot(now[NORMAL:PUSH], motion) + dot(last[NORMAL:PUSH], motion))
     pressed = between if last[PUSH] > 0.0 else 0.0 + tip + deeper
     return (
-        -dot(held[FORCE:ASKED], way), -dot(held[ASKED:NORMAL], way),
-        now[PUSH] * pressed - dot(along, way) + rubbed, now[PUSH] * tip, now[PUSH] * deeper - dot(along, way), rubbed,
+        -dot(held[FORCE:ASKED], motion), -dot(held[ASKED:NORMAL], motion),
+        now[PUSH] * pressed - dot(along, motion) + rubbed, now[PUSH] * tip,
+        now[PUSH] * deeper - dot(along, motion), rubbed,
     )  # fmt: skip
 
 
 @kernel
-def _book(account, work, stored):
+def _add_step(account, work, stored):
     """Add the work [J] of a step on a part, and set the energy [J] stored at its end."""
     account[WORK] += work
     account[STORED] = stored
@@ -132,29 +133,29 @@ def _stored(account):
 
 
 @kernel
-def totals(books, row):
+def totals(ledger, row):
     """Stored and dissipated energy [J], summed over all fingers; `row` is that of the first finger's part."""
-    account = books.accounts[row]
+    account = ledger.accounts[row]
     stored, dissipated = _stored(account), account[WORK] - _stored(account)
     if row != TISSUE:
-        for more in range(MORE + (row == FRICTION), books.rows, 2):
-            account = books.accounts[more]
+        for more in range(MORE + (row == FRICTION), ledger.rows, 2):
+            account = ledger.accounts[more]
             stored += _stored(account)
             dissipated += account[WORK] - _stored(account)
     return stored, dissipated
 
 
 @kernel
-def worst(books):
+def worst(ledger):
     """The row of the part that has generated the most energy, and that energy [J]. For a part that does not report its
     stored energy it is the negative work on it."""
     row = 0
-    for k in range(max(books.rows, MORE)):
-        account = books.accounts[k]
+    for k in range(max(ledger.rows, MORE)):
+        account = ledger.accounts[k]
         if math.isnan(account[STORED]):
             account[GENERATED] = max(-account[WORK], 0.0)
         else:
             account[GENERATED] = max(account[HIGHEST] - (account[WORK] - _stored(account)), 0.0)
-        if account[GENERATED] > books.accounts[row, GENERATED]:
+        if account[GENERATED] > ledger.accounts[row, GENERATED]:
             row = k
-    return row, books.accounts[row, GENERATED]
+    return row, ledger.accounts[row, GENERATED]

@@ -29,7 +29,7 @@ class ElasticLaw(NamedTuple):
 
 
 def kernel_form(law: ElasticLaw, damping: float) -> np.ndarray:
-    """A fingertip's law and its damping [s/m] as one array (5), cheaper to pass to a kernel than five numbers."""
+    """A fingertip's law and its damping [s/m] as one array (5), the form that kernels take."""
     return np.array([*law, damping], dtype=float)
 
 
@@ -93,7 +93,7 @@ def energy(s, kind, first, second, radius):
 
 @kernel(error_model="numpy")
 def _eighth(start, root, scale, second):
-    """The sum of every eighth term of `energy`: numpy's order of summation."""
+    """The sum of every eighth term of the quadrature in `energy`, in numpy's order of summation."""
     total = 0.0
     for i in range(start, len(GAUSS_POINTS), 8):
         t = root * (GAUSS_POINTS[i] + 1) / 2
@@ -103,9 +103,8 @@ def _eighth(start, root, scale, second):
 
 @kernel(error_model="numpy")
 def series_step(approach, dt, s1, finger, stiffness, exponent, c2, free, previous):
-    """One step of fingertip and body in series: s1 + s2 = approach, one common force. Returns (f, s1, s2) [N, m, m];
-    see `balance`, without other contacts.
-    """
+    """One step of fingertip and body in series, without other contacts, see `balance`. Returns (f, s1, s2)
+    [N, m, m]."""
     f, x, s, _ = balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, 0.0)
     return f, x, s
 
@@ -126,14 +125,16 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
 
         h(s2) = F2(s2) - others - F1(e - s2) = 0,   F1(s) = g1(s) <1 + c1 (s - s1)/T>,
 
-    has h <= 0 at s2 = r2, h >= 0 at s2 = e - r1 and never decreases: a root always exists. The step is implicit Euler:
+    is <= 0 at s2 = r2, >= 0 at s2 = e - r1, and never decreases: a root always exists. The step is implicit Euler:
     f >= 0 and s1 >= 0 for any T, and f (ds1 + ds2) >= dV1 + dV2 because V is convex.
     """
+    # recovery without contact
     kind, first, second, radius, c1 = int(finger[0]), finger[1], finger[2], finger[3], finger[4]
     r1 = free_recovery(s1, 0.0, c1, dt)
     r2 = indentation(others, dt, stiffness, exponent, c2, free, previous)
     if not (approach > 0.0 and r1 + r2 < approach):
         return 0.0, r1, r2, 0.0
+    # safeguarded Newton's method: the bracket [low, high] always contains the root
     low, high = r2, approach - r1
     s = previous if low < previous < high else 0.5 * (low + high)
     f1 = f2 = slope1 = slope2 = 0.0
@@ -150,7 +151,7 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
         else:
             high = s
         following = 0.5 * (low + high)
-        # Newton on ln F2 - ln F1, nearly linear for power and exponential laws; otherwise bisection.
+        # Newton step on ln F2 - ln F1, nearly linear for power and exponential laws; else bisection
         if 0.0 < f1 < math.inf and 0.0 < f2 < math.inf:
             steep = slope2 / f2 + slope1 / f1
             guess = s - math.log(f2 / f1) / steep
@@ -161,6 +162,6 @@ def balance(approach, dt, s1, finger, stiffness, exponent, c2, free, previous, o
         if abs(following - s) <= 2e-16 * abs(s):
             break
         s = following
-    # Both forces are equal at the root; at a rounding error from it, that of the softer law is more accurate.
+    # close to the root, the force of the softer law has the smaller rounding error
     force = min(f2 if slope2 < slope1 or not f1 < math.inf else f1, MOST_FORCE)
     return force, approach - s, s, slope1 / (slope1 + slope2)

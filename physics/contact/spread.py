@@ -1,11 +1,11 @@
-"""Spreading of the contact force over the surface nodes round the foot point.
+"""Distribution of the contact force over the surface nodes round the foot point.
 
     f_j = w_j f,    w_j = A_j k(d_j/R) / sum_l A_l k(d_l/R)
 
-A_j [m²] nodal area, d_j [m] distance of node j to the foot point, R [m] radius of influence, k a kernel that goes to
-zero at R, so that the weights change continuously while the foot point moves. The weights sum to one, so force is
-conserved on any mesh. Nodes whose normal looks away from the contact's normal take no part: else the back of a thin
-or folded piece would be pushed from behind.
+A_j [m²] nodal area, d_j [m] distance of node j to the foot point, R [m] radius of influence, k a kernel that is zero at
+R, so that the weights change continuously while the foot point moves. The weights sum to one, so the force is conserved
+on any mesh. Nodes whose normal points away from the contact's normal are excluded, as they are on the back of a thin or
+folded body.
 """
 
 import math
@@ -43,10 +43,10 @@ def kernel_values(name: str, q: ArrayLike) -> np.ndarray:
 
 
 def cells(points: np.ndarray, side: float) -> tuple[np.ndarray, float, np.ndarray, np.ndarray, np.ndarray]:
-    """A uniform grid over points [m] (V,3): its corner [m] (3), the side of a cell [m], cells along each axis (3), the
-    place in the order of each cell's first point (C+1), cells in C order, and the points by cell (V).
+    """A uniform grid over points [m] (V,3): its corner [m] (3), the side of a cell [m], number of cells along each axis
+    (3), index of each cell's first point in the list (C+1), cells in C order, and the list of points by cell (V).
 
-    Cells are larger than asked for where they would by far outnumber the points.
+    The side is larger than requested if there would be many more cells than points.
     """
     origin = points.min(axis=0)
     extent = points.max(axis=0) - origin
@@ -62,13 +62,13 @@ def cells(points: np.ndarray, side: float) -> tuple[np.ndarray, float, np.ndarra
 
 @kernel(error_model="numpy")
 def _cell(x, count):
-    # Held within the grid before it becomes an integer, which a point far away would overflow.
+    # limited before the conversion to an integer, which would overflow for distant points
     return int(min(max(x, 0.0), count - 1.0))
 
 
 @kernel(error_model="numpy")
 def _cell_range(point, radius, origin, side, shape):
-    """First and last cell (3), (3) along each axis that a ball round a point touches, limited to the grid."""
+    """First and last cell (3), (3) along each axis that a ball round a point intersects, limited to the grid."""
     lo = (
         _cell((point[0] - radius - origin[0]) / side, shape[0]),
         _cell((point[1] - radius - origin[1]) / side, shape[1]),
@@ -84,7 +84,7 @@ def _cell_range(point, radius, origin, side, shape):
 
 @kernel(error_model="numpy")
 def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes, weights, forces):
-    """Spread `force` [N] over the nodes round `foot` [m]; returns how many, 0 where no node is in range.
+    """Distribute `force` [N] over the nodes round `foot` [m]; returns their number, 0 if no node is in range.
 
     foot, normal, force  (3) each
     scalars              radius R [m], kind (index into KERNELS), then origin (3) and side [m] of the grid
@@ -124,7 +124,7 @@ def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes
 def nearest_triangle(point, normal, points, triangles, vectors):
     """The triangle nearest to a point [m] (3), and the weights of the second and third corner at its nearest point.
 
-    Triangles that look away from `normal` count only where there is no other; -1: there are none with an area.
+    Triangles that face away from `normal` are used only if no others exist; -1: no triangle has an area.
     points [m] (V,3), triangles (T,3), vectors [m²] (T,3) along the triangles' normals
     """
     best, least, faces, v, w = -1, np.inf, False, 0.0, 0.0
@@ -141,7 +141,7 @@ def nearest_triangle(point, normal, points, triangles, vectors):
 
 
 class Spreader(NamedTuple):
-    """What spreads a force that acts at a foot point of a mesh, and its last answer."""
+    """Tables of a mesh for the distribution of forces, and the last result."""
 
     scalars: Annotated[np.ndarray, "<f8", 1]  # see `spread_kernel`; so are the next four
     shape: Annotated[np.ndarray, "<i8", 1]
@@ -151,19 +151,18 @@ class Spreader(NamedTuple):
     vertices: Annotated[np.ndarray, "<f8", 2]  # [m] (V,3)
     triangles: Annotated[np.ndarray, "<i4", 2]  # [1] (T,3)
     vectors: Annotated[np.ndarray, "<f8", 2]  # [m²] (T,3) along the triangles' normals
-    box: Annotated[np.ndarray, "<f8", 2]  # [m] (2,3) from far outside of which only the direction matters
+    box: Annotated[np.ndarray, "<f8", 2]  # [m] (2,3) limits of foot points, far outside the mesh
     nodes: Annotated[np.ndarray, "<i4", 1]  # [1] (V)
     weights: Annotated[np.ndarray, "<f8", 1]  # [1] (V)
     forces: Annotated[np.ndarray, "<f8", 2]  # [N] (V,3)
 
 
-TABLES = Spreader._fields[:-3]
-"""What no kernel writes of it."""
+TABLES = Spreader._fields[:-3]  # fields that no kernel writes
 
 
 def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
-    """Of a surface, a radius of influence R > 0 [m] and one of KERNELS. ValueError: an unknown kernel, a radius that is
-    not positive."""
+    """The spreader for a surface, a radius of influence R > 0 [m] and one of KERNELS. ValueError: an unknown kernel, a
+    radius that is not positive."""
     if kernel not in KERNELS:
         raise ValueError(f"kernel {kernel!r}: unknown. Kernels: {', '.join(KERNELS)}.")
     if not 0.0 < radius < math.inf:
@@ -181,18 +180,18 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
 
 @kernel(error_model="numpy")
 def spread(spreader, foot, normal, force):
-    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]; how many.
+    """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]; their number.
 
     normal: outward unit normal [1] (3) of the surface at the foot point
 
-    With no node in range, the nodes of the nearest triangle share the force by the barycentric coordinates of its
-    point nearest to the foot.
+    If no node is in range, the force is distributed over the corners of the nearest triangle by the barycentric
+    coordinates of its point nearest to the foot.
     """
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
     count = spread_kernel(foot, normal, force, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces)
     if count > 0:
         return count
-    point = np.empty(3)  # held near the mesh, where squares of distances stay finite
+    point = np.empty(3)  # limited to the box, so that squares of distances are finite
     for i in range(3):
         point[i] = min(max(foot[i], s.box[0, i]), s.box[1, i])
     nearest, v, w = nearest_triangle(point, normal, s.vertices, s.triangles, s.vectors)

@@ -1,8 +1,8 @@
 """Stress below a contact patch with normal and tangential load on an elastic half-space.
 
-The stress at (x, y, z) of a force (Q_x, Q_y, P) at the origin of the surface, P into the half-space along z, is with
-rho² = x² + y² + z² and s = rho + z (J. Boussinesq 1885, V. Cerruti 1882; K. L. Johnson, Contact Mechanics, 1985, eqs.
-3.19 and 3.76)
+The stress at (x, y, z) due to a force (Q_x, Q_y, P) at the origin, P along z into the half-space, is (J. Boussinesq
+1885, V. Cerruti 1882; K. L. Johnson, Contact Mechanics, 1985, eqs. 3.19 and 3.76), with rho² = x² + y² + z² and
+s = rho + z,
 
     2 pi sigma_ij = -3 (Q.r) r_i r_j/rho⁵ + (1 - 2 nu) B_ij,    B_iz = 0
 
@@ -10,10 +10,10 @@ rho² = x² + y² + z² and s = rho + z (J. Boussinesq 1885, V. Cerruti 1882; K.
     Q_x:  B_xx = x/rho³ - 3 x/(rho s²) + x³ b,    B_yy = x/rho³ - x/(rho s²) + x y² b,    B_xy = -y/(rho s²) + x² y b
           b = 1/(rho³ s²) + 2/(rho² s³)
 
-and the others by exchanging x and y. The load of a patch has a fixed shape (`physics.contact.spread`), so the stress at
-points fixed to the patch is a constant matrix times the force; `under_patch` computes that matrix once. It depends on
-Poisson's ratio only, not on the modulus. It is valid for the tissue and for the finger's skin, each with its Poisson's
-ratio, if they are half-spaces at the scale of the patch.
+and the others by exchanging x and y. The load of a patch has a constant shape (`physics.contact.spread`), so the stress
+at points fixed to the patch is a constant matrix times the force, which `under_patch` computes. It depends on Poisson's
+ratio, not on the modulus, and is valid for the tissue and for the finger's skin, each with its Poisson's ratio, if they
+are half-spaces at the scale of the patch.
 """
 
 import math
@@ -24,12 +24,12 @@ from palpate.physics.contact.spread import kernel_values
 from palpate.physics.exact import arctan2
 from palpate.physics.kernel import kernel
 
-SHALLOWEST = 0.01  # [1] Least depth over the patch's radius; at shallower points the stress is the surface load
+SHALLOWEST = 0.01  # [1] Minimum depth over the patch's radius; at shallower points the stress is the surface load
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))  # Components in Voigt order: xx, yy, zz, yz, xz, xy
 
 
 def point_stress(points: np.ndarray, poisson: float) -> np.ndarray:
-    """Stress [1/m²] (...,3,3,3) at points [m] (...,3), z > 0, for each newton at the origin along x, y and z (last)."""
+    """Stress [1/m²] (...,3,3,3) at points [m] (...,3), z > 0, per newton at the origin along x, y and z (last axis)."""
     x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
     rho = np.sqrt(x * x + y * y + z * z)
     s, rho3 = rho + z, rho * rho * rho
@@ -54,9 +54,8 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
 
     points  x, y from the centre of the patch, and the depth z;  radius [m] of the kernel;  kernel: see `spread.KERNELS`
 
-    Gaussian quadrature over the radius and the trapezoidal rule over the angle, finer for shallow points.
-
-    ValueError: a depth below `SHALLOWEST` radii.
+    Gaussian quadrature over the radius and the trapezoidal rule over the angle, finer for shallow points. ValueError: a
+    depth below `SHALLOWEST` radii.
     """
     points = np.asarray(points, float)
     least = points[:, 2].min() / radius
@@ -90,7 +89,7 @@ def under_patch(points: np.ndarray, radius: float, kernel: str, poisson: float) 
 @kernel(error_model="numpy")
 def along_patch(forces, normal):
     """The sum [N] of forces (k,3) along the axes of a patch with this outward normal (3): z into the tissue, x along
-    the world's x axis (y axis where the normal is nearer to x)."""
+    the projection of the world's x axis (y axis if the normal is within 37 degrees of x)."""
     fx = fy = fz = 0.0
     for k in range(len(forces)):
         fx, fy, fz = fx + forces[k, 0], fy + forces[k, 1], fz + forces[k, 2]

@@ -1,4 +1,4 @@
-"""Tactile flow: equivalent strain, isostrain volumes and their growth with force, flow of the isostrain surfaces."""
+"""Tactile flow: equivalent strain, isostrain volumes and their growth with force, motion of the isostrain surfaces."""
 
 import numpy as np
 
@@ -79,8 +79,8 @@ def tactile_flow(
 
         phi = -(de/dP) grad e/max(|grad e|², g²)
 
-    Motion within a surface is undetermined and taken as 0. g, `FLOOR` times the largest gradient, bounds the flow where
-    the strain is flat. points [m] (E,4,3) corners; low, high [1] (E,4) strain there at the two forces [N].
+    Motion within a surface is undetermined and set to 0. g, `FLOOR` times the largest gradient, bounds the flow where
+    the strain is constant. points [m] (E,4,3) corners; low, high [1] (E,4) strain there at the two forces [N].
 
     A. Bicchi et al., Brain Res. Bull. 75 (2008) 737-741.
     """
@@ -95,8 +95,8 @@ def tactile_flow(
 
 
 def stick_radius(radius: float, tangential: float, normal: float, friction: float) -> float:
-    """Radius of the part of a contact circle that still sticks [m]: a (1 - Q/(mu P))^(1/3), 0 when all slides; a [m],
-    tangential Q >= 0 [N], normal P >= 0 [N], friction mu > 0 [1]. R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268."""
+    """Radius of the sticking part of a contact circle [m]: a (1 - Q/(mu P))^(1/3), 0 in full slip; a [m], tangential
+    Q >= 0 [N], normal P >= 0 [N], friction mu > 0 [1]. R. D. Mindlin, J. Appl. Mech. 16 (1949) 259-268."""
     if not normal > 0.0:
         return 0.0
     return radius * max(0.0, 1.0 - tangential / (friction * normal)) ** (1.0 / 3.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.physics.kernel import kernel
 
-LEAST_FORCE = 1e-3  # [N] Least force at which a body's law is fitted
+LEAST_FORCE = 1e-3  # [N] Smallest force at which a body's law is fitted
 LEAST_DEPTH = 1e-9  # [m] Depth below which a fitted body counts as rigid; it keeps K finite
 LEAST_FREE = -0.1  # [m] Lower bound of a plausible rest indentation
 
@@ -106,7 +106,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
     if p > 0.0:
         value, slope = power_slope(p, exponent)
     if value < goal:
-        # The Newton step is safe but overshoots far where the law starts flat; the static root is then nearer.
+        # a Newton step is safe but overshoots far if the law starts flat; the static root is then closer
         if value > 0.0:
             x = p + (goal - value) / (slope + value * inverse)
         if not value > 0.1 * goal:
@@ -116,7 +116,7 @@ def indentation(force, dt, stiffness, exponent, damping, free, previous):
         value, slope = power_slope(x, exponent)
         rate = 1.0 + inverse * (x - p)
         rise = slope * rate + value * inverse
-        # The law overflows or underflows for a tiny force or step: accept x.
+        # the law overflows or underflows for a tiny force or step: accept x
         if not 0.0 < rise < math.inf:
             break
         step = (value * rate - goal) / rise

@@ -12,10 +12,10 @@ _TAIL = np.array([4.0 * math.comb(2 * k, k) / (4.0**k * (2 * k + 1) * (2 * k + 3
 
 @kernel
 def bulge(r: float, a: float) -> float:
-    """Shape s(r, a) [m²] of the surface displacement below a Hertz pressure of contact radius a; scalar kernel.
+    """Shape s(r, a) [m²] of the surface displacement under a Hertz pressure of contact radius a, see `displacement`.
 
-    See `displacement`. Far outside the two terms of the closed form cancel, so the series of the same function is
-    summed there: g(q) = 4 integral_0^q t asin(t) dt.
+    Far from the contact the two terms of the closed form cancel, so a series of g(q) = 4 integral_0^q t asin(t) dt is
+    used there.
     """
     if r <= a:
         return a * a - 0.5 * r * r
@@ -28,12 +28,6 @@ def bulge(r: float, a: float) -> float:
     else:
         g = (2.0 * q * q - 1.0) * math.asin(q) + q * math.sqrt(1.0 - q * q)
     return r * r * g / math.pi
-
-
-@kernel
-def _bulges(r: np.ndarray, a: np.ndarray, out: np.ndarray) -> None:
-    for i in range(r.size):
-        out[i] = bulge(r[i], a[i])
 
 
 def displacement(r, a, curvature, share=1.0):
@@ -50,7 +44,6 @@ def displacement(r, a, curvature, share=1.0):
 
     The shapes broadcast. K. L. Johnson, Contact Mechanics (1985), eqs. 3.41a and 3.42a.
     """
-    r, a = np.broadcast_arrays(np.asarray(r, float), np.asarray(a, float))
-    shape = np.empty(r.shape)
-    _bulges(np.ascontiguousarray(r).ravel(), np.ascontiguousarray(a).ravel(), shape.ravel())
+    with np.errstate(all="ignore"):  # compiled code also evaluates branches that are not taken
+        shape = np.vectorize(bulge, otypes=[float])(np.asarray(r, float), np.asarray(a, float))
     return share * curvature * shape

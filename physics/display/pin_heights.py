@@ -1,4 +1,4 @@
-"""Target heights of a display's pins: the deformation of the fingerpad, from a force, a surface or a pressure."""
+"""Target heights of a display's pins: the deformation of the fingerpad due to a force, a surface or a pressure."""
 
 import math
 
@@ -12,10 +12,9 @@ from palpate.physics.kernel import kernel
 
 @kernel
 def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_curvature, out):
-    """u_f at each pin for a force; (rigid-body motion [m], contact radius [m]). Kernel of `pad_contact` for a display.
+    """Fill `out` [m] (n) with u_f at each pin for a force; returns (rigid-body motion [m], contact radius [m]).
 
-    distance  [m]  (n)  of each pin from the centre of contact        out  [m]  (n)  receives u_f
-    The others as in `shape_display.press`.
+    distance  [m]  (n)  of each pin from the centre of contact; other arguments as of `shape_display.press`
     """
     _, approach, radius, _, _, share, curvature = press(force, b, m, pad_curvature, compliance, tissue_curvature)
     for i in range(distance.size):
@@ -24,18 +23,17 @@ def heights_from_force(distance, force, b, m, pad_curvature, compliance, tissue_
 
 
 def heights_from_surface(points, tissue, approach, pad_radius, neighbours):
-    """Deformation of the fingerpad [m] (n) at each pin that a deformed tissue surface forces upon it, never negative:
+    """Deformation of the fingerpad [m] (n) at each pin due to a deformed tissue surface, never negative:
 
         u_f = <z + approach - r²/(2 R_f)>
 
-    z is the height of the deformed surface above the foot point, from a weighted local plane through its points near
-    each pin (`local_plane`).
+    z is the height of the deformed surface above the foot point, interpolated at each pin (`local_plane`).
 
     points      [m]  (n,2)  pins in the tangent plane at the foot point
     tissue      [m]  (n,q,3)  q deformed surface points near each pin: two tangential coordinates, height z
     approach    [m]  ()     rigid-body motion of the finger from first touch
     pad_radius  [m]  ()     R_f
-    neighbours  [m]  ()     width of the weights; take about the spacing of the surface points
+    neighbours  [m]  ()     width of the weights; about the spacing of the surface points
     """
     points, tissue = np.asarray(points, float), np.asarray(tissue, float)
     z = local_plane(points, tissue[..., :2], tissue[..., 2], neighbours)
@@ -43,10 +41,10 @@ def heights_from_surface(points, tissue, approach, pad_radius, neighbours):
 
 
 def local_plane(points, places, values, width):
-    """Moving least squares with a local plane: the value (n) at `points` (n,2) of what is known at `places` (n,q,2).
+    """Linear moving least squares: the value (n) at `points` (n,2) from values (n,q) at `places` (n,q,2).
 
-    Weights are Gaussian in the distance in units of `width`, relative to the nearest place, so that far pins still
-    see the nearest ones. A slope that the places do not determine (all on one line) is taken as 0.
+    Weights are Gaussian in the distance over `width`, relative to the nearest place, so that they do not vanish far
+    away. A slope that the places do not determine (all on one line) is 0.
     """
     square = np.sum(((places - points[:, None, :]) / width) ** 2, axis=-1)
     weight = exp(-(square - square.min(axis=1, keepdims=True)))
@@ -69,7 +67,7 @@ def local_plane(points, places, values, width):
 
 @kernel
 def heights_from_pressure(pins, places, forces, radii, b, m, out):
-    """Deformation of the fingerpad at each pin under a given pressure; the greatest one, x [m]. Kernel.
+    """Fill `out` [m] (n) with the deformation of the fingerpad at each pin under a pressure; the largest one, x [m].
 
         u_f(r) = U(r)/E_f*(x),     x = max u_f,     x E_f*(x) = max U
 
@@ -77,10 +75,10 @@ def heights_from_pressure(pins, places, forces, radii, b, m, out):
 
     pins    [m]  (n,2)  in the tangent plane        places  [m]  (k,2)  of the loaded nodes
     forces  [N]  (k)    pressure times nodal area   radii   [m]  (k)    of the patches, about the spacing of the nodes
-    out     [m]  (n)    receives the heights
 
-    x is sought over the pins and the centre of pressure. Patches of radius 1.2 sqrt(nodal area) are within 0.1 % of the
-    Hertz deflection with 1400 nodes in the contact, 2 % with 30. K. L. Johnson, Contact Mechanics (1985), eq. 3.42a.
+    x is the maximum over the pins and the centre of pressure. With patches of radius 1.2 sqrt(nodal area) the error of
+    the Hertz deflection is 0.1 % for 1400 nodes in the contact, 2 % for 30. K. L. Johnson, Contact Mechanics (1985),
+    eq. 3.42a.
     """
     top = 0.0
     for i in range(pins.shape[0]):
@@ -104,7 +102,7 @@ def heights_from_pressure(pins, places, forces, radii, b, m, out):
 
 @kernel
 def _spread(x, y, places, forces, radii):
-    """U [N/m] at one place: a patch of force f and radius c has u = 3 f s(r, c)/(4 E c³)."""
+    """U [N/m] at a point; for a patch of force f and radius c, u = 3 f s(r, c)/(4 E c³)."""
     total = 0.0
     for j in range(places.shape[0]):
         if forces[j] > 0.0:

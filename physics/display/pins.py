@@ -1,4 +1,4 @@
-"""Actuators of a pin display: the grid, what a limited stroke can show, how fast pins move, how finely they stop."""
+"""Actuators of a pin display: the grid of pins, limited stroke, dynamics and resolution."""
 
 import math
 from typing import NamedTuple
@@ -9,12 +9,8 @@ from palpate.physics.kernel import kernel
 
 
 def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:
-    """Positions [m] (rows,columns,2) of the pins in the plane of the display, centred on the origin.
-
-    Component 0 grows along a row (with the column index), component 1 down a column (with the row index).
-
-    pitch  [m]  distance of neighbours
-    """
+    """Positions [m] (rows,columns,2) of the pins in the plane of the display, centred on the origin, with a pitch [m].
+    Component 0 increases with the column index, component 1 with the row index."""
     y = (np.arange(rows) - 0.5 * (rows - 1)) * pitch
     x = (np.arange(columns) - 0.5 * (columns - 1)) * pitch
     return np.stack(np.meshgrid(x, y), axis=-1)
@@ -22,12 +18,12 @@ def pin_grid(rows: int, columns: int, pitch: float) -> np.ndarray:
 
 @kernel
 def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
-    """Bring pins within their stroke; the offset c [m] that the linear actuator takes over from them. Kernel.
+    """Limit the pins to their stroke; returns the offset c [m] that the linear actuator adds.
 
         out_i = clip(h_i - c, 0, stroke),      mean(out) + c = mean(h)
 
-    The second line holds exactly, and makes out + c the least-squares nearest surface to h. Where many c do the one of
-    least size is taken. heights [m] (n) wanted, stroke [m] > 0, out [m] (n) receives the heights that can be had.
+    The second equation is exact and makes out + c the least-squares approximation of h; of several solutions c the
+    smallest is used. heights [m] (n) targets h, stroke [m] > 0, out [m] (n) is filled.
     """
     low, high = heights[0], heights[0]
     for h in heights:
@@ -37,7 +33,7 @@ def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
         for i in range(heights.size):
             out[i] = min(max(heights[i] - offset, 0.0), stroke)
         return offset
-    # The excess sum(h - c - clip(h - c)) falls from >= 0 at c = low to <= 0 at c = high - stroke.
+    # bisection: sum(h - c - clip(h - c)) decreases from >= 0 at c = low to <= 0 at c = high - stroke
     lower, upper = low, high - stroke
     for _ in range(200):
         offset = 0.5 * (lower + upper)
@@ -57,11 +53,11 @@ def fit_stroke(heights: np.ndarray, stroke: float, out: np.ndarray) -> float:
 
 @kernel
 def approach_target(value: float, target: float, dt: float, rate: float, rise: float, fall: float) -> float:
-    """Position [m] of an actuator after dt [s]: a first-order lag whose speed is limited, exact for a constant target.
+    """Position [m] of an actuator after dt [s]: a first-order lag with limited speed, exact for a constant target.
 
         dx/dt = clip((target - x)/tau, -rate, rate),      tau = rise while x < target, fall while x > target
 
-    Two steps of dt/2 give the same as one of dt, and it never overshoots. Nothing moves for dt <= 0. Kernel.
+    Two steps of dt/2 equal one of dt, without overshoot. No motion for dt <= 0.
 
     value, target  [m];   rate [m/s] > 0, inf for no limit
     rise, fall     [s]    time constants, 0 for none (shape memory wire: heating, cooling)
@@ -84,14 +80,14 @@ def approach_target(value: float, target: float, dt: float, rate: float, rise: f
 
 @kernel
 def quantise(value: float, step: float, stroke: float) -> float:
-    """The nearest whole multiple of `step` [m] within [0, stroke]; the value itself where step is 0. Kernel."""
+    """The nearest integer multiple of `step` [m] within [0, stroke]; the value itself if step is 0."""
     if step <= 0.0:
         return value
     return min(np.rint(value / step), math.floor(stroke / step * (1.0 + 1e-12))) * step
 
 
 class Drives(NamedTuple):
-    """What moves a display.
+    """Actuators of a display.
 
     stroke, travel       [m]    of a pin, of the linear actuator
     rate, actuator_rate  [m/s]  greatest speed of each
@@ -111,13 +107,13 @@ class Drives(NamedTuple):
 def drive(
     pins: np.ndarray, wanted: np.ndarray, actuator: float, approach: float, dt: float, by: Drives, shown: np.ndarray
 ):
-    """One step of the whole display; the new (actuator position [m], whether a stroke limits the surface). Kernel.
+    """One step of the whole display; the new actuator position [m], and whether a stroke limits the surface.
 
-    pins      [m]  (n)  actuator state of each pin, updated in place
-    wanted    [m]  (n)  fingerpad deformation to be shown
+    pins      [m]  (n)  state of each pin, updated in place
+    wanted    [m]  (n)  target deformation of the fingerpad
     actuator  [m]  ()   position of the linear actuator, positive away from the finger
-    approach  [m]  ()   rigid-body motion to be shown
-    shown     [m]  (n)  receives the pin heights after quantisation; used as scratch
+    approach  [m]  ()   target rigid-body motion
+    shown     [m]  (n)  receives the pin heights after quantisation
     """
     offset = fit_stroke(wanted, by.stroke, shown)
     limited = False

@@ -1,4 +1,4 @@
-"""A fingerpad that stiffens exponentially, pressed on soft tissue: what a tactile shape display must show.
+"""A fingerpad that stiffens exponentially, pressed on soft tissue: the target of a tactile shape display.
 
 Hertz contact of the fingerpad (modulus E_f*(x), radius R_f) with tissue (E_t, nu_t, R_t) under a force P:
 
@@ -7,13 +7,13 @@ Hertz contact of the fingerpad (modulus E_f*(x), radius R_f) with tissue (E_t, n
     a = (3 P R / (4 E*))^(1/3)     delta = a²/R
     u_f(r) = (E*/E_f*) (2a² - r²)/(2R)   for r <= a       x = u_f(0) = delta E*/E_f*
 
-The printed equation for u_f has E* under the cube root where its square belongs; this is the corrected form
-(docs/equations/shape-display.md). Everything follows from the one scalar x, the root of
+The published equation for u_f has E* instead of its square under the cube root; this is the corrected form
+(docs/equations/shape-display.md). All quantities follow from the scalar x, the root of
 
     h(ln x) = ln x + (2/3) ln E_f* + (1/3) ln(1 + E_f*/E_t') - (2/3) ln(3P/4) + (1/3) ln R,   E_t' = E_t/(1 - nu_t²).
 
-In ln x the function h is increasing (slope >= 5/3) and convex, so it has exactly one root, and Newton's method
-started above that root comes down to it monotonically.
+As a function of ln x, h is increasing (slope >= 5/3) and convex, so it has exactly one root, to which Newton's method
+converges monotonically from above.
 """
 
 import math
@@ -24,7 +24,7 @@ import numpy as np
 from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.kernel import kernel
 
-VALID_RATIO = 0.5  # Hertz theory needs a << R_f; a result with a > 0.5 R_f is flagged as outside it
+VALID_RATIO = 0.5  # [1] Limit of a/R_f: Hertz theory requires a << R_f
 
 
 class Fingerpad(NamedTuple):
@@ -36,9 +36,9 @@ class Fingerpad(NamedTuple):
 
 
 FINGERPADS = {"canonical": Fingerpad(6.0e6, 500.0, 8.0e-3), "calibrated": Fingerpad(5.672e6, 466.6, 9.84e-3)}
-"""Parameter sets by name. `canonical`: round figures for tests and comparison, an assumption. `calibrated`: fitted to
-a finger of 9.84 mm radius on a steel plate (1.24 mm at 0.11 N, 2.08 mm at 0.50 N). The set of Pawluk & Howe (1996),
-who proposed the law, is not publicly available."""
+"""Parameter sets by name. `canonical`: assumed round values for tests and comparison. `calibrated`: fitted to a finger
+of 9.84 mm radius on a steel plate (1.24 mm at 0.11 N, 2.08 mm at 0.50 N). The parameters of Pawluk & Howe (1996), who
+proposed the law, are not publicly available."""
 
 
 class PadContact(NamedTuple):
@@ -56,7 +56,7 @@ class PadContact(NamedTuple):
 
 @kernel
 def _log_modulus(x: float, b: float, m: float) -> float:
-    """ln E_f*(x), which neither overflows for a large m x nor loses digits for a small one."""
+    """ln E_f*(x), without overflow for large m x or loss of precision for small ones."""
     t = m * x
     if t < 30.0:
         return math.log(2.0 * b * (math.expm1(t) / m))
@@ -70,7 +70,7 @@ def _softplus(z: float) -> float:
 
 @kernel
 def deflection_of(product: float, b: float, m: float, compliance: float) -> float:
-    """The root x [m] of h(ln x) = 0 (see the module), written as
+    """The root x [m] of h(ln x) = 0 (see the module), which is equivalent to
 
         x E_f*^(2/3) (1 + compliance E_f*)^(1/3) = product
 
@@ -79,7 +79,7 @@ def deflection_of(product: float, b: float, m: float, compliance: float) -> floa
     compliance  [1/Pa]        ()  1/E_t', 0 for a rigid body
     """
     target = math.log(product)
-    # Not below the root: E_f* >= 2 b x; and where m x > 1, ln x > -ln m bounds E_f*.
+    # start at or above the root: E_f* >= 2 b x; for m x > 1, ln x > -ln m bounds E_f*
     stiff = 1.5 * (target + math.log(m)) - math.log(2.0 * b / m)
     y = min(0.6 * (target - 2.0 / 3.0 * math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
     for _ in range(100):
@@ -102,8 +102,8 @@ def deflection_of(product: float, b: float, m: float, compliance: float) -> floa
 
 @kernel
 def deflection_under(load: float, b: float, m: float) -> float:
-    """The root x [m] of x E_f*(x) = load [N/m] > 0: largest deformation of a fingerpad whose pressure alone is
-    known, the largest u_f times E_f*. Kernel; Newton's method in ln x from above, as for `deflection_of`."""
+    """The root x [m] of x E_f*(x) = load [N/m] > 0: largest deformation of a fingerpad under a given pressure, for
+    which the largest u_f times E_f* is known. Newton's method in ln x from above, as in `deflection_of`."""
     target = math.log(load)
     stiff = target + math.log(m) - math.log(2.0 * b / m)
     y = min(0.5 * (target - math.log(2.0 * b)), math.log(max(_softplus(stiff), 1.0) / m))
@@ -120,10 +120,7 @@ def deflection_under(load: float, b: float, m: float) -> float:
 
 @kernel
 def press(force: float, b: float, m: float, pad_curvature: float, compliance: float, tissue_curvature: float):
-    """(x, delta, a, E_f*, E*, share, 1/R) for one force; scalar kernel of `pad_contact`.
-
-    Zeros, with share = 1, for a force that is not positive.
-    """
+    """(x, delta, a, E_f*, E*, share, 1/R) for one force, see `pad_contact`; zeros, with share = 1, without force."""
     curvature = pad_curvature + tissue_curvature
     if not force > 0.0:
         return 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, curvature
@@ -134,24 +131,16 @@ def press(force: float, b: float, m: float, pad_curvature: float, compliance: fl
     return x, approach, math.sqrt(approach / curvature), pad, pad / softening, 1.0 / softening, curvature
 
 
-@kernel
-def _press_all(force, compliance, tissue_curvature, b, m, pad_curvature, out):
-    for i in range(force.size):
-        contact = press(force[i], b, m, pad_curvature, compliance[i], tissue_curvature[i])
-        for k in range(7):
-            out[k, i] = contact[k]
-
-
 def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FINGERPADS["canonical"]) -> PadContact:
     """The fingerpad on tissue under each force: deflection, approach, contact radius and moduli (see the module).
 
     force    [N]   (...)  >= 0; zeros at 0
     modulus  [Pa]  (...)  E_t of the tissue, > 0; inf for a rigid body
     poisson  [1]   (...)  nu_t, in (-1, 0.5]
-    radius   [m]   (...)  R_t of the tissue's surface; inf where flat, negative where hollow (then |R_t| > R_f)
+    radius   [m]   (...)  R_t of the tissue's surface; inf if flat, negative if concave (then |R_t| > R_f)
 
-    The shapes broadcast. ValueError: an argument out of its range; names the first one and its place.
-    D. T. V. Pawluk, R. D. Howe, Harvard Robotics Laboratory TR 96-004 (1996); K. L. Johnson, Contact Mechanics (1985).
+    The shapes broadcast. ValueError: an argument out of range; gives the first one and its index.
+    D. T. V. Pawluk, R. D. Howe, Harvard Robotics Lab. TR 96-004 (1996); K. L. Johnson, Contact Mechanics (1985).
     """
     if not (pad.b > 0 and pad.m > 0 and pad.radius > 0 and np.isfinite([*pad]).all()):
         raise ValueError(f"pad: found {pad}, expected positive finite b, m and radius")
@@ -164,12 +153,10 @@ def pad_contact(force, modulus, poisson=0.5, radius=np.inf, pad: Fingerpad = FIN
     curved = np.isfinite(tissue_curvature) & (tissue_curvature > -1.0 / pad.radius)
     _refuse("radius", given[3], curved, "a radius > 0 m or < -R_f (inf: flat)")
     compliance = (1.0 - given[2] ** 2) / given[1]
-    force, compliance, tissue_curvature = np.broadcast_arrays(given[0], compliance, tissue_curvature)
-    out = np.empty((7, *force.shape))
-    f, c, k = (np.ascontiguousarray(v).ravel() for v in (force, compliance, tissue_curvature))
-    _press_all(f, c, k, float(pad.b), float(pad.m), 1.0 / pad.radius, out.reshape(7, -1))
-    x, approach, a, pad_stiffness, both, share, curvature = out
-    return PadContact(x, approach, a, pad_stiffness, both, share, curvature, a <= VALID_RATIO * pad.radius)
+    contact = np.vectorize(press, otypes=7 * [float])
+    with np.errstate(all="ignore"):  # compiled code also evaluates branches that are not taken
+        state = contact(given[0], float(pad.b), float(pad.m), 1.0 / pad.radius, compliance, tissue_curvature)
+    return PadContact._make([*state, state[2] <= VALID_RATIO * pad.radius])
 
 
 def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> None:
@@ -180,5 +167,5 @@ def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> No
 
 
 def pad_displacement(r, contact: PadContact):
-    """u_f(r) [m], by which the fingerpad's surface is pressed in; r [m] (...) broadcasts with the state."""
+    """Indentation u_f(r) [m] of the fingerpad's surface; r [m] (...) broadcasts with the state."""
     return hertz.displacement(r, contact.radius, contact.curvature, contact.share)

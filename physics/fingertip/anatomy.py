@@ -1,12 +1,12 @@
-"""An adult index fingertip in closed form: the known shape that scans are tested on, and the default of the nodes.
+"""An adult index fingertip in closed form: the reference shape for tests of scans, and the default of the nodes.
 
 Cross-sections are pairs of half ellipses (palmar and dorsal) whose axes vary along the finger; both the finger and the
 bone end in an ellipsoidal cap:
 
     (x - x0)^2 / a(y)^2 + (z - z0)^2 / b(y)^2 + <1 - (y - y0)/l>^2 = 1,        b palmar below z0, dorsal above
 
-The inner border of the skin has all axes shorter by the skin's thickness. Dimensions are of the order found in adult
-index fingers, rounded, not those of a person.
+All axes of the inner border of the skin are shorter by the skin's thickness. Dimensions are rounded values typical of
+adult index fingers.
 """
 
 from dataclasses import dataclass
@@ -27,17 +27,17 @@ class Anatomy:
     length: float = 0.028
     width: float = 0.016  # of the finger
     palmar: float = 0.0052  # from the axis to the pulp
-    bulge: float = 0.0022  # of the pulp, on top of `palmar`
+    bulge: float = 0.0022  # of the pulp, in addition to `palmar`
     dorsal: float = 0.0053  # from the axis to the nail
     cap: float = 0.009
     skin: float = 0.0011  # thickness
     bone_start: float = 0.0045  # from the tip to the bone
     bone_cap: float = 0.0025  # length of its rounded end
     shaft: float = 0.0025  # half width of the bone's shaft
-    tuft: float = 0.0012  # and what its tuft adds
+    tuft: float = 0.0012  # added by its tuft
     bone_depth: float = 0.0020  # half depth of the shaft
-    bone_height: float = 0.0004  # of the bone's axis over the finger's
-    bone_shift: float = 0.0006  # of the bone's axis to the side (+x)
+    bone_height: float = 0.0004  # of the bone's axis above the finger's
+    bone_shift: float = 0.0006  # lateral, of the bone's axis (+x)
 
     def axes(self, name: str, y):
         """Half width, palmar and dorsal half depth, start and cap length of a surface at y [m] (...)."""
@@ -54,7 +54,8 @@ class Anatomy:
         return ones * (self.width / 2 - less), palmar - less, ones * (self.dorsal - less), less, self.cap - less
 
     def level(self, name: str, points) -> np.ndarray:
-        """About the signed distance [m] (...) to a surface, zero exactly on it. `name` and points as in `Fingertip`."""
+        """Approximate signed distance [m] (...) to a surface, exactly zero on it; arguments as of
+        `FingertipSurfaces.level`."""
         x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
         if name == "bone":
             x, z = x - self.bone_shift, z - self.bone_height
@@ -66,7 +67,7 @@ class Anatomy:
         return (size - 1) / np.clip(slope, 1 / np.maximum(np.maximum(a, b), cap), 1 / np.minimum(np.minimum(a, b), cap))
 
     def fingertip(self, spacing: float = 4e-4) -> FingertipSurfaces:
-        """The surfaces sampled on a grid of a spacing [m], with a margin of 2 mm round the finger."""
+        """The surfaces sampled on a grid of this spacing [m], with a margin of 2 mm round the finger."""
         margin = 2e-3
         low = np.array([-self.width / 2 - margin, -margin, -self.palmar - self.bulge - margin])
         high = np.array([self.width / 2 + margin, self.length, self.dorsal + margin])

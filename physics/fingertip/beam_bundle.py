@@ -1,10 +1,10 @@
 """The beam bundle: a fingertip as parallel viscoelastic beams between nail and skin, pressed on a plate and slid.
 
-The beams are parallel to the plate's normal on a square grid, one per cell. Depth d of the fingertip
-shortens beam i by d - z_i, z_i being the height of its skin end at first touch. Normal force: the Voigt chain of the
-beam (`voigt`) times the cell. Lateral force: an elastic spring per beam, in shear as beams confine one another
-(1/k = sum L_j / (G_j A)), or that of a lone cantilever (3 E I / L^3). Skin ends are coupled by the sheet (`skin`) and
-coupled to the plate by friction (`stick_slip`). Stated and assumed parameters: docs/equations/beam-bundle.md.
+The beams are parallel to the plate's normal on a square grid, one per cell. At the depth d of the fingertip, beam i is
+shortened by d - z_i, with the height z_i of its skin end at first touch. Normal force: the stress of the beam's Voigt
+chain (`voigt`) times the cell area. Lateral force: an elastic spring per beam, in shear because beams confine one
+another (1/k = sum L_j / (G_j A)), or that of a free cantilever (3 E I / L^3). The sheet (`skin`) couples the skin ends
+to each other, friction (`stick_slip`) to the plate. Published and assumed parameters: docs/equations/beam-bundle.md.
 """
 
 import math
@@ -28,16 +28,16 @@ from palpate.physics.materials.voigt import STRAIN_LIMIT
 LATERAL = ("shear", "cantilever")
 MOST_BEAMS = 20_000
 SHORTEST_STEP = 1e-5  # [s] Lower limit of a step: the force of a damper is unbounded as the step approaches 0
-FARTHEST = 1.0
-"""[m] Upper limit of a shift: all nodes slip long before, and larger numbers only lose precision."""
+FARTHEST = 1.0  # [m] Upper limit of a shift: all nodes slip long before, and larger numbers only lose precision
 FADE = 0.03
-"""[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the node's part
-falls with the cube of pressure: the sheet is forty times stiffer than a beam, so a linear fade acts as a switch."""
+"""[1] Static strain of the softest element at whose pressure a node acts fully on the sheet. Below it the weight of the
+node falls with the cube of the pressure: a linear fade would act as a switch, as the sheet is 40 times stiffer than a
+beam."""
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """Beams on a square grid, all that touch at the largest depth."""
+    """Beams on a square grid: all that are in contact at the largest depth."""
 
     points: np.ndarray  # [m] (N,2) skin ends in the plate's plane
     heights: np.ndarray  # [m] (N) of the skin ends over the plate at first touch; the smallest is 0
@@ -68,34 +68,36 @@ def bundle(
     skin: float = 0.0,
     skin_material: ViscoelasticMaterial = SKIN,
 ) -> Bundle:
-    """The bundle of beams at grid places `index` (N,2) int, at a pitch [m].
+    """The bundle of beams at grid coordinates `index` (N,2) int with a pitch [m].
 
     heights           [m]  (N)    of the skin ends; any origin
     lengths           [m]  (N,h)  of the elements, from the skin inwards, one column per material, 0 where absent
     lateral           "shear" or "cantilever"
-    lateral_elements  how many columns bend, from the skin on; bone ends what bends. None: all
+    lateral_elements  number of columns, from the skin inwards, that are soft in shear, up to the bone; None: all
     skin              [m]  thickness of the sheet; 0: none
 
-    ValueError: no beams, a beam without length or a lateral law that does not exist.
+    ValueError: no beams, a beam without length, an unknown lateral law.
     """
     index = np.asarray(index, dtype=np.int64).reshape(-1, 2)
     heights, lengths = np.asarray(heights, float), np.asarray(lengths, float)
     if lateral not in LATERAL:
         raise ValueError(f"lateral: found {lateral!r}, expected one of {', '.join(LATERAL)}")
     if len(index) == 0:
-        raise ValueError("bundle: found no beams; a larger depth or a smaller pitch gives some")
+        raise ValueError("bundle: found no beams; increase the depth or decrease the pitch")
     if lengths.shape != (len(index), len(materials)):
         raise ValueError(
             f"lengths: found shape {lengths.shape}, expected {(len(index), len(materials))}: beams, materials"
         )
+    # order along the longer side of the grid, which gives the solver a narrow band
     long, short = (0, 1) if np.ptp(index[:, 0]) >= np.ptp(index[:, 1]) else (1, 0)
-    order = np.lexsort((index[:, short], index[:, long]))  # neighbours close in number keep the solver's band narrow
+    order = np.lexsort((index[:, short], index[:, long]))
     index, heights, lengths = index[order], heights[order] - heights.min(), lengths[order]
     cell = pitch * pitch
     bends = lengths[:, :lateral_elements]
     if np.any(lengths < 0) or np.any(bends.sum(axis=1) <= 0) or not np.all(np.isfinite(lengths)):
         bad = int(np.argmin(np.nan_to_num(bends).sum(axis=1)))
-        raise ValueError(f"beam {bad}: lengths {lengths[bad]} m, expected >= 0 and some of it soft")
+        raise ValueError(f"beam {bad}: lengths {lengths[bad]} m, expected >= 0 and a soft part")
+    # lateral stiffness: springs in series, k = A / sum(L/G); or a cantilever, 3 E I / L^3
     shear = np.array([m.shear_modulus for m in materials])[: bends.shape[1]]
     moduli = np.array([m.modulus for m in materials])
     if lateral == "shear":
@@ -104,6 +106,7 @@ def bundle(
         length = bends.sum(axis=1)
         mean = length / (bends / moduli[: bends.shape[1]]).sum(axis=1)
         stiffness = 3 * mean * (math.pi * pitch**4 / 64) / (length * length * length)
+    # the sheet on the skin ends
     points = index * pitch
     triangles = grid_triangles(index) if skin > 0 else np.zeros((0, 3), dtype=np.int64)
     return Bundle(
@@ -123,7 +126,7 @@ def check_count(expected: float) -> None:
     """ValueError: more beams than a bundle may have."""
     if not expected <= MOST_BEAMS:
         raise ValueError(
-            f"about {expected:.3g} beams, at most {MOST_BEAMS}; a larger pitch or a smaller depth would do"
+            f"about {expected:.3g} beams, expected at most {MOST_BEAMS}; increase the pitch or decrease the depth"
         )
 
 
@@ -132,30 +135,23 @@ class BundleState:
 
     strains    [1]  (N,h)  of the elements
     reach      [m]  (N)    largest shortening of each beam
-    deflection [m]  (N,2)  of the skin ends against the bone, in the plate's plane
-    normal     [N]  (N)    force of the plate on each
-    tangent    [N]  (N,2)  friction of the plate on each
+    deflection [m]  (N,2)  of the skin ends relative to the bone, in the plate's plane
+    normal     [N]  (N)    normal force of the plate on each node
+    tangent    [N]  (N,2)  friction of the plate on each node
     slip       [m]  (N,2)  over the plate in the last step
-    path       [m]  (N)    slipped since first touch: the localized displacement
+    path       [m]  (N)    length of the slip since first touch: the localized displacement
     slipping   [1]  (N)    bool, slides over the plate in the last step
-    first      [s]  (N)    time of first slip since first touch; -1 where it has not slipped
-    force      [N]  (3)    of the plate on all
-    summary            of the last step, a `bundle_step.Summary`
+    first      [s]  (N)    time of first slip since first touch; -1 if it has not slipped
+    force      [N]  (3)    of the plate on all nodes
+    summary                of the last step
     """
 
     def __init__(self, body: Bundle) -> None:
         count, h = body.lengths.shape
         self.nodes = Nodes(
-            strains=np.zeros((count, h)),
-            deflection=np.zeros((count, 2)),
-            normal=np.zeros(count),
-            tangent=np.zeros((count, 2)),
-            slip=np.zeros((count, 2)),
-            path=np.zeros(count),
-            slipping=np.zeros(count, dtype=np.bool_),
-            first=np.full(count, -1.0),
-            force=np.zeros(3),
-        )
+            np.zeros((count, h)), np.zeros((count, 2)), np.zeros(count), np.zeros((count, 2)), np.zeros((count, 2)),
+            np.zeros(count), np.zeros(count, dtype=np.bool_), np.full(count, -1.0), np.zeros(3),
+        )  # fmt: skip
         (self.strains, self.deflection, self.normal, self.tangent, self.slip, self.path, self.slipping, self.first,
          self.force) = self.nodes  # fmt: skip
         self.reach = body.reach
@@ -168,13 +164,9 @@ class BundleState:
             body.lateral, body.cell, fade, body.retardation,
         )  # fmt: skip
         self.scratch = BundleWorkspace(
-            np.zeros((len(body.sheet.columns), 2, 2)),
-            np.zeros((count, 2)),
-            np.zeros((count, 2)),
-            np.zeros(count),
-            np.zeros(count),
-            workspace(count, body.sheet.band),
-        )
+            np.zeros((len(body.sheet.columns), 2, 2)), np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count),
+            np.zeros(count), workspace(count, body.sheet.band),
+        )  # fmt: skip
 
 
 def step(
@@ -189,9 +181,9 @@ def step(
 ) -> np.ndarray:
     """Move the fingertip to a depth [m] and by a shift [m] along the plate in dt [s]; force of the plate on it [N] (3).
 
-    The state is changed in place. The normal force never pulls; the tangential force never passes friction times the
-    normal one. A depth beyond a beam's reach is held there and counted (`limited`). For dt <= 0 no time
-    passes: nothing changes. The solver takes at most `most` rounds; rounds and residual are in the summary.
+    Updates the state. The normal force never pulls; the tangential force never exceeds friction times the normal force.
+    A beam is shortened by at most its reach; these beams are counted (`limited`). For dt <= 0 nothing changes. The
+    summary has the number of iterations, at most `most`, and the residual.
     """
     far = math.hypot(*shift)
     if far > FARTHEST:

@@ -1,4 +1,4 @@
-"""One compiled step of a beam bundle: the chains, the sheet, stick and slip. Call it through `beam_bundle.step`."""
+"""One step of a beam bundle: the chains, the sheet, stick and slip. Call it through `beam_bundle.step`."""
 
 import math
 from typing import NamedTuple
@@ -41,12 +41,12 @@ class Nodes(NamedTuple):
 
 
 class BundleWorkspace(NamedTuple):
-    """Work space."""
+    """Workspace of a step."""
 
-    matrix: np.ndarray  # [N/m] (Z,2,2) of the sheet and the beams in the step
-    trial: np.ndarray  # [N] (N,2) on the plate if all stuck
-    plate: np.ndarray  # [N] (N,2) on the plate
-    limit: np.ndarray  # [N] (N) friction at most
+    matrix: np.ndarray  # [N/m] (Z,2,2) stiffness of the sheet and the beams in the step
+    trial: np.ndarray  # [N] (N,2) force on the plate if all nodes stick
+    plate: np.ndarray  # [N] (N,2) force on the plate
+    limit: np.ndarray  # [N] (N) upper limit of friction
     weight: np.ndarray  # [1] (N) in the sheet
     solver: Workspace
 
@@ -101,7 +101,7 @@ def bundle_step(beams, sheet, nodes, scratch, motion, tolerance, most):
 
 @kernel
 def _press(beams, nodes, scratch, motion):
-    """Shorten the beams to the depth and compute normal forces, friction limits and weights in the sheet; returns the
+    """Shorten the beams to the depth; compute normal forces, friction limits and weights in the sheet. Returns the
     numbers of nodes in contact and of beams at their reach."""
     contacts = limited = 0
     for i in range(beams.heights.shape[0]):
@@ -126,8 +126,7 @@ def _press(beams, nodes, scratch, motion):
 @kernel
 def _next_law(beams, nodes, motion):
     """Stiffness [N/m], depth of first touch [m] and force [N] of a next step of the same length at the same depth.
-
-    Apart, the stiffness is that of the beam that will touch first."""
+    Without contact, the stiffness is that of the beam that will touch first."""
     depth, dt = motion.depth, motion.dt
     stiffness = lowest = force = 0.0
     first_touch = np.inf
@@ -186,15 +185,15 @@ def _slid(nodes, scratch, motion):
         x, y = nodes.slip[i, 0], nodes.slip[i, 1]
         nodes.deflection[i, 0] += x - motion.x
         nodes.deflection[i, 1] += y - motion.y
-        # An unconverged solution may exceed the limit by its residual; the force that is sent must not.
+        # an unconverged solution may exceed the friction limit by its residual
         limit, plate = scratch.limit[i], scratch.plate[i]
         size = math.hypot(plate[0], plate[1])
         part = -limit / size if size > limit else -1.0
         nodes.tangent[i, 0], nodes.tangent[i, 1] = part * plate[0], part * plate[1]
-        way = math.hypot(x, y)
-        nodes.slipping[i] = nodes.normal[i] > 0.0 and way > 0.0
+        distance = math.hypot(x, y)
+        nodes.slipping[i] = nodes.normal[i] > 0.0 and distance > 0.0
         if nodes.slipping[i]:
-            nodes.path[i] += way
+            nodes.path[i] += distance
             slips += 1
             if nodes.first[i] < 0.0:
                 nodes.first[i] = motion.time

@@ -21,8 +21,8 @@ class Sheet(NamedTuple):
     """A triangle mesh on the bundle's nodes with its stiffness blocks, and the sparse pattern of their sum."""
 
     triangles: np.ndarray  # [1] (E,3) node indices, counter-clockwise
-    blocks: np.ndarray  # [N/m] (E,9,2,2) K_e by node pair, row after row
-    slots: np.ndarray  # [1] (E,9) where each block goes in the sparse matrix
+    blocks: np.ndarray  # [N/m] (E,9,2,2) K_e by node pair, row by row
+    slots: np.ndarray  # [1] (E,9) index of each block in the sparse matrix
     rows: np.ndarray  # [1] (N+1) start of each node's row
     columns: np.ndarray  # [1] (Z) node of each block of the row
     diagonal: np.ndarray  # [1] (N) slot of each node's diagonal block
@@ -30,9 +30,9 @@ class Sheet(NamedTuple):
 
 
 def grid_triangles(index: np.ndarray) -> np.ndarray:
-    """Two triangles in each cell of a square grid, less those that lack a corner (E,3).
+    """Two triangles (E,3) in each cell of a square grid, without those that lack a corner.
 
-    The diagonals alternate, so that no direction is preferred. Their direction depends on the position only, so the
+    The diagonals alternate, so that no direction is preferred. Their direction depends only on the position, so the
     mesh of a subset of the nodes is a subset of the mesh.
 
     index  [1] (n,2)  integer grid coordinates of the nodes, each once; the first grows with x, the second with y
@@ -75,27 +75,22 @@ def sheet(points, triangles, modulus, poisson, thickness) -> Sheet:
     count = len(points)
     blocks = plane_stress_blocks(points, triangles, modulus, poisson, thickness)
     pairs = np.stack([np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))], axis=-1).reshape(-1, 2)
-    own = np.stack([np.arange(count)] * 2, axis=1)
-    unique, inverse = np.unique(np.concatenate([own, pairs]), axis=0, return_inverse=True)
+    diagonal = np.stack([np.arange(count)] * 2, axis=1)
+    unique, inverse = np.unique(np.concatenate([diagonal, pairs]), axis=0, return_inverse=True)
     inverse = inverse.ravel()
     rows = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.bincount(unique[:, 0], minlength=count), out=rows[1:])
     return Sheet(
-        triangles=triangles,
-        blocks=blocks,
-        slots=inverse[count:].reshape(-1, 9),
-        rows=rows,
-        columns=np.ascontiguousarray(unique[:, 1]),
-        diagonal=inverse[:count].copy(),
-        band=int(np.abs(unique[:, 0] - unique[:, 1]).max(initial=0)),
-    )
+        triangles, blocks, inverse[count:].reshape(-1, 9), rows, np.ascontiguousarray(unique[:, 1]),
+        inverse[:count].copy(), int(np.abs(unique[:, 0] - unique[:, 1]).max(initial=0)),
+    )  # fmt: skip
 
 
 @kernel
 def assemble(matrix, sheet, weight, scale):
     """Sum the blocks of a `Sheet`, each times its weight and `scale`, into `matrix` (Z,2,2), which is overwritten.
 
-    weight  [1] (N)  of the nodes, 0 ... 1; a triangle has the smallest of its three: a virtual node switches it off
+    weight  [1] (N)  of the nodes, 0 ... 1; a triangle has the smallest of its three, 0 if one is out of contact
     """
     triangles = sheet.triangles
     matrix[:] = 0.0

@@ -22,7 +22,7 @@ from palpate.physics.kernel import kernel
 
 
 class Blocks(NamedTuple):
-    """A symmetric positive definite matrix [N/m] by 2 x 2 blocks, row after row."""
+    """A symmetric positive definite matrix [N/m] of 2 x 2 blocks, row by row."""
 
     rows: np.ndarray  # [1] (N+1) start of each node's row
     columns: np.ndarray  # [1] (Z) node of each block
@@ -32,7 +32,7 @@ class Blocks(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Work space of `stick_slip` for N nodes: place, nodes (N) int, upper (2N, 2 band + 2), step (2N)."""
+    """Workspace of `stick_slip` for N nodes: place, nodes (N) int, upper (2N, 2 band + 2), step (2N)."""
 
     place: np.ndarray
     nodes: np.ndarray
@@ -41,7 +41,7 @@ class Workspace(NamedTuple):
 
 
 def workspace(count: int, band: int) -> Workspace:
-    """The work space for `count` nodes."""
+    """The workspace for `count` nodes."""
     place, nodes = np.zeros((2, count), dtype=np.int64)
     return Workspace(place, nodes, np.zeros((2 * count, 2 * band + 2)), np.zeros(2 * count))
 
@@ -50,8 +50,8 @@ def workspace(count: int, band: int) -> Workspace:
 def node_slip(a, b, d, x, y, limit):
     """Slip (2) of one node: the minimum of 1/2 w^T [[a, b], [b, d]] w - (x, y) w + limit |w|. Units as above.
 
-    With w = s (cos, sin), (A + limit/s) w = r: one equation for s > 0, solved in the eigenvectors of A by Newton on
-    1/|.| - 1/s, which is nearly straight (as for a trust region); it has one root between the two bounds used here.
+    With w = s (cos, sin), (A + limit/s) w = r is one equation for s > 0. In the eigenvectors of A it is solved by
+    Newton's method on 1/|.| - 1/s, which is nearly linear (as for a trust region), bracketed by two bounds.
     """
     size = math.hypot(x, y)
     if size <= limit:
@@ -91,6 +91,7 @@ def node_slip(a, b, d, x, y, limit):
 
 @kernel
 def _sweep(matrix, force, limit, slip):
+    """One block Gauss-Seidel sweep over all nodes, in place."""
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     for i in range(limit.shape[0]):
         x, y = force[i, 0], force[i, 1]
@@ -152,7 +153,7 @@ def _newton(matrix, limit, slip, plate, work):
     rows, columns, values = matrix.rows, matrix.columns, matrix.values
     place, nodes, upper, step = work.place, work.nodes, work.upper, work.step
     count = 0
-    # number the nodes that slip
+    # index the slipping nodes
     for i in range(limit.shape[0]):
         slips = slip[i, 0] != 0.0 or slip[i, 1] != 0.0
         place[i] = count if slips else -1
@@ -163,7 +164,7 @@ def _newton(matrix, limit, slip, plate, work):
         return False
     width = 2 * matrix.band + 1
     gain = 0.0
-    # upper band of the energy's Hessian: K and, at each node, that of limit |s|, which is limit/|s| across its slip
+    # upper band of the Hessian of Phi: K, plus limit/|w| in the direction across the slip of each node
     for n in range(count):
         i = nodes[n]
         upper[2 * n : 2 * n + 2, : width + 1] = 0.0
@@ -182,7 +183,7 @@ def _newton(matrix, limit, slip, plate, work):
                 upper[2 * n + 1, 0] = values[s, 1, 1] + bend * c * c
                 step[2 * n], step[2 * n + 1] = plate[i, 0] - limit[i] * c, plate[i, 1] - limit[i] * d
     solve_band(upper, step, 2 * count, width)
-    # the energy's quadratic part along the step: linear and bent
+    # coefficients of the quadratic part of Phi along the step
     linear = bent = 0.0
     for n in range(count):
         i = nodes[n]
@@ -193,7 +194,7 @@ def _newton(matrix, limit, slip, plate, work):
                 x = values[s, 0, 0] * step[2 * m] + values[s, 0, 1] * step[2 * m + 1]
                 y = values[s, 1, 0] * step[2 * m] + values[s, 1, 1] * step[2 * m + 1]
                 bent += step[2 * n] * x + step[2 * n + 1] * y
-    # backtracking by halves until the energy falls
+    # backtracking by halves until Phi decreases
     part = 1.0
     for _ in range(12):
         gain = part * linear + 0.5 * part * part * bent
@@ -217,10 +218,10 @@ def stick_slip(matrix, force, limit, slip, plate, work, tolerance, most):
 
     Returns the iterations, and the residual: the largest violation of the friction law over the largest limit.
 
-    matrix     A as `Blocks`                             work  as `Workspace`
-    force      [N] (N,2)  r: on the plate if all stuck   limit [N] (N)  mu f_n >= 0
-    slip       [m] (N,2)                                 plate [N] (N,2)
-    tolerance  [1]  relative residual to stop at         most  iterations at most
+    matrix     A as `Blocks`                                 work  as `Workspace`
+    force      [N] (N,2)  r: on the plate if all nodes stick limit [N] (N)  mu f_n >= 0
+    slip       [m] (N,2)                                     plate [N] (N,2)
+    tolerance  [1]  relative residual to stop at             most  maximum number of iterations
     """
     scale = 0.0
     for i in range(limit.shape[0]):

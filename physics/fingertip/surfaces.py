@@ -1,8 +1,8 @@
-"""A fingertip as three nested surfaces - skin, inner border of the skin, bone - and its filling with beams.
+"""A fingertip as three nested surfaces (skin, inner border of the skin, bone), and its filling with beams.
 
-Each surface is the zero level of a signed distance, negative inside, on one regular grid. x runs across the finger, y
-from the tip to the hand, z from the pulp to the nail. The nail is the dorsal part of the outer surface, the boundary
-that it sits on: MR shows no dry nail. It is rigid, and beams end there.
+Each surface is the zero level of a signed distance, negative inside, on a common regular grid. x runs across the
+finger, y from the tip to the hand, z from the pulp to the nail. The nail, which is not visible in MR images, is the
+dorsal part of the outer surface. It is rigid, and beams end there.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # loads its submodules when they are used
 
 from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
@@ -24,7 +24,7 @@ MATERIALS = (SKIN, TISSUE, BONE, TISSUE)  # From the plate upwards: skin, pulp, 
 
 
 class FingertipError(PalpateError, ValueError):
-    """A fingertip that cannot be read or filled; says what was found and what would work."""
+    """A fingertip that cannot be read or filled; states what was found and what would work."""
 
     exit_code = MISUSE
 
@@ -41,7 +41,7 @@ class FingertipSurfaces:
 
     @property
     def corners(self) -> np.ndarray:
-        """Of the grid [m] (8,3)."""
+        """Corners of the grid [m] (8,3)."""
         size = (np.array(self.skin.shape) - 1) * self.spacing
         return self.origin + np.stack(np.meshgrid(*[(0, 1)] * 3, indexing="ij"), -1).reshape(-1, 3) * size
 
@@ -51,7 +51,7 @@ class FingertipSurfaces:
         return scipy.ndimage.map_coordinates(getattr(self, name), place, order=1, mode="nearest")
 
     def volume(self, name: str) -> float:
-        """Volume inside a surface [m³], from the part of each grid cell that the linear distance puts inside."""
+        """Volume inside a surface [m³]; the signed distance gives the fraction of each cell that is inside."""
         h = float(np.prod(self.spacing) ** (1 / 3))
         return float(np.clip(0.5 - getattr(self, name) / h, 0, 1).sum() * np.prod(self.spacing))
 
@@ -61,13 +61,12 @@ class FingertipSurfaces:
 
     @staticmethod
     def load(path: str | Path) -> FingertipSurfaces:
-        """Read what `save` wrote. FingertipError: no such file, or not a fingertip."""
+        """Read a file of `save`. FingertipError: a missing file, or not a fingertip."""
         try:
             archive = read_arrays(path)
             missing = [k for k in FIELDS if k not in archive]
             if missing:
-                absent = ", ".join(missing)
-                raise FingertipError(f"{path}: no {absent} in it; `palpate build fingertip` writes such files")
+                raise FingertipError(f"{path}: no {', '.join(missing)} in it; write it with `palpate build fingertip`")
             tip = FingertipSurfaces(*(np.asarray(archive[k], float) for k in FIELDS))
         except FingertipError:
             raise
@@ -86,33 +85,30 @@ FIELDS = ("origin", "spacing", "skin", "tissue", "bone")
 
 @dataclass(frozen=True)
 class Rays:
-    """Where lines along the plate's normal cross the surfaces, in the plate's frame.
+    """Intersections [m] (...) of lines along the plate's normal with the surfaces, in the plate's frame; nan if a line
+    misses."""
 
-    bottom, top [m] (...)  outer surface; nan where the line misses
-    low, high   [m] (...)  lower and upper border of the bone; nan where it misses
-    """
-
-    bottom: np.ndarray
-    inner: np.ndarray  # [m] (...) lower inner border of the skin; nan where it misses
-    low: np.ndarray
-    high: np.ndarray
-    top: np.ndarray
+    bottom: np.ndarray  # outer surface
+    inner: np.ndarray  # lower inner border of the skin
+    low: np.ndarray  # lower border of the bone
+    high: np.ndarray  # upper border of the bone
+    top: np.ndarray  # outer surface
 
 
 def plate_axes(angle: float) -> np.ndarray:
     """Axes of the plate in the frame of the finger, as rows (3,3): x across, y along, z out of the plate.
 
-    angle  [rad]  inclination; at 0 the finger lies flat, at pi/2 it stands on its tip
+    angle  [rad]  inclination; 0: the finger is flat on the plate, pi/2: perpendicular to it
     """
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
 
 
 def cast(tip: FingertipSurfaces, x, y, angle: float = 0.0) -> Rays:
-    """Cross the fingertip with lines along the plate's normal through (x, y) [m] (...) of the plate's frame.
+    """Intersect the fingertip with lines along the plate's normal through (x, y) [m] (...) of the plate's frame.
 
-    A line is sampled at half the grid's spacing, and each crossing taken where the distance, linear between samples,
-    is zero. The lowest crossing counts as the lower border, the highest as the upper.
+    A line is sampled at half the grid's spacing; crossings are the zeros of the linearly interpolated distance. The
+    lowest one is the lower border, the highest one the upper border.
     """
     axes = plate_axes(angle)
     heights = product(tip.corners, axes[2])
@@ -153,32 +149,35 @@ def fill(
     skin: float = 1e-3,
     skin_material: ViscoelasticMaterial = SKIN,
 ) -> Bundle:
-    """Fill a fingertip with beams between plate and nail, wherever it touches at the largest depth.
+    """Fill a fingertip with beams between plate and nail, wherever it is in contact at the largest depth.
 
-    A beam that meets the bone has three parts: skin and pulp up to the bone, bone, and tissue up to the nail; any
-    other runs from skin to nail. Only what lies below the bone bends. A beam stands at the lowest point.
+    A beam that meets the bone consists of skin and pulp up to the bone, bone, and tissue up to the nail; any other runs
+    from skin to nail. Only the part below the bone is soft in shear. One beam is at the lowest point.
 
-    depth  [m]    largest depth that the bundle will meet; the pad is meshed for it, once
+    depth  [m]    largest depth for which the bundle is used
     pitch  [m]    of the beams     angle [rad] inclination of the finger, 0 ... pi/2
     skin   [m]    thickness of the sheet that couples the beams' ends; 0: none
     other arguments as `bundle`
 
-    ValueError: no contact, a finger thinner than the depth, more beams than a bundle may have.
+    FingertipError: no contact, a finger thinner than the depth. ValueError: more beams than a bundle may have.
     """
     if not (depth > 0 and pitch > 0 and math.isfinite(depth + pitch)):
         raise FingertipError(f"fill: found depth {depth} m and pitch {pitch} m, expected both > 0")
+    # the grid of beams round the lowest point
     (low_x, low_y, middle), reach = lowest(tip, angle, depth)
     first, last = np.floor((reach[0] - (low_x, low_y)) / pitch), np.ceil((reach[1] - (low_x, low_y)) / pitch)
     check_count(float(np.prod(last - first + 1)))
     steps = (np.arange(a, b + 1, dtype=np.int64) for a, b in zip(first, last, strict=True))
     index = np.stack(np.meshgrid(*steps, indexing="ij"), -1).reshape(-1, 2)
     x, y = low_x + index[:, 0] * pitch, low_y + index[:, 1] * pitch
+    # beams that are in contact at the depth
     rays = cast(tip, x, y, angle)
     height = rays.bottom - middle
     touches = np.isfinite(height) & (height < depth)
     index = index[touches]
     if len(index) == 0:
         raise FingertipError("fill: the surface has no inside; expected distances below 0 in the finger")
+    # lengths of skin, pulp, bone, and tissue between bone and nail
     bottom, inner, low, high, top = (getattr(rays, k)[touches] for k in ("bottom", "inner", "low", "high", "top"))
     inner = np.where(np.isfinite(inner), np.clip(inner, bottom, top), top)
     boned = np.isfinite(low) & (low > inner)
@@ -188,14 +187,14 @@ def fill(
         thin = int(np.argmin(top - bottom))
         raise FingertipError(
             f"fill: {float((top - bottom)[thin]) * 1e3:.2f} mm between skin and nail at {pitch * 1e3 * index[thin]}, "
-            f"not more than the depth of {depth * 1e3:.2f} mm. A smaller depth or a smaller angle would do."
+            f"expected more than the depth of {depth * 1e3:.2f} mm. Decrease the depth or the angle."
         )
     return bundle(index, pitch, height[touches], lengths, materials, lateral, 2, skin, skin_material)
 
 
 def lowest(tip: FingertipSurfaces, angle: float, depth: float) -> tuple[np.ndarray, np.ndarray]:
-    """The lowest point (3) of the skin over the plate, to 10 % of the grid, and a box (2,2) in the plate's plane
-    that holds all that lies less than `depth` above it; metres."""
+    """The lowest point [m] (3) of the skin over the plate, within 10 % of the grid's spacing, and a box [m] (2,2) in
+    the plate's plane round all points less than `depth` above it, by successive grid refinement."""
     plane = product(tip.corners, plate_axes(angle)[:2].T)
     low, high = plane.min(axis=0), plane.max(axis=0)
     step = float(tip.spacing.max())

@@ -21,7 +21,7 @@ import math
 from functools import cache
 from typing import Any
 
-from palpate.physics.kernel import Kernel, kernel
+from palpate.physics.kernel import CompiledKernel, kernel
 
 NOTHING, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
@@ -81,7 +81,7 @@ def _played(law, slack, a, b, v, dt):
 
 
 @cache
-def stepper(kind: type[Any]) -> Kernel:
+def stepper(kind: type[Any]) -> CompiledKernel:
     """The kernel of one step of a law:
 
         step(law, z, a, last, slack, spare, b, slip, load, dt) -> (z, b, load, slack, spare, force [N] (3), sticks)
@@ -120,7 +120,7 @@ def stepper(kind: type[Any]) -> Kernel:
     return step
 
 
-def _rescaled(kind: type[Any]) -> Kernel:
+def _rescaled(kind: type[Any]) -> CompiledKernel:
     """`advance` with bristles that shrink to s z, s < 1, where a rising load would give them more than the energy
     E = `spare` that it took while it fell. With the dissipation D it keeps
 

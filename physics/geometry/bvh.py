@@ -1,9 +1,9 @@
-"""A tree of discs over triangles, and the tables of a mesh that the closest-point search reads.
+"""Bounding-volume hierarchy over the triangles of a mesh, and the tables that the closest-point search reads.
 
-The triangles are ordered along a Morton curve (C. Lauterbach et al., Computer Graphics Forum 28 (2009) 375-384); the
-tree over them is complete, so that it needs no links: node k has the children 2k and 2k+1. A node is bounded by a flat
-cylinder across the mean normal of its triangles. On a smooth surface its height falls with the square of its radius,
-where a box is as high as it is wide: a point 40 mm from a mesh of 10^6 vertices then meets few leaves, not thousands.
+The triangles are ordered along a Morton curve (C. Lauterbach et al., Computer Graphics Forum 28 (2009) 375-384). The
+tree is complete and needs no links: node k has the children 2k and 2k+1. The bounding volume is a disc: a flat cylinder
+across the mean normal of the triangles. On a smooth surface its height falls with the square of its radius, whereas a
+box is as high as wide. A search from 40 mm above a mesh of 10^6 vertices visits a few leaves instead of thousands.
 """
 
 from dataclasses import dataclass
@@ -14,24 +14,24 @@ from palpate.physics.exact import product
 from palpate.physics.kernel import kernel
 
 LEAF = 4
-PART, WHOLE = 64, 2048  # Leaves of the parts that a large node is bounded by, and of the smallest such node
-FLAT = 1e-12  # [1] A triangle whose area is less than this share of its longest edge squared counts as that edge
+PART, WHOLE = 64, 2048  # A node of at least WHOLE leaves is bounded by the discs of its parts of PART leaves
+FLAT = 1e-12  # [1] A triangle is degenerate if its area over its longest edge squared is smaller
 
-CORNERS, ACROSS, KIND, ORIGIN, COLUMNS = 0, 3, 6, 7, 8
+ACROSS, KIND, ORIGIN, COLUMNS = 3, 6, 7, 8  # columns of `cells`
 
 
 @dataclass(frozen=True, eq=False)
 class MeshTables:
-    """A mesh made ready for searching.
+    """Tables of a mesh for the search.
 
-    cells    (T,8)  of each triangle in the order of the tree: three corners, the triangles across its edges (corner i
-                    to i+1; -1 at a border), 0 or 1 + its longest edge where it is degenerate, its index in the mesh
+    cells    (T,8)  each triangle in the order of the tree: three corners, neighbours across its edges (corner i to
+                    i+1; -1 at a border), 0 or for a degenerate one 1 + its longest edge, its index in the mesh
     """
 
-    points: np.ndarray  # (V,6) position [m] and outward unit normal of each vertex, equal positions made one
+    points: np.ndarray  # (V,6) position [m] and outward unit normal of each vertex; equal positions are merged
     cells: np.ndarray
     discs: np.ndarray  # (N,8) centre, axis, radius and half height of each node; node 0 is unused, node 1 the root
-    star_at: np.ndarray  # (V+1) first place of each vertex in `star`
+    star_at: np.ndarray  # (V+1) index in `star` where the list of each vertex begins
     star: np.ndarray  # (3T) the triangles round each vertex
 
     @property
@@ -41,15 +41,15 @@ class MeshTables:
 
 
 def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
-    """Tables of a mesh, vertices [m] (V,3) and triangles (T,3). Duplicated triangles are left out, and those that are
-    but an edge of another; other degenerate ones stay as segments, without a normal. Vertices that no triangle holds do
-    no harm. ValueError: no triangle, an index beyond the vertices, a vertex that is not finite."""
+    """Tables of a mesh, vertices [m] (V,3) and triangles (T,3). Duplicates and triangles that coincide with an edge of
+    another one are removed; other degenerate triangles remain as segments without a normal. Unused vertices are
+    allowed. ValueError: no triangle, an index out of range, a vertex that is not finite."""
     vertices = np.ascontiguousarray(vertices, dtype=float)
     triangles = np.ascontiguousarray(triangles, dtype=np.int32)
     if not len(triangles):
         raise ValueError("the mesh has no triangles")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise ValueError(f"a triangle names vertex {triangles.max()}, the mesh has {len(vertices)}")
+        raise ValueError(f"a triangle refers to vertex {triangles.max()}, the mesh has {len(vertices)}")
     if not np.isfinite(vertices[triangles]).all():
         raise ValueError("a vertex of a triangle is not finite")
     triangles = weld(vertices)[triangles]
@@ -73,7 +73,7 @@ def mesh_tables(vertices: np.ndarray, triangles: np.ndarray) -> MeshTables:
 
 
 def weld(vertices: np.ndarray) -> np.ndarray:
-    """For each vertex the index of the representative of all vertices at exactly its position (V,) int32."""
+    """Index (V,) int32 of the vertex that represents all vertices at exactly the same position."""
     key = product(vertices, np.array([1.0, np.sqrt(2.0), np.sqrt(3.0)]))
     order = np.argsort(key, kind="stable")
     inside = vertices[order]
@@ -84,21 +84,21 @@ def weld(vertices: np.ndarray) -> np.ndarray:
 
 
 def stars(triangles: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """First place (V+1) in the list of each of `count` vertices, and the list (3T) of the triangles round each."""
+    """The triangles round each of `count` vertices: index (V+1) where the list of each begins, and the lists (3T)."""
     at = np.concatenate([[0], np.cumsum(np.bincount(triangles.ravel(), minlength=count))])
     return at, (np.argsort(triangles.ravel(), kind="stable") // 3).astype(np.int32)
 
 
 @kernel
 def is_segment(triangles, t):
-    """Whether a triangle has less than three different corners."""
+    """Whether two corners of a triangle are equal."""
     a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
     return a == b or b == c or c == a
 
 
 @kernel
 def _superfluous(triangles, at, star):
-    """Whether a triangle repeats an earlier one in the same sense, or is but an edge or a corner of a proper one."""
+    """Whether each triangle (T,) repeats an earlier one with the same orientation, or is an edge or corner of one."""
     superfluous = np.zeros(len(triangles), dtype=np.bool_)
     for t in range(len(triangles)):
         a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
@@ -119,7 +119,7 @@ def _superfluous(triangles, at, star):
 
 
 def _morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
-    """Interleaved bits of the coordinates, 21 of each."""
+    """Morton codes: interleaved bits of the coordinates, 21 of each."""
     places = (np.minimum((centre - low) / size, 1.0) * 2097151.0).astype(np.int64)
     codes = np.zeros(len(centre), np.int64)
     for bit, i in np.ndindex(21, 3):
@@ -131,12 +131,12 @@ def _morton(centre: np.ndarray, low: np.ndarray, size: float) -> np.ndarray:
 def _discs(vertices, triangles, leaves, discs):
     """Bounding discs of all nodes: centre, axis, radius, half height.
 
-    Small nodes are fitted to their vertices; large ones, from `WHOLE` leaves on, to the discs of the nodes of `PART`
-    leaves below them, at 1 % of the cost.
+    Nodes with less than `WHOLE` leaves enclose their vertices; larger ones the discs of their descendants with `PART`
+    leaves, at 1 % of the cost.
     """
     count = len(triangles)
     sums = np.zeros((2 * leaves, 7))
-    # a heap: node's children are 2 node and 2 node + 1; moments come from the leaves upwards
+    # moments from the leaves upwards; the children of a node are 2 node and 2 node + 1
     for node in range(2 * leaves - 1, 0, -1):
         if node >= leaves:
             for t in range((node - leaves) * count // leaves, (node - leaves + 1) * count // leaves):
@@ -175,7 +175,7 @@ def _discs(vertices, triangles, leaves, discs):
         for i in range(3):
             discs[node, i] += middle * discs[node, 3 + i]
             size += abs(discs[node, i])
-        # Rounding must not put a vertex outside.
+        # a margin for rounding
         discs[node, 6] = wide + 1e-9 * size
         discs[node, 7] = 0.5 * (high - low) + 1e-12 * size
 
@@ -203,7 +203,7 @@ def _start_disc(sums, disc):
 
 @kernel
 def _corner(x, disc):
-    """Place of a point along the axis of a disc and its distance from it."""
+    """Coordinate of a point along the axis of a disc, and its distance from the axis."""
     a, b, c = x[0] - disc[0], x[1] - disc[1], x[2] - disc[2]
     along = a * disc[3] + b * disc[4] + c * disc[5]
     return along, np.sqrt(max(a * a + b * b + c * c - along * along, 0.0))
@@ -211,14 +211,14 @@ def _corner(x, disc):
 
 @kernel
 def _seen(part, disc):
-    """Centre of a disc as seen from another: along its axis, across it, and the cosine between both axes."""
+    """Centre of a disc relative to another: along its axis, distance from it, and the cosine between both axes."""
     along, across = _corner(part, disc)
     return along, across, abs(part[3] * disc[3] + part[4] * disc[4] + part[5] * disc[5])
 
 
 @kernel
 def _topology(points, cells, star_at, star):
-    """Fills in neighbours, degenerate triangles and the angle-weighted normals of the vertices."""
+    """Fill in the neighbours, degenerate triangles and angle-weighted normals of the vertices."""
     side = np.empty((3, 3))
     square = np.empty(3)
     for t in range(len(cells)):
@@ -254,7 +254,7 @@ def _topology(points, cells, star_at, star):
 
 @kernel
 def _neighbour(cells, star_at, star, t, a, b):
-    """The triangle across the edge from corner a to b of triangle t: one of the same sense if there is one; or -1."""
+    """The triangle across the edge from corner a to b of triangle t, preferably with the same orientation; or -1."""
     neighbour = -1
     for k in range(star_at[a], star_at[a + 1]):
         s = star[k]

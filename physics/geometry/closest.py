@@ -1,13 +1,13 @@
-"""Closest point of a NURBS surface, followed from tick to tick.
+"""Closest point of a NURBS surface, tracked from tick to tick.
 
-Newton's method from the last foot point finds a local minimum of the distance. The global one may lie elsewhere, so
-every step also looks at samples of the surface. Each lies within `cover` of its neighbours' part of the surface, so a
-nearer minimum has a sample nearer than the present distance plus `cover`; walking from it downhill over the samples
-ends at one nearer than all its neighbours. Newton's method runs from each of those that does not belong to a minimum
-already known. A tree of one level (spheres round some 16 samples) keeps that cheap.
+Newton's method from the last foot point finds a local minimum of the distance. To find the global one, each step also
+checks samples of the surface. Every point of the surface is within `cover` of a sample, so a nearer minimum has a
+sample nearer than the current distance plus `cover`. Descending over the samples from there ends at one that is nearer
+than all its neighbours. Newton's method starts from each of these that does not belong to a known minimum. Bounding
+spheres round 16 samples each limit the cost.
 
-The foot point stays with its branch until another is nearer by more than the hysteresis; the distance is always that
-of the nearest branch, and so 1-Lipschitz along any path.
+The foot point remains on its branch until another one is nearer by more than the hysteresis. The distance is always
+that of the nearest branch, and therefore 1-Lipschitz along any path.
 """
 
 from dataclasses import dataclass
@@ -15,39 +15,36 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.physics.geometry.newton import beside, flattest, newton
-from palpate.physics.geometry.nurbs import Nurbs, evaluate, normal_of
+from palpate.physics.geometry.newton import flattest, inside_border, newton
+from palpate.physics.geometry.nurbs import NurbsPatch, evaluate, normal_of
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
-HYSTERESIS = 1e-4
-FAR = 1e9  # [m] Coordinates beyond this are brought to it, so that squares stay finite
+FAR = 1e9  # [m] Limit of coordinates, so that squares are finite
 SAMPLES = 2500
 SLACK = 0.1
-"""[1] A sample counts as nearest of its neighbours unless one is nearer by this share of the squared cover, and by what
-the sagitta adds, in squared distance: between two minima of nearly one distance the samples may show no rise."""
-FLAT = 0.25  # [1] Least 1 - d kappa at a foot point without a look at its neighbourhood
-ROUND = 9  # Directions in which a collapsed border is left
-STARTS = 8  # Most starts of Newton's method per step beside the last foot point
+"""[1] Tolerance of squared distances when samples are compared with their neighbours, over the squared cover; the
+sagitta is added. Between two minima at nearly the same distance the distance of the samples may show no maximum."""
+FLAT = 0.25  # [1] 1 - d kappa at a foot point below which its neighbourhood is searched as well
+ROUND = 9  # Number of directions in which the search leaves a collapsed border
+STARTS = 8  # Maximum number of starts of Newton's method per step, in addition to the last foot point
 FOUND = 9  # Length of a result: foot (3), normal (3), u, v, signed distance
 
 
 @dataclass(frozen=True, eq=False)
 class ClosestPoint:
-    """Finds and follows closest points of one surface; the samples are made at the first use.
+    """Finds and tracks closest points of a surface: `find` for independent points, `track` for one moving point. The
+    samples are computed at the first use."""
 
-    `find` for arrays of points, each by itself; `track` for one moving point.
-    """
-
-    surface: Nurbs
+    surface: NurbsPatch
 
     @cached_property
     def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What the kernels read: floats and integers of the surface, floats and integers of the samples."""
+        """Arguments of the kernels: floats and integers of the surface, floats and integers of the samples."""
         return (*self.surface.packed, *samples(self.surface, SAMPLES))
 
     def scratch(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """State (u, v, 1 while tracking), work space, derivatives and result of `track`."""
+        """State (u, v, 1 while tracking), workspace, derivatives and result of `track`."""
         degrees = self.surface.degree_u + self.surface.degree_v
         return (
             np.zeros(3),
@@ -71,7 +68,7 @@ class ClosestPoint:
 def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, foot):
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, u, v, signed distance.
 
-    state  (3)  u and v of the last foot point and 1, or 0 in the last place for a start without one
+    state  (3)  u and v of the last foot point, and 1; 0 in the last place if there is no last foot point
     """
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
     here, there = d[0], d[1]
@@ -79,14 +76,14 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         k = _nearest(seeds, index, p0, p1, p2)
         state[0], state[1] = seeds[5 * k + 3], seeds[5 * k + 4]
         hysteresis = 0.0
-    # 1. the minimum that the last foot point leads to
+    # 1. the minimum to which the last foot point leads
     u, v, f = newton(data, layout, p0, p1, p2, state[0], state[1], work, here)
     n0, n1, n2 = normal_of(data, layout, u, v, here)
     distance = np.sqrt(f)
     signed = (p0 - here[0, 0]) * n0 + (p1 - here[0, 1]) * n1 + (p2 - here[0, 2]) * n2
     best, best_u, best_v = distance, u, v
     cover = seeds[len(seeds) - 1]
-    # 2. where p is near the centre of curvature there, minima on both sides of it
+    # 2. if p is near the centre of curvature there: minima on both sides of the foot point
     curvature, du, dv, collapsed = flattest(data, layout, p0, p1, p2, v, here)
     starts = 0
     if collapsed:
@@ -95,17 +92,17 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         starts = 2
     for k in range(starts):
         if collapsed:
-            # A border that is one point, but not a pole at an end of v: it may be left in any direction.
-            x, y = beside(data, layout, u, v, here, k / (ROUND - 1))
+            # a border collapsed to a point that is not a pole: start in all directions
+            x, y = inside_border(data, layout, u, v, here, k / (ROUND - 1))
         else:
-            # Near the end of the medial axis a second minimum may lie between the samples.
+            # near the end of the medial axis a second minimum may lie between the samples
             x, y = u + (1.4 * k - 0.7) * cover * du, v + (1.4 * k - 0.7) * cover * dv
         x, y, f = newton(data, layout, p0, p1, p2, x, y, work, there)
         if f < best * best:
             best, best_u, best_v = np.sqrt(f), x, y
             n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
-    # 3. minima elsewhere: from each sample that may beat it, unless it belongs to one that is found
+    # 3. minima elsewhere: from each sample that may lead to a nearer one, unless it belongs to a known minimum
     at = len(work) - 6 * STARTS
     count = _starts(seeds, index, p0, p1, p2, distance, here, work, at)
     for c in range(count):
@@ -113,7 +110,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
         known = False
         for e in range(c):
             b = at + 2 * STARTS + 4 * e
-            known = known or _belongs(seeds, index, k, work[at + 2 * c], work[b], work[b + 1], work[b + 2], work[b + 3])
+            known = known or _belongs(seeds, k, work[at + 2 * c], work[b], work[b + 1], work[b + 2], work[b + 3])
         b = at + 2 * STARTS + 4 * c
         if known:
             work[b + 3] = np.inf
@@ -125,7 +122,7 @@ def track(data, layout, seeds, index, p0, p1, p2, hysteresis, state, work, d, fo
             best, best_u, best_v = other, x, y
             n0, n1, n2 = normal_of(data, layout, x, y, there)
             signed = (p0 - there[0, 0]) * n0 + (p1 - there[0, 1]) * n1 + (p2 - there[0, 2]) * n2
-    # 4. another minimum takes over only if it is nearer by the hysteresis
+    # 4. change to another minimum only if it is nearer by the hysteresis
     if best < distance - hysteresis:
         u, v = best_u, best_v
         evaluate(data, layout, u, v, work, here)
@@ -161,17 +158,16 @@ def _nearest(seeds, index, p0, p1, p2):
 
 
 @kernel
-def _belongs(seeds, index, k, f, x0, x1, x2, least):
+def _belongs(seeds, k, f, x0, x1, x2, least):
+    """Whether sample k, at the squared distance f, belongs to the minimum x at the squared distance `least`."""
     cover = seeds[len(seeds) - 1]
     return f >= least * (1.0 - 1e-9) and _square(seeds, k, x0, x1, x2) < cover * cover
 
 
 @kernel
 def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
-    """Samples from which a nearer minimum may be found, nearest first: pairs (squared distance, sample) into work[at:].
-
-    Returns how many.
-    """
+    """Samples that may lead to a nearer minimum, nearest first, as pairs (squared distance, sample) into work[at:];
+    returns their number."""
     samples, clusters = index[0], index[1]
     cover = seeds[len(seeds) - 1]
     reach = distance + cover
@@ -194,7 +190,7 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
                 if _square(seeds, index[links + samples + 1 + j], p0, p1, p2) < f - slack:
                     lowest = False
                     break
-            if not lowest or _belongs(seeds, index, k, f, here[0, 0], here[0, 1], here[0, 2], distance * distance):
+            if not lowest or _belongs(seeds, k, f, here[0, 0], here[0, 1], here[0, 2], distance * distance):
                 continue
             count = min(count + 1, STARTS)
             place = count - 1
@@ -207,8 +203,8 @@ def _starts(seeds, index, p0, p1, p2, distance, here, work, at):
 
 
 @kept
-def samples(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """About `count` samples of the surface with their neighbours, in clusters, packed for the kernels.
+def samples(surface: NurbsPatch, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """About `count` samples of the surface with their neighbours, in clusters, as arrays for the kernels:
 
     floats    (5 s) x, y, z, u, v of each sample; (4 c) centre and radius of each cluster; sagitta; cover
     integers  s, c; (c+1) first sample of each cluster; (s+1) first link of each sample; the links
@@ -242,8 +238,8 @@ def samples(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([table.ravel(), np.ravel(spheres), [sagitta, cover]]), index
 
 
-def _grid(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Parameters of a grid with about square cells; the end of a closed direction is left out."""
+def _grid(surface: NurbsPatch, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Parameters of a grid with nearly square cells, without the end of a closed direction."""
     u0, u1, v0, v1 = surface.domain
     rough = surface(np.linspace(u0, u1, 40)[:, None], np.linspace(v0, v1, 40))
     around = np.linalg.norm(np.diff(rough, axis=0), axis=-1).sum(axis=0).max()
@@ -254,8 +250,8 @@ def _grid(surface: Nurbs, count: int) -> tuple[np.ndarray, np.ndarray]:
     return u, np.linspace(v0, v1, m, endpoint=not surface.closed_v)
 
 
-def _sagitta(surface: Nurbs, u: np.ndarray, v: np.ndarray) -> float:
-    """How far the surface bulges between samples, at most [m]."""
+def _sagitta(surface: NurbsPatch, u: np.ndarray, v: np.ndarray) -> float:
+    """Largest distance [m] of the surface from the chords between samples."""
     corners = surface(u[:, None], v)
     chord = (corners[1:, 1:] + corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:]) / 4
     middle = surface((u[1:, None] + u[:-1, None]) / 2, (v[1:] + v[:-1]) / 2)
@@ -275,7 +271,7 @@ def _links(number: np.ndarray, closed_u: bool, closed_v: bool) -> np.ndarray:
 
 
 def _clusters(points: np.ndarray, chosen: np.ndarray, size: int = 16) -> list[np.ndarray]:
-    """The chosen points in groups of at most `size`, by halving along the longest side."""
+    """The chosen points in groups of at most `size`, by bisection along the longest side."""
     if len(chosen) <= size:
         return [chosen]
     axis = np.ptp(points[chosen], axis=0).argmax()

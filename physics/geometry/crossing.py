@@ -1,4 +1,4 @@
-"""Where a triangle mesh passes through itself."""
+"""Self-intersection of a triangle mesh."""
 
 import numpy as np
 
@@ -6,13 +6,13 @@ from palpate.physics.kernel import kernel
 
 
 def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.ndarray] | None:
-    """Two triangles of which one has an edge that passes through the other, and where [m] (3,); None: there are none.
+    """Two triangles of which one has an edge through the interior of the other, and where [m] (3,); None: not found.
 
-    Triangles that only touch, lie in one plane or share a corner do not cross.
+    Triangles that only touch, are coplanar or share a corner do not cross.
     """
     points, triangles = np.array(points, dtype=np.float64), np.ascontiguousarray(triangles, dtype=np.int64)
     middle = points[triangles].mean(axis=(0, 1))
-    points -= middle  # far from the origin a scanner's numbers would be rounded to more than the filter allows for
+    points -= middle  # far from the origin, rounding of the coordinates would exceed the tolerance of `_side`
     corner = points[triangles]
     order = np.argsort(corner[:, :, 0].min(axis=1))
     low, high = corner[order].min(axis=1), corner[order].max(axis=1)
@@ -23,10 +23,8 @@ def crossing(points: np.ndarray, triangles: np.ndarray) -> tuple[int, int, np.nd
 
 @kernel
 def _side(a, b, c, p):
-    """Six times the volume of the tetrahedron a, b, c, p, or 0 where rounding may have made its sign: the filter of
-    J. R. Shewchuk, Adaptive precision floating-point arithmetic, Discrete Comput. Geom. 18 (1997) 305, here with room
-    for vertices that were themselves rounded.
-    """
+    """Six times the volume of the tetrahedron a, b, c, p, or 0 if rounding may have changed its sign: the filter of
+    J. R. Shewchuk, Discrete Comput. Geom. 18 (1997) 305, with a larger tolerance because the vertices are rounded."""
     u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     w0, w1, w2 = p[0] - a[0], p[1] - a[1], p[2] - a[2]
@@ -41,7 +39,7 @@ def _side(a, b, c, p):
 
 @kernel
 def _crossing(points, triangles, low, high, widest, at):
-    """Triangles are in the order of their least x, low and high (T,3) their bounds; the first pair, or -1, -1."""
+    """The first pair, or -1, -1. Triangles are sorted by their smallest x; low, high (T,3): bounds; at: the place."""
     for i in range(len(triangles)):
         first = np.searchsorted(low[:, 0], low[i, 0] - widest)
         for j in range(first, len(triangles)):

@@ -1,27 +1,26 @@
-"""A displacement field in few numbers: every vertex near the contact, fewer and fewer farther off.
+"""Graded sampling of a displacement field: all vertices near the contact, fewer with increasing distance.
 
-An elastic surface moves by about 1/r at the distance r from what presses it. Points h apart then hold it, by linear
-interpolation, within h²/(4 r²) of its own displacement there: 3 % of it for h = `GRADE` r, whatever the distance.
+An elastic surface moves by about 1/r at the distance r from the load. Linear interpolation between points at a spacing
+h has the relative error h²/(4 r²), which is 3 % for h = `GRADE` r at any distance.
 
-Vertices are ranked by farthest-point sampling (T. F. Gonzalez, Theor. Comput. Sci. 38 (1985) 293-306): each is the one
-that is farthest from all before it. One that is h away from these is sent up to a distance of h/`GRADE` beyond the
-region where all are. The receiver interpolates (`filled`).
+Vertices are ranked by farthest-point sampling (T. F. Gonzalez, Theor. Comput. Sci. 38 (1985) 293-306): each is the
+farthest from all before it. A vertex at the distance h from these is sent up to h/`GRADE` beyond the region in which
+all vertices are sent. The receiver interpolates (`filled`).
 """
 
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # loads its submodules when they are used
 
 from palpate.physics.exact import solve
 from palpate.physics.kept import kept
 
-GRADE = 0.35  # [1] Distance between the vertices that are sent, over that from the region where all are
-RANKED = 600  # Vertices that are ranked; the others are sent only where all are
-EVERYWHERE = 150
-"""Vertices that are sent wherever the contact is: what the body does as a whole follows its curved surface."""
-LANDMARKS = 16  # Vertices farthest from each other by which a receiver knows that all of the surface is listed
-SAMPLED = 20_000  # Vertices of a large mesh that ranks are given among
-NEIGHBOURS = 12  # Sent vertices that one in between is interpolated from
-STIFF = 1e-4  # [1] Regularisation of the linear fit: the neighbours lie nearly in a plane
+GRADE = 0.35  # [1] Spacing of the sent vertices over their distance from the region in which all are sent
+RANKED = 600  # Number of ranked vertices; the others are sent only near the contact
+EVERYWHERE = 150  # Number of vertices that are always sent, for the motion of the body as a whole
+LANDMARKS = 16  # Number of vertices by which a receiver recognizes a list that covers the whole surface
+SAMPLED = 20_000  # Largest number of candidates for the ranking of a large mesh
+NEIGHBOURS = 12  # Number of sent vertices from which another one is interpolated
+STIFF = 1e-4  # [1] Regularization of the linear fit: the neighbours are nearly coplanar
 
 
 def ranked(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -40,10 +39,8 @@ def ranked(points: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @kept
 def ranges(points: np.ndarray, near: float) -> np.ndarray:
-    """Distance [m] (N,) from the contact up to which each vertex is sent.
-
-    points [m] (N,3);  near [m] distance within which all are
-    """
+    """Distance [m] (N,) from the contact up to which each vertex is sent. points [m] (N,3); near [m]: distance within
+    which all are sent"""
     order, apart = ranked(points, RANKED)
     within = np.full(len(points), near)
     within[order] = near + apart / GRADE
@@ -53,21 +50,21 @@ def ranges(points: np.ndarray, near: float) -> np.ndarray:
 
 @kept
 def landmarks(points: np.ndarray) -> np.ndarray:
-    """Vertices of points [m] (N,3) that are farthest from each other."""
+    """Indices of `LANDMARKS` points that are far from each other, of points [m] (N,3)."""
     return ranked(points, LANDMARKS)[0]
 
 
 def spread_over(points: np.ndarray, nodes: np.ndarray) -> bool:
-    """Whether vertices `nodes` are some that lie all over the surface, those sent everywhere among them: then what is
-    not listed lies between. Displacements of a contact alone never list the farthest ends of a body together."""
+    """Whether the vertices `nodes` are a sample of the whole surface, which includes all landmarks, so that the other
+    vertices can be interpolated. A list of the vertices near a contact never includes all landmarks."""
     return len(nodes) < len(points) and bool(np.isin(landmarks(points), nodes).all())
 
 
 def filled(points: np.ndarray, nodes: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """The field (N,c) of all points [m] (N,3) from that of some of them: `moved` (k,c) of `nodes` (k,).
+    """The field (N,c) at all points [m] (N,3), interpolated from `moved` (k,c) at `nodes` (k,).
 
-    Moving least squares of first degree over the nearest nodes, with weights that end at the farthest of them: linear
-    fields are kept. P. Lancaster, K. Salkauskas, Math. Comput. 37 (1981) 141-158.
+    Linear moving least squares over the nearest nodes, with weights that are zero at the farthest one; exact for linear
+    fields. P. Lancaster, K. Salkauskas, Math. Comput. 37 (1981) 141-158.
     """
     field = np.zeros((len(points), moved.shape[1]))
     field[nodes] = moved

@@ -1,4 +1,4 @@
-"""The kidney: a closed bicubic surface of anatomical size, made from published dimensions.
+"""The kidney: a closed bicubic surface with published anatomical dimensions.
 
 Length pole to pole 110 mm: computed tomography of 2068 kidneys gave 108.5 +- 12.2 mm on the right and 111.3 +- 12.6 mm
 on the left (B. Glodny et al., BMC Urology 9 (2009) 19). Width 60 mm and thickness 42 mm lie in the usual adult range
@@ -7,7 +7,7 @@ of 50-70 mm and 30-50 mm; as an ellipsoid these give 145 cm3, and sonography of 
 
     python -m palpate.physics.geometry.kidney kidney.ply --vertices 3000    writes a mesh of it
 
-Shape: a round body bent about its medial side, with a hollow, the hilum, in the middle of that side.
+Shape: a round body, bent towards its medial side, with a hollow (the hilum) in the middle of that side.
 """
 
 import argparse
@@ -17,27 +17,24 @@ import numpy as np
 
 from palpate.physics.exact import exp, product
 from palpate.physics.geometry.mesh import write_ply
-from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import interpolate
 from palpate.physics.geometry.tessellate import tessellate
 
 LENGTH, WIDTH, THICKNESS = 0.110, 0.060, 0.042
 
-BEND = 0.20
-"""Rise of the middle over the ends, in half lengths; the medial side is concave above a quarter of the width."""
-TAPER = 0.05  # The upper pole is that much wider, the lower that much narrower, than the middle
+BEND = 0.20  # Offset of the middle from the ends, in half lengths; above 25 % of the width the medial side is concave
+TAPER = 0.05  # Relative excess width of the upper pole over the middle, and deficit of the lower pole
 HOLLOW, HOLLOW_LENGTH, HOLLOW_HEIGHT = 0.18, 0.30, 0.24
-"""Depth and half extents along length and thickness of the hilum, in half lengths."""
-AROUND, ALONG = 32, 33  # Points of the grid that the surface goes through
+"""Depth, and half extents along length and thickness, of the hilum, in half lengths."""
+AROUND, ALONG = 32, 33  # Size of the grid of interpolation points
 
 
 def shape(direction: np.ndarray) -> np.ndarray:
-    """The smooth shape that the surface is fitted to, in half lengths (...,3), of a unit direction (...,3).
-
-    x runs from the lower to the upper pole, y from the hilum to the lateral border, z from back to front.
-    """
+    """The smooth shape to interpolate, in half lengths (...,3), for unit directions (...,3): x from the lower to the
+    upper pole, y from the hilum to the lateral border, z from back to front."""
     x, y, z = np.moveaxis(direction, -1, 0)
-    fuller = 1.0 + 0.25 * x**2  # blunt poles: the section shrinks later than that of an ellipsoid
+    fuller = 1.0 + 0.25 * x**2  # blunter poles than those of an ellipsoid
     wide = 0.47 * (1.0 + TAPER * x) * fuller
     high = 0.37 * (1.0 + TAPER * x) * fuller
     along = x * (1.0 + 0.06 * (1.0 - x**2))
@@ -48,13 +45,13 @@ def shape(direction: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THICKNESS) -> Nurbs:
+def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THICKNESS) -> NurbsPatch:
     """The closed kidney surface, centred on its bounding box.
 
     length, width, thickness  [m]  extent along x (pole to pole), y (hilum to lateral border), z (back to front)
 
-    u goes round the long axis and wraps, with continuous second derivatives; v goes from the lower pole to the upper.
-    All dS/dv at a pole are prescribed in one plane, so that the pole has a tangent plane exactly.
+    u runs round the long axis and wraps, with continuous second derivatives; v runs from the lower to the upper pole.
+    All dS/dv at a pole are prescribed in one plane, so that the pole has a tangent plane.
 
     ValueError: a dimension that is not positive.
     """
@@ -76,8 +73,8 @@ def kidney(length: float = LENGTH, width: float = WIDTH, thickness: float = THIC
 
 
 def _slope(pole: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Derivative of the shape per radian away from a pole, in each direction round it; linear in the direction, so
-    that all lie in one plane."""
+    """Derivative of the shape per radian away from a pole, in each direction; linear in it, so that all are coplanar.
+    Richardson extrapolation of central differences."""
     h = 1e-4
 
     def ahead(tangent: np.ndarray, h: float) -> np.ndarray:
@@ -89,8 +86,8 @@ def _slope(pole: np.ndarray, around: np.ndarray) -> np.ndarray:
     return product(around[:, 1:], columns)
 
 
-def _box(surface: Nurbs) -> tuple[np.ndarray, np.ndarray]:
-    """Bounding box, on a grid fine enough for 1e-4 of the size."""
+def _box(surface: NurbsPatch) -> tuple[np.ndarray, np.ndarray]:
+    """Bounding box from a grid, within 1e-4 of the size."""
     u, v = np.linspace(0.0, 1.0, 241), np.linspace(0.0, 1.0, 241)
     points = surface(u[:, None], v).reshape(-1, 3)
     return points.min(axis=0), points.max(axis=0)

@@ -1,4 +1,4 @@
-"""A triangle mesh with what contact needs of it: vertex normals and nodal areas."""
+"""A triangle mesh with vertex normals and nodal areas."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +24,7 @@ class Mesh:
 
     @cached_property
     def edges(self) -> tuple[np.ndarray, np.ndarray]:
-        """Ends of each edge (E,2), the lower first, and how many triangles have it (E,)."""
+        """Ends of each edge (E,2), the lower index first, and its number of triangles (E,)."""
         ends = np.sort(self.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         edges, count = np.unique(ends, axis=0, return_counts=True)
         return edges, count
@@ -38,7 +38,7 @@ class Mesh:
     @cached_property
     def normals(self) -> np.ndarray:
         """Outward unit normal at each vertex [1] (V,3), weighted by the angle of each triangle there
-        (Baerentzen & Aanaes 2005); (0, 0, 1) at a vertex that only degenerate triangles hold."""
+        (Baerentzen & Aanaes 2005); (0, 0, 1) at a vertex that only degenerate triangles share."""
         total = np.zeros_like(self.vertices)
         length = np.linalg.norm(self.face_vectors, axis=1)
         unit = self.face_vectors / np.where(length > 0, length, 1.0)[:, None]
@@ -67,7 +67,7 @@ def plane(size: float, count: int) -> Mesh:
 
 
 def write_ply(path: str | Path, mesh: Mesh) -> None:
-    """A mesh as a binary PLY file, in metres, with the vertex normals."""
+    """Write a mesh with its vertex normals as a binary PLY file, in metres."""
     names = ("x", "y", "z", "nx", "ny", "nz")
     header = [
         "ply",

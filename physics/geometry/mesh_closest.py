@@ -1,4 +1,4 @@
-"""Closest point of a triangle mesh: a tree of discs and the Voronoi regions of a triangle.
+"""Closest point of a triangle mesh: tree search, and the Voronoi regions of a triangle.
 
 C. Ericson, Real-Time Collision Detection, Morgan Kaufmann 2005, sec. 5.1.5 (closest point of a triangle).
 """
@@ -21,10 +21,8 @@ FOUND = 10
 
 @dataclass(frozen=True, eq=False)
 class MeshClosestPoint:
-    """Finds and follows closest points of one mesh; its tree is built at the first use.
-
-    `find` for arrays of points, each by itself; `track_mesh` with `tables.arrays` for one moving point.
-    """
+    """Finds and tracks closest points of a mesh: `find` for independent points, `track_mesh` with `tables.arrays` for
+    one moving point. The tree is built at the first use."""
 
     mesh: Mesh
 
@@ -34,7 +32,7 @@ class MeshClosestPoint:
         return mesh_tables(self.mesh.vertices, self.mesh.triangles)
 
     def scratch(self) -> tuple[np.ndarray, np.ndarray]:
-        """Work space of `track_mesh`, whose first place is the last triangle (-1: none), and its result."""
+        """Workspace of `track_mesh`, whose first entry is the last triangle (-1: none), and its result."""
         return np.full(STACK, -1, dtype=np.int64), np.zeros(FOUND)
 
     def find(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -52,9 +50,9 @@ class MeshClosestPoint:
 def track_mesh(points, cells, discs, star_at, star, p0, p1, p2, hysteresis, work, foot):
     """The foot point of p = (p0, p1, p2) [m] into `foot`: point, normal, two weights, signed distance, triangle.
 
-    The nearest point reached from the last foot point by walking downhill is the branch that is followed; it bounds the
-    search of the tree, and stays until the tree finds one nearer by more than the hysteresis [m]. The distance is that
-    of the nearest.
+    Descent from the last foot point over neighbouring triangles gives the point of the same branch, whose distance
+    bounds the tree search. The foot point remains on its branch until the search finds one nearer by more than the
+    hysteresis [m]. The signed distance is that of the nearest point.
     """
     p0, p1, p2 = min(max(p0, -FAR), FAR), min(max(p1, -FAR), FAR), min(max(p2, -FAR), FAR)
     last = work[0]
@@ -83,13 +81,12 @@ def _find(points, cells, discs, star_at, star, queries, work, foot, results):
         work[0] = -1
         q = queries[k]
         track_mesh(points, cells, discs, star_at, star, q[0], q[1], q[2], 0.0, work, foot)
-        for i in range(len(foot)):
-            results[k, i] = foot[i]
+        results[k] = foot
 
 
 @kernel
 def _same(points, cells, s, t, v, w, x, y):
-    """Whether two triangles share the foot point, as neighbours do on their common edge."""
+    """Whether two points on triangles coincide, such as on the common edge of neighbours."""
     total = 0.0
     for c in range(3):
         a = points[cells[s, 0], c] * (1.0 - v - w) + points[cells[s, 1], c] * v + points[cells[s, 2], c] * w
@@ -100,7 +97,7 @@ def _same(points, cells, s, t, v, w, x, y):
 
 @kernel
 def _segment(ax, ay, az, bx, by, bz):
-    """Share of the way along a segment, from a towards b as seen from p at the origin, of its nearest point."""
+    """Coordinate in [0, 1], from a to b, of the point of a segment that is nearest to the origin."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     square = dx * dx + dy * dy + dz * dz
     if square <= 0.0:
@@ -110,7 +107,7 @@ def _segment(ax, ay, az, bx, by, bz):
 
 @kernel
 def _on_triangle(points, cells, t, p0, p1, p2):
-    """Squared distance, weights of the second and third corner, and place of the nearest point of a triangle."""
+    """Squared distance, weights of the second and third corner, and region of the nearest point of a triangle."""
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
     ax, ay, az = points[i, 0] - p0, points[i, 1] - p1, points[i, 2] - p2
     bx, by, bz = points[j, 0] - p0, points[j, 1] - p1, points[j, 2] - p2
@@ -138,7 +135,7 @@ def _on_triangle(points, cells, t, p0, p1, p2):
 
 @kernel
 def nearest_weights(ax, ay, az, bx, by, bz, cx, cy, cz):
-    """Weights of b and c at the point of a triangle nearest to the origin, and its place: by Voronoi regions."""
+    """Weights of b and c at the point of a triangle nearest to the origin, and its Voronoi region."""
     ux, uy, uz = bx - ax, by - ay, bz - az
     vx, vy, vz = cx - ax, cy - ay, cz - az
     d1, d2 = -(ux * ax + uy * ay + uz * az), -(vx * ax + vy * ay + vz * az)
@@ -175,7 +172,7 @@ def _disc(discs, node, p0, p1, p2):
 
 @kernel
 def _search(points, cells, discs, p0, p1, p2, best, least, work):
-    """The nearest triangle; `best` at squared distance `least` unless one is nearer."""
+    """The nearest triangle by depth-first search; `best`, at the squared distance `least`, unless one is nearer."""
     count, leaves = len(cells), len(discs) // 2
     depth = 1
     work[1] = 1
@@ -204,7 +201,7 @@ def _search(points, cells, discs, p0, p1, p2, best, least, work):
 
 @kernel
 def _descend(points, cells, star_at, star, p0, p1, p2, t):
-    """Walks from triangle t to nearer neighbours; the last one, and whether none of its neighbours is nearer."""
+    """Descend from triangle t to ever nearer neighbours; the last one, and whether it is a local minimum."""
     f, _, _, place = _on_triangle(points, cells, t, p0, p1, p2)
     for _ in range(64):
         if place == FACE:

@@ -4,12 +4,12 @@ With r = S(u,v) - p, minimise r.r / 2:
 
     g = (r.S_u, r.S_v),   H = [[S_u.S_u + r.S_uu, S_u.S_v + r.S_uv], [., S_v.S_v + r.S_vv]]
 
-Where H is not positive definite its eigenvalues are taken by size. Steps are halved until r.r falls (Armijo). An open
-direction is clamped at its ends and dropped while the gradient pushes outwards; a closed one wraps. A stationary point
-that is no minimum is left along the direction of negative curvature.
+If H is not positive definite, the magnitudes of its eigenvalues are used. Steps are halved until r.r decreases
+(Armijo). A parameter of an open direction is limited to its domain and fixed while the gradient points outwards; one of
+a closed direction wraps. From a saddle point the search continues along the direction of negative curvature.
 
-Beside a pole S_u vanishes: steps are taken in polar coordinates rho = |v - v_pole|, phi = 2 pi u on the plane
-(rho cos phi, rho sin phi), whose gradient and Hessian stay finite and which has no border at rho = 0.
+Near a pole S_u vanishes: steps are taken in polar coordinates rho = |v - v_pole|, phi = 2 pi u in the plane
+(rho cos phi, rho sin phi), in which gradient and Hessian are finite and rho = 0 is no border.
 
 L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, sec. 6.1 (point inversion).
 """
@@ -19,16 +19,16 @@ import numpy as np
 from palpate.physics.geometry import nurbs
 from palpate.physics.kernel import kernel
 
-ZERO_DISTANCE = 1e-9  # [m] A point this near to the surface lies on it
-ZERO_COSINE = 1e-9  # [1] The connection is normal to the surface within this
-ZERO_MOVE = 1e-10  # [m] A last step this short ends the search
-POLE_RADIUS = 1e-9  # [1] Share of the domain of v that is kept from a pole, where the direction u has no meaning
-LIMIT = 60
+ZERO_DISTANCE = 1e-9  # [m] Distance below which a point is on the surface
+ZERO_COSINE = 1e-9  # [1] Cosine between r and the surface below which r is normal to it
+ZERO_MOVE = 1e-10  # [m] Length of a step below which the search ends
+POLE_RADIUS = 1e-9  # [1] Least distance of v from a pole, where u is undefined, over the domain of v
+LIMIT = 60  # iterations
 
 
 @kernel
 def _polar(data, layout, v):
-    """+1 in the span beside the pole at the low end of v, -1 at the high end, 0 elsewhere."""
+    """+1 in the span next to a pole at the low end of v, -1 at the high end, 0 elsewhere."""
     _, _, v0, v1 = nurbs.bounds(data, layout)
     b, spans = layout[nurbs.AT_BV], layout[nurbs.SPANS_V]
     if layout[nurbs.POLE_LOW] and v < data[b + 1] and (spans > 1 or v - v0 <= v1 - v or not layout[nurbs.POLE_HIGH]):
@@ -40,7 +40,7 @@ def _polar(data, layout, v):
 
 @kernel
 def _moved(data, layout, side, u, v, s1, s2):
-    """The parameters after a step: (du, dv), or beside a pole (radial, tangential) in units of v."""
+    """The parameters after a step (du, dv), or near a pole (radial, tangential) in units of v."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if side == 0.0:
         v = nurbs.wrap(v + s2, v0, v1, layout[nurbs.CLOSED_V])
@@ -76,7 +76,7 @@ def _model(data, layout, side, v, d, r0, r1, r2):
     i = 1.0 / rho
     k = (u1 - u0) / (2.0 * np.pi)
     if rho < nurbs.POLE_LIMIT * (v1 - v0):
-        # Differences of nearly equal numbers make S_u here; S_u = rho S_uv. The curvature is taken alike all round.
+        # S_u is lost in rounding: use S_u = rho S_uv, and the same curvature in all directions
         c = side * k
         x, y, z = c * d[4, 0], c * d[4, 1], c * d[4, 2]
         a12 = side * (x * d[2, 0] + y * d[2, 1] + z * d[2, 2])
@@ -91,7 +91,7 @@ def _model(data, layout, side, v, d, r0, r1, r2):
 
 @kernel
 def _downhill(h11, h12, h22):
-    """The least eigenvalue of a symmetric matrix and its eigenvector."""
+    """The smallest eigenvalue of a symmetric matrix and its eigenvector."""
     mean, half = 0.5 * (h11 + h22), 0.5 * (h11 - h22)
     root = np.hypot(half, h12)
     e1, e2 = (h12, -half - root) if half >= 0 else (half - root, h12)
@@ -103,9 +103,9 @@ def _downhill(h11, h12, h22):
 
 @kernel
 def flattest(data, layout, p0, p1, p2, v, d):
-    """The least eigenvalue of H in units of the metric, 1 - d kappa where (u, v) are orthogonal, the parameters
-    (du, dv) of a metre along its direction, and whether the point lies on a border that is collapsed to a point.
-    Beside a pole: 1 and no direction."""
+    """The smallest eigenvalue of H in units of the metric (1 - d kappa if S_u and S_v are orthogonal), the parameters
+    (du, dv) per metre along its direction, and whether the point is on a border collapsed to a point. Near a pole: 1
+    and no direction."""
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
     if _polar(data, layout, v) != 0.0:
         return 1.0, 0.0, 0.0, False
@@ -118,8 +118,8 @@ def flattest(data, layout, p0, p1, p2, v, d):
 
 
 @kernel
-def beside(data, layout, u, v, d, share):
-    """Parameters (u, v) 2 % inside of a collapsed border, at a share [1] of its length; d (6,3) as in `evaluate`."""
+def inside_border(data, layout, u, v, d, share):
+    """Parameters 2 % inside of a collapsed border, at the fraction `share` [1] of its length; d (6,3): derivatives."""
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
     if d[1, 0] ** 2 + d[1, 1] ** 2 + d[1, 2] ** 2 <= d[2, 0] ** 2 + d[2, 1] ** 2 + d[2, 2] ** 2:
         inside = 0.02 if v - v0 <= v1 - v else -0.02
@@ -130,7 +130,7 @@ def beside(data, layout, u, v, d, share):
 
 @kernel
 def _line(data, layout, p0, p1, p2, u, v, work, d):
-    """The line r [m] (3) from p to the surface at (u, v), and r.r; leaves the derivatives there in d."""
+    """The vector r [m] (3) from p to the surface at (u, v), and r.r; the derivatives there are left in d."""
     nurbs.evaluate(data, layout, u, v, work, d)
     r0, r1, r2 = d[0, 0] - p0, d[0, 1] - p1, d[0, 2] - p2
     return r0, r1, r2, r0 * r0 + r1 * r1 + r2 * r2
@@ -138,10 +138,8 @@ def _line(data, layout, p0, p1, p2, u, v, work, d):
 
 @kernel
 def newton(data, layout, p0, p1, p2, u, v, work, d):
-    """A local minimum of the distance from p, found from (u, v); leaves the derivatives there in d (6,3).
-
-    Returns u, v and the squared distance [m²].
-    """
+    """A local minimum of the distance from p, by Newton's method from (u, v): u, v and the squared distance [m²]; the
+    derivatives there are left in d (6,3)."""
     u, v = _moved(data, layout, 0.0, u, v, 0.0, 0.0)
     r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
     u0, u1, v0, v1 = nurbs.bounds(data, layout)
@@ -153,16 +151,16 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
         # gradient g and Hessian h of r.r / 2, metric a of the surface; near a pole in plane polar coordinates
         side = _polar(data, layout, v)
         g1, g2, h11, h12, h22, a11, a12, a22 = _model(data, layout, side, v, d, r0, r1, r2)
-        # a coordinate at its border is held where the distance falls outwards
+        # active set: a parameter at its limit is fixed while the distance decreases outwards
         hold1 = hold2 = False
         if side == 0.0:
             hold1 = not layout[nurbs.CLOSED_U] and ((u <= u0 and g1 > 0.0) or (u >= u1 and g1 < 0.0))
             hold2 = not layout[nurbs.CLOSED_V] and ((v <= v0 and g2 > 0.0) or (v >= v1 and g2 < 0.0))
-        # stationary: the line from the foot to p is normal to the surface, up to the cosine ZERO_COSINE
+        # stationary: r is normal to the surface, within ZERO_COSINE
         flat1 = hold1 or g1 * g1 <= ZERO_COSINE**2 * f * a11
         flat2 = hold2 or g2 * g2 <= ZERO_COSINE**2 * f * a22
         if flat1 and flat2:
-            # it is a minimum if the least curvature is not negative; off a saddle along its eigenvector, three times
+            # a minimum if the smallest eigenvalue is not negative; else a saddle: leave it along the eigenvector
             if (hold1 and hold2) or escapes == 3 or not (a11 > 0.0 and a22 > 0.0):
                 break
             if hold1:
@@ -178,14 +176,14 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
             u, v = _moved(data, layout, side, u, v, away * e1 / np.sqrt(a11), away * e2 / np.sqrt(a22))
             r0, r1, r2, f = _line(data, layout, p0, p1, p2, u, v, work, d)
             continue
-        # Newton's direction, at most a quarter of the patch; steepest descent once a line search has failed
-        s1, s2 = _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep)
+        # Newton's direction, at most 25 % of the patch; steepest descent after a failed line search
+        s1, s2 = _direction(g1, g2, h11, h12, h22, a11, a22, hold1, hold2, steep)
         reach = max(abs(s1) / (u1 - u0), abs(s2) / (v1 - v0)) if side == 0.0 else np.hypot(s1, s2) / (v1 - v0)
         if reach > 0.25:
             s1, s2 = s1 * 0.25 / reach, s2 * 0.25 / reach
         move = np.sqrt(max(a11 * s1 * s1 + 2.0 * a12 * s1 * s2 + a22 * s2 * s2, 0.0))
         slope = g1 * s1 + g2 * s2
-        # line search by Armijo's rule, backtracking by halves
+        # backtracking line search by halves, Armijo's rule
         share = 1.0
         taken = False
         for _ in range(40):
@@ -193,7 +191,7 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
             r0, r1, r2, new = _line(data, layout, p0, p1, p2, x, y, work, d)
             if side == 0.0 and not layout[nurbs.CLOSED_U] and x - u != share * s1:
                 slope = (g1 * (x - u)) / share + g2 * s2
-            # Rounding of r.r hides the gain of the last steps: the slack lets them pass.
+            # the tolerance accepts last steps whose gain is lost in the rounding of r.r
             if new <= f + 2e-4 * share * min(slope, 0.0) + 1e-15 * f or share * move <= ZERO_MOVE:
                 taken = True
                 break
@@ -211,9 +209,9 @@ def newton(data, layout, p0, p1, p2, u, v, work, d):
 
 
 @kernel
-def _direction(g1, g2, h11, h12, h22, a11, a12, a22, hold1, hold2, steep):
-    """Newton's step where H is positive definite, else with the magnitudes of its eigenvalues; without the fixed
-    directions. `steep`: along the gradient, scaled."""
+def _direction(g1, g2, h11, h12, h22, a11, a22, hold1, hold2, steep):
+    """Newton's step, with the magnitudes of the eigenvalues if H is not positive definite, without the fixed
+    parameters. `steep`: the scaled negative gradient."""
     if hold1 or hold2 or steep:
         s1 = 0.0 if hold1 or a11 <= 0.0 else -g1 / (a11 if steep else max(abs(h11), 1e-6 * a11))
         s2 = 0.0 if hold2 or a22 <= 0.0 else -g2 / (a22 if steep else max(abs(h22), 1e-6 * a22))

@@ -15,23 +15,20 @@ import numpy as np
 from palpate.physics.kept import kept
 from palpate.physics.kernel import kernel
 
-# Places in the header of the packed form; the rest of `layout` is the first control point of each span.
+# Indices in the header of `layout`, which is followed by the first control point of each span.
 PU, PV, NU, NV, SPANS_U, SPANS_V, CLOSED_U, CLOSED_V, POLE_LOW, POLE_HIGH, AT_BV, AT_MU, AT_MV, AT_H, HEADER = range(15)
-POLE_LIMIT = 2e-8
-"""[1] Share of the domain of v beside a pole where S_u is lost in rounding and its derivative along v stands for it."""
+POLE_LIMIT = 2e-8  # [1] Distance of v from a pole over its domain, below which S_u is lost in rounding and S_uv is used
 
 
 @dataclass(frozen=True, eq=False)
-class Nurbs:
+class NurbsPatch:
     """One NURBS patch; S_u x S_v points outward.
 
     knots_u, knots_v  [1]  (n+p+1), (m+q+1)  not decreasing; the domain is [knots[p], knots[n]]
     closed_u, closed_v     S is the same at both ends of the direction: the parameter wraps
 
-    A row v = const at an end of the domain whose points coincide is a pole where u is closed; it has a tangent plane
-    if the next row of control points lies in one plane with it.
-
-    ValueError: shapes, knots or weights that do not fit together.
+    A row v = const at an end of the domain whose points coincide is a pole if u is closed. It has a tangent plane if
+    the next row of control points is coplanar with it. ValueError: inconsistent shapes, knots or weights.
     """
 
     points: np.ndarray  # [m] (n,m,3) control points
@@ -65,11 +62,8 @@ class Nurbs:
 
     @cached_property
     def packed(self) -> tuple[np.ndarray, np.ndarray]:
-        """What the kernels read, as one array of floats and one of integers: handing an array from Python to a kernel
-        costs 0.1 us, so two are better than ten.
-
-        floats: span ends u, span ends v, basis matrices u, basis matrices v, homogeneous points (n,m,4)
-        """
+        """Arguments of the kernels in two arrays, as each one costs 0.1 µs per call. Floats: span ends u, span ends v,
+        basis matrices u, basis matrices v, homogeneous points (n,m,4); integers: `layout`."""
         n, m = self.weights.shape
         breaks_u, first_u, matrix_u = basis_matrices(self.knots_u, self.degree_u)
         breaks_v, first_v, matrix_v = basis_matrices(self.knots_v, self.degree_v)
@@ -90,7 +84,7 @@ class Nurbs:
         return bool(self.closed_u and flat[0]), bool(self.closed_u and flat[1])
 
     def derivatives(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """S, S_u, S_v, S_uu, S_uv, S_vv at (u, v) [m] (...,6,3); parameters beyond the domain wrap or are clamped."""
+        """S, S_u, S_v, S_uu, S_uv, S_vv at (u, v) [m] (...,6,3); parameters outside the domain wrap or are limited."""
         u, v = np.broadcast_arrays(np.asarray(u, dtype=float), np.asarray(v, dtype=float))
         derivatives = np.empty((u.size, 6, 3))
         _derivatives(*self.packed, u.ravel(), v.ravel(), derivatives)
@@ -99,19 +93,19 @@ class Nurbs:
     def __call__(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return self.derivatives(u, v)[..., 0, :]
 
-    def moved(self, rotation: np.ndarray, position: np.ndarray) -> Nurbs:
+    def moved(self, rotation: np.ndarray, position: np.ndarray) -> NurbsPatch:
         """The patch rotated by the matrix (3,3), then shifted by `position` [m] (3)."""
         points = np.einsum("nmk,ik->nmi", self.points, rotation) + np.asarray(position)
         rest = (self.weights, self.knots_u, self.knots_v, self.degree_u, self.degree_v, self.closed_u, self.closed_v)
-        return Nurbs(points, *rest)
+        return NurbsPatch(points, *rest)
 
 
 @kept
 def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The basis functions as polynomials on each span of the domain.
+    """The basis functions as polynomials on each span: ends of the spans (s+1), index of the first basis function of
+    each (s), and coefficients (s,p+1,p+1) of N_{first+k}(u) = sum_m c[span,k,m] t^m, t = (u - from)/(to - from).
 
-    Returns ends of the spans (s+1), index of the first basis function of each (s), and coefficients (s,p+1,p+1):
-    N_{first+k}(u) = sum_m c[span,k,m] t^m with t = (u - from)/(to - from). Cox-de Boor recursion, Piegl & Tiller 2.5.
+    Cox-de Boor recursion, Piegl & Tiller 2.5.
     """
     count = len(knots) - degree - 1
     spans = [i for i in range(degree, count) if knots[i + 1] > knots[i]]
@@ -138,7 +132,7 @@ def basis_matrices(knots: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarr
 
 @kernel
 def wrap(x, low, high, closed):
-    """The parameter brought into its domain: modulo where the direction is closed, clamped where it is open."""
+    """The parameter within its domain: wrapped if the direction is closed, limited if it is open."""
     if closed:
         if x < low or x >= high:
             x = low + (x - low) % (high - low)
@@ -175,10 +169,8 @@ def _basis(data, at_ends, spans, at_matrix, degree, x, work, at):
 
 @kernel
 def evaluate(data, layout, u, v, work, out):
-    """S, S_u, S_v, S_uu, S_uv, S_vv at a point of the domain into out (6,3).
-
-    work  (at least 24 + 3 (p + q + 2))  scratch
-    """
+    """S, S_u, S_v, S_uu, S_uv, S_vv at a point of the domain into out (6,3). Workspace: at least 24 + 3 (p + q + 2)."""
+    # values, first and second derivatives of the basis functions in both directions
     p, q, m = layout[PU], layout[PV], layout[NV]
     at_u = 24
     at_v = at_u + 3 * (p + 1)
@@ -186,6 +178,7 @@ def evaluate(data, layout, u, v, work, out):
     sv = _basis(data, layout[AT_BV], layout[SPANS_V], layout[AT_MV], q, v, work, at_v)
     i0 = layout[HEADER + su]
     j0 = layout[HEADER + layout[SPANS_U] + sv]
+    # sums with the homogeneous control points: (w S, w) and its derivatives
     for k in range(24):
         work[k] = 0.0
     for a in range(p + 1):
@@ -204,6 +197,7 @@ def evaluate(data, layout, u, v, work, out):
             work[12 + c] += n2 * s0
             work[16 + c] += n1 * s1
             work[20 + c] += n0 * s2
+    # quotient rule
     w, wu, wv, wuu, wuv, wvv = work[3], work[7], work[11], work[15], work[19], work[23]
     inverse = 1.0 / w
     for c in range(3):
@@ -227,8 +221,8 @@ def bounds(data, layout):
 
 @kernel
 def normal_of(data, layout, u, v, d):
-    """Outward unit normal at (u, v) from the derivatives d (6,3) there. At a pole or a collapsed border one of S_u, S_v
-    vanishes, and its derivative across the border stands for it; (0, 0, 1) where the patch has no normal."""
+    """Outward unit normal at (u, v) from the derivatives d (6,3) there. At a pole or a collapsed border, where S_u or
+    S_v vanishes, its derivative across the border replaces it. (0, 0, 1) if the normal is undefined."""
     u0, u1, v0, v1 = bounds(data, layout)
     a0, a1, a2 = d[1, 0], d[1, 1], d[1, 2]
     b0, b1, b2 = d[2, 0], d[2, 1], d[2, 2]

@@ -1,4 +1,4 @@
-"""Making NURBS surfaces: through points by two 1-D passes, and exact spheres, capsules and planes.
+"""Construction of NURBS surfaces: interpolation of points in two 1-D passes; exact spheres, capsules and planes.
 
 L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, revolution) and 9 (interpolation).
 """
@@ -6,12 +6,12 @@ L. Piegl, W. Tiller, The NURBS Book, 2nd ed., Springer 1997, ch. 7 (circles, rev
 import numpy as np
 
 from palpate.physics.exact import solve
-from palpate.physics.geometry.nurbs import Nurbs, basis_matrices
+from palpate.physics.geometry.nurbs import NurbsPatch, basis_matrices
 
 
-def interpolate(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> Nurbs:
-    """The bicubic B-spline surface through a grid of points [m] (n,m,3) at even parameters, closed in u, where the
-    first row is not repeated; dS/dv at both ends of v are `slopes` [m] (n,3), (n,3).
+def interpolate(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> NurbsPatch:
+    """The bicubic B-spline surface through a grid of points [m] (n,m,3) at uniform parameters, closed in u (the first
+    row is not repeated), with dS/dv at both ends of v given by `slopes` [m] (n,3), (n,3).
 
     ValueError: fewer than four points along a direction.
     """
@@ -19,11 +19,11 @@ def interpolate(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> Nu
         raise ValueError(f"points: found shape {points.shape}, expected at least 4 along each direction")
     control_v, knots_v = _open(np.swapaxes(points, 0, 1), slopes)
     control, knots_u = _closed(np.swapaxes(control_v, 0, 1))
-    return Nurbs(control, np.ones(control.shape[:2]), knots_u, knots_v, 3, 3, True, False)
+    return NurbsPatch(control, np.ones(control.shape[:2]), knots_u, knots_v, 3, 3, True, False)
 
 
 def _even(count: int) -> np.ndarray:
-    """Parameters 0 ... 1 of so many steps."""
+    """Uniform parameters 0 ... 1 with `count` steps."""
     return np.concatenate([[0.0], np.cumsum(np.full(count, 1.0 / count))[:-1], [1.0]])
 
 
@@ -40,7 +40,7 @@ def _closed(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _open(points: np.ndarray, slopes: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Control points (axis 0) and knots of the cubics through points (k,...) with these slopes at both ends."""
+    """Control points (axis 0) and knots of the cubics through points (k,...) with given slopes at both ends."""
     count = len(points)
     t = _even(count - 1)
     inner = [t[j : j + 3].mean() for j in range(count - 2)]
@@ -77,34 +77,33 @@ def _arc(quarters: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.round(points, 15), weights, knots
 
 
-def _revolved(radius: np.ndarray, height: np.ndarray, weights: np.ndarray, knots: np.ndarray, closed: bool) -> Nurbs:
-    """A profile of degree 2 (radius, height) revolved round z; u goes round, v along the profile."""
+def _revolved(radius: np.ndarray, height: np.ndarray, weights: np.ndarray, knots: np.ndarray) -> NurbsPatch:
+    """A profile of degree 2 (radius, height) revolved round z; u runs round the axis, v along the profile."""
     circle, circle_weights, circle_knots = _arc(4)
     points = np.empty((len(circle), len(radius), 3))
     points[..., :2] = circle[:, None] * radius[:, None]
     points[..., 2] = height
-    return Nurbs(points, circle_weights[:, None] * weights, circle_knots, knots, 2, 2, True, closed)
+    return NurbsPatch(points, circle_weights[:, None] * weights, circle_knots, knots, 2, 2, True)
 
 
-def sphere(radius: float) -> Nurbs:
+def sphere(radius: float) -> NurbsPatch:
     """The exact sphere [m] round the origin, poles on the z axis at both ends of v."""
     arc, weights, knots = _arc(2)
-    return _revolved(arc[:, 1] * radius, -arc[:, 0] * radius, weights, knots, False)
+    return _revolved(arc[:, 1] * radius, -arc[:, 0] * radius, weights, knots)
 
 
-def capsule(radius: float, length: float) -> Nurbs:
-    """The exact capsule [m]: a cylinder of this length from the origin along z, with a half sphere at either end; poles
-    at both ends of v."""
+def capsule(radius: float, length: float) -> NurbsPatch:
+    """The exact capsule [m]: a cylinder from the origin along z with hemispherical ends; poles at both ends of v."""
     half = np.sqrt(0.5)
     across = radius * np.array([0.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
     along = np.array([-radius, -radius, 0.0, length / 2, length, length + radius, length + radius])
     knots = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 3.0]) / 3.0
-    return _revolved(across, along, np.array([1.0, half, 1.0, 1.0, 1.0, half, 1.0]), knots, False)
+    return _revolved(across, along, np.array([1.0, half, 1.0, 1.0, 1.0, half, 1.0]), knots)
 
 
-def plane_patch(size: float) -> Nurbs:
+def plane_patch(size: float) -> NurbsPatch:
     """A square of side `size` [m] in z = 0, centred on the origin; normal +z."""
     x = np.array([-size / 2, size / 2])
     points = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((2, 2))], axis=-1)
     knots = np.array([0.0, 0.0, 1.0, 1.0])
-    return Nurbs(points, np.ones((2, 2)), knots, knots, 1, 1)
+    return NurbsPatch(points, np.ones((2, 2)), knots, knots, 1, 1)

@@ -1,4 +1,4 @@
-"""The topology of a triangle mesh: closed or open, manifold or not, and its triangles oriented consistently."""
+"""Topology of a triangle mesh: borders, non-manifold edges, and consistent orientation."""
 
 import numpy as np
 
@@ -6,24 +6,24 @@ from palpate.physics.kernel import kernel
 
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
-    """Number of edges that one triangle has (the border; 0: closed) and of edges that more than two share."""
+    """Number of border edges, with one triangle (0: closed), and of non-manifold edges, with more than two."""
     ends = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64), axis=1)
     _, count = np.unique(ends[:, 0] * vertices + ends[:, 1], return_counts=True)
     return int((count == 1).sum()), int((count > 2).sum())
 
 
 FLAT = 0.75
-"""[1] Length of the sum of the triangles' area vectors over their area, from which on an open piece is a sheet: 0.5 of
-a hemisphere, 0.71 of half a kidney, 1 of a plane. A bowl below it is taken as a body and turned over."""
+"""[1] Length of the sum of the area vectors over the area, above which an open piece is a sheet: 0.5 for a hemisphere,
+0.71 for half a kidney, 1 for a plane. Below it the piece is treated as a body with a hole."""
 
 
 def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The triangles of a manifold mesh, each piece oriented consistently; a body gets positive volume.
+    """The triangles of a manifold mesh, each connected piece oriented consistently, bodies with positive volume.
 
-    vertices [m] (V,3), triangles (T,3). Where the closed pieces are consistent already they keep their sense towards
-    each other, so that a cavity stays a cavity; a piece that had to be mended is turned to positive volume by itself.
-    An open piece gets positive volume about the mean of its border, as if its hole were closed; a sheet (`FLAT`) has
-    no inside and gets the sense that most of its triangles have.
+    vertices [m] (V,3), triangles (T,3). Closed pieces that are consistent keep their relative orientation, so that a
+    cavity remains a cavity; a piece that was corrected gets positive volume. An open piece gets positive volume about
+    the mean of its border, as if its hole were closed. A sheet (`FLAT`) has no inside and gets the orientation of most
+    of its triangles.
     """
     oriented = np.ascontiguousarray(triangles, dtype=np.int32).copy()
     across = _across(oriented, len(vertices))
@@ -60,7 +60,8 @@ def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
 
 @kernel
 def _one_way(triangles, across):
-    """Turns the triangles of each piece to the sense of its first; piece of each, and whether it was turned."""
+    """Give the triangles of each connected piece the orientation of its first one, by flood fill; piece of each
+    triangle, and whether it was reversed."""
     count = len(triangles)
     piece = np.full(count, -1, dtype=np.int64)
     stack = np.empty(count, dtype=np.int64)

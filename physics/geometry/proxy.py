@@ -1,19 +1,19 @@
-"""The proxy: the foot point of a tool that has gone into a body, on the side from which it went in.
+"""The proxy (god object): the foot point of a tool inside a body, on the side where the tool entered.
 
-The nearest point of a thin body jumps to the other side when a tool is more than halfway through. The proxy of a tool
-(god object) stays on the surface that it met: C. B. Zilles, J. K. Salisbury, IROS 1995; D. C. Ruspini, K. Kolarov,
-O. Khatib, The haptic display of complex graphical environments, SIGGRAPH 1997.
+When a tool is more than halfway through a thin body, the nearest point of the surface jumps to the other side. The
+proxy remains on the side of entry: C. B. Zilles, J. K. Salisbury, IROS 1995; D. C. Ruspini, K. Kolarov, O. Khatib, The
+haptic display of complex graphical environments, SIGGRAPH 1997.
 
-While the tool is outside, the foot is that of `closest` or `mesh_closest`. Once it has gone in from outside
+While the tool is outside, the foot is that of `closest` or `mesh_closest`. After the tool has entered from outside,
 
-* the nearest point is taken as long as its normal does not turn over and, deep inside, it is no farther from the last
-  one than the tool's way along the surface explains;
-* else the point of the surface that is nearest round the last one, on the same terms;
-* else the foot stays, and the gap goes on along its normal.
+* the foot is the nearest point if its normal is not reversed and, deep inside, its distance from the last foot is
+  explained by the motion of the tool along the surface;
+* else it is the local minimum of the distance next to the last foot, under the same conditions;
+* else the foot does not move, and the gap is measured along its normal.
 
-It is over when the tool is outside as seen from this side, or far beyond the other one. The gap never changes faster
-than the tool moves; until it has come to that of the new foot, the old foot stays. A tool that starts inside, or jumps,
-has no side: its foot is the nearest point. Beside the border of a sheet the gap is the distance from there.
+This ends when the tool is outside as seen from the side of entry, or far beyond the other side. The gap never changes
+faster than the tool moves; the old foot remains until the gap equals that of the new foot. A tool that starts inside,
+or jumps, has no side of entry: its foot is the nearest point. Past the border of a sheet the gap is the distance.
 """
 
 import numpy as np
@@ -26,30 +26,28 @@ from palpate.physics.geometry.nurbs import normal_of
 from palpate.physics.geometry.pseudonormal import normal_at, signed_distance
 from palpate.physics.kernel import kernel
 
-JUMP = 6e-3  # [m] A tool that moves farther in a step starts anew, without a side: 6 m/s at 1 kHz, 3 m/s at 500 Hz
+JUMP = 6e-3  # [m] Motion in a step above which the tool has no side of entry: 6 m/s at 1 kHz, 3 m/s at 500 Hz
 TURNED = -0.3
 """[1] Cosine between normals below which a foot is on the other side; a little below 0, for rims at right angles."""
 OUTSIDE = -0.5  # [1] The same for the direction from the nearest point to a tool that is outside
-AMPLIFIED = 4.0
-"""[1] Way of the foot over that of the tool along the surface: inside a ball, down to three quarters of its radius."""
-SHALLOW = 0.25  # [1] Depth over the least width of the body up to which the way of the foot is not looked at
-DEEPER, ALIKE = 1.5, 0.9
-"""[1] From this many times that depth on (three quarters of half the width) the normal keeps to the one that it had
-there: least cosine between them."""
+AMPLIFIED = 4.0  # [1] Limit of the foot's motion over the tool's, reached in a ball at a depth of 75 % of its radius
+SHALLOW = 0.25  # [1] Depth over the smallest width of the body up to which the motion of the foot is not limited
+DEEPER, SIMILAR = 1.5, 0.9
+"""[1] Beyond this multiple of that depth, the normal is compared with its value there: smallest cosine between them."""
 LEAP, ALONG = 1.5e-3, 1.5
-"""[m], [1] Most way of the foot in a step, deep inside: a body answers elsewhere with another dent. Where samples were
-lost the tool may be farther along the surface from the last foot: it takes the foot along by so many times that way."""
-BESIDE = 1e-6  # [1] Of a distance, by which it is more than the gap beside a border
-ROUNDING = 1e-7  # [m] Way of a foot that is none
-FAR_BEYOND = 20e-3  # [m] A tool that is so far from the body has been let go, wherever it went in
+"""[m], [1] Limit of the foot's motion in a step deep inside, where a jump would change the force. If samples were lost
+and the tool has moved farther along the surface, the limit is this multiple of its motion."""
+BORDER_EXCESS = 1e-6  # [1] Relative excess of the distance over the gap from which the tool is past a border
+ROUNDING = 1e-7  # [m] Motion of a foot that counts as none
+FAR_BEYOND = 20e-3  # [m] Distance from the body at which the side of entry is forgotten
 STARTED, INSIDE, GAP, DEEP, TOOL, FOOT, NORMAL, PLACE, ENTRY, OPEN = 0, 1, 2, 3, 4, 7, 10, 13, 16, 19
+"""Entries of the memory: whether a last step exists, whether the tool is inside, last gap [m], depth [m] from which the
+motion of the foot is limited; tool [m], foot [m], normal [1] (3 each); parameters, or triangle and weights (3); the
+normal at `DEEPER` times that depth [1] (3); whether the surface has a border."""
 
 
 def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
-    """Of a tool that has not been seen yet, for a surface through these points [m] (...,3), with a border or without:
-    whether there is a last step, whether the tool is inside, the last gap [m], the depth [m] from which on the way of
-    the foot is looked at; tool [m], foot [m] and normal [1] (3 each); parameters, or triangle and weights (3); the
-    normal that is kept to in the depth [1] (3); whether there is a border."""
+    """Memory of a tool before its first step, for a surface through points [m] (...,3), with or without a border."""
     state = np.zeros(20)
     state[OPEN] = float(border)
     state[DEEP] = SHALLOW * float(np.ptp(points.reshape(-1, 3), axis=0).min())
@@ -58,6 +56,7 @@ def memory(points: np.ndarray, border: bool = False) -> np.ndarray:
 
 @kernel
 def _moved(p, memory):
+    """Motion of the tool since the last step [m]; inf at the first step and after a jump."""
     square = 0.0
     for k in range(3):
         square += (p[k] - memory[TOOL + k]) ** 2
@@ -66,11 +65,10 @@ def _moved(p, memory):
 
 @kernel
 def _at_border(p, along, foot):
-    """Beyond the border of a sheet, where the connection is longer than its part along the normal, the gap is the
-    distance."""
+    """Past the border of a sheet, where the distance exceeds its part along the normal: the gap is the distance."""
     a, b, c = p[0] - foot[0], p[1] - foot[1], p[2] - foot[2]
     distance = np.sqrt(a * a + b * b + c * c)
-    if distance > abs(along) * (1.0 + BESIDE) + ROUNDING:
+    if distance > abs(along) * (1.0 + BORDER_EXCESS) + ROUNDING:
         foot[3], foot[4], foot[5], foot[8] = a / distance, b / distance, c / distance, distance
 
 
@@ -82,7 +80,7 @@ def _turned(foot, memory):
 
 @kernel
 def _outside(p, foot, memory):
-    """Whether the tool is outside as seen from this side, or far away."""
+    """Whether the tool is outside as seen from the side of entry, or far away."""
     if not foot[8] > 0.0 or foot[8] > FAR_BEYOND:
         return foot[8] > 0.0
     along = square = 0.0
@@ -93,27 +91,28 @@ def _outside(p, foot, memory):
 
 
 @kernel
-def _taken(p, foot, memory):
+def _plausible(p, foot, memory):
+    """Whether a new foot continues the last one: same side, and a motion explained by that of the tool."""
     if _turned(foot, memory):
         return False
     if -memory[GAP] <= memory[DEEP] and -foot[8] <= memory[DEEP]:
         return True
-    depth = way = side = alike = 0.0
+    depth = moved = side = cosine = 0.0
     for k in range(3):
-        alike += foot[3 + k] * memory[ENTRY + k]
+        cosine += foot[3 + k] * memory[ENTRY + k]
         depth += (p[k] - memory[FOOT + k]) * memory[NORMAL + k]
     for k in range(3):
-        way += (foot[k] - memory[FOOT + k]) ** 2
+        moved += (foot[k] - memory[FOOT + k]) ** 2
         side += (p[k] - memory[FOOT + k] - depth * memory[NORMAL + k]) ** 2
-    if -memory[GAP] > DEEPER * memory[DEEP] and alike < ALIKE:
+    if -memory[GAP] > DEEPER * memory[DEEP] and cosine < SIMILAR:
         return False
     side = np.sqrt(side)
-    return np.sqrt(way) <= min(AMPLIFIED * side, max(LEAP, ALONG * side)) + ROUNDING
+    return np.sqrt(moved) <= min(AMPLIFIED * side, max(LEAP, ALONG * side)) + ROUNDING
 
 
 @kernel
 def _regular(p, foot, moved, memory):
-    """Whether the nearest point is the foot; settles whether the tool is inside."""
+    """Whether the nearest point is the foot; updates whether the tool is inside."""
     if moved == np.inf:
         memory[INSIDE] = 0.0
         return True
@@ -126,12 +125,12 @@ def _regular(p, foot, moved, memory):
     if _outside(p, foot, memory):
         memory[INSIDE] = 0.0
         return True
-    return foot[8] <= 0.0 and _taken(p, foot, memory)
+    return foot[8] <= 0.0 and _plausible(p, foot, memory)
 
 
 @kernel
 def _stay(p, memory, foot):
-    """The last foot into `foot`, the gap along its normal."""
+    """Copy the last foot into `foot`, with the gap along its normal."""
     foot[8] = 0.0
     for k in range(3):
         foot[k], foot[3 + k] = memory[FOOT + k], memory[NORMAL + k]
@@ -140,7 +139,7 @@ def _stay(p, memory, foot):
 
 @kernel
 def _end(p, moved, inside, foot, memory):
-    """Limit the change of the gap to the tool's motion; store the step; whether the last foot stays.
+    """Limit the change of the gap to the tool's motion and store the step; returns whether the last foot remains.
 
     inside  whether the tool was inside in the last step
     """
@@ -161,14 +160,14 @@ def _end(p, moved, inside, foot, memory):
 
 
 @kernel
-def _held(x):
+def _limited(x):
     return min(max(x, -FAR), FAR)
 
 
 @kernel
 def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, memory):
     """The foot of a tool at `point` [m] (3) on a NURBS surface: arguments and result as of `track`."""
-    p = (_held(point[0]), _held(point[1]), _held(point[2]))
+    p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
     moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
     track(data, layout, seeds, index, p[0], p[1], p[2], hysteresis, state, work, d, foot)
     if memory[OPEN] == 1.0:
@@ -183,13 +182,12 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
         foot[0], foot[1], foot[2] = d[0, 0, 0], d[0, 0, 1], d[0, 0, 2]
         foot[3], foot[4], foot[5], foot[6], foot[7] = n0, n1, n2, u, v
         foot[8] = (p[0] - foot[0]) * n0 + (p[1] - foot[1]) * n1 + (p[2] - foot[2]) * n2
-        if not _taken(p, foot, memory):
+        if not _plausible(p, foot, memory):
             _stay(p, memory, foot)
             foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
         if foot[8] > 0.0:
             memory[INSIDE] = 0.0
-            for k in range(len(foot)):
-                foot[k] = nearest[k]
+            foot[:] = nearest
         state[0], state[1] = foot[6], foot[7]
     if _end(p, moved, inside, foot, memory):
         foot[6], foot[7] = memory[PLACE], memory[PLACE + 1]
@@ -199,7 +197,7 @@ def follow(data, layout, seeds, index, point, hysteresis, state, work, d, foot, 
 @kernel
 def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, foot, memory):
     """The foot of a tool at `point` [m] (3) on a triangle mesh: arguments and result as of `track_mesh`."""
-    p = (_held(point[0]), _held(point[1]), _held(point[2]))
+    p = (_limited(point[0]), _limited(point[1]), _limited(point[2]))
     moved, inside = _moved(p, memory), memory[INSIDE] == 1.0
     track_mesh(points, cells, discs, star_at, star, p[0], p[1], p[2], hysteresis, work, foot)
     if memory[OPEN] == 1.0:
@@ -212,13 +210,12 @@ def follow_mesh(points, cells, discs, star_at, star, point, hysteresis, work, fo
         foot[8] = signed_distance(points, cells, star_at, star, t, v, w, place, p[0], p[1], p[2], foot)
         normal_at(points, cells, t, v, w, foot)
         work[0], foot[6], foot[7] = t, v, w
-        if foot[8] > 0.0 or not _taken(p, foot, memory):
+        if foot[8] > 0.0 or not _plausible(p, foot, memory):
             _stay(p, memory, foot)
             work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
         if foot[8] > 0.0:
             memory[INSIDE], work[0] = 0.0, local
-            for k in range(len(foot)):
-                foot[k] = nearest[k]
+            foot[:] = nearest
     if _end(p, moved, inside, foot, memory):
         work[0], foot[6], foot[7] = int(memory[PLACE]), memory[PLACE + 1], memory[PLACE + 2]
     foot[9] = cells[work[0], ORIGIN]

@@ -1,7 +1,7 @@
-"""Foot point, normal and sign at a place on a triangle mesh.
+"""Foot point, normal and signed distance at a point of a triangle mesh.
 
-J. A. Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243-253: the sign by the pseudonormal of face,
-edge or vertex is right everywhere round a closed mesh, that by the nearest face alone is not.
+The pseudonormal of a face, edge or vertex gives the correct sign everywhere round a closed mesh, unlike the normal of
+the nearest face: J. A. Baerentzen, H. Aanaes, IEEE Trans. Vis. Comput. Graph. 11 (2005) 243-253.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from palpate.physics.geometry.bvh import ACROSS, KIND, is_segment
 from palpate.physics.kernel import kernel
 
 FACE, VERTEX, EDGE = 0, 1, 4
-"""Where on a triangle a point lies: inside, on corner 0-2 (VERTEX + i), on the edge from corner i (EDGE + i)."""
+"""Region of a point on a triangle: interior, corner 0-2 (VERTEX + i), edge from corner i (EDGE + i)."""
 
 
 @kernel
@@ -35,7 +35,7 @@ def _face(points, cells, t):
 
 @kernel
 def normal_at(points, cells, t, v, w, foot):
-    """The interpolated vertex normal into foot[3:6]; the face's where they cancel, (0, 0, 1) where there is none."""
+    """The interpolated vertex normal into foot[3:6]; the face normal if it vanishes; (0, 0, 1) if both do."""
     u = 1.0 - v - w
     i, j, k = cells[t, 0], cells[t, 1], cells[t, 2]
     x = u * points[i, 3] + v * points[j, 3] + w * points[k, 3]
@@ -55,8 +55,8 @@ def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, fo
     """Signed distance of p from its nearest point, and that point into foot[:3].
 
     The sign is that of (p - foot).n with the pseudonormal n: of the face, the sum over both faces of an edge, or the
-    angle-weighted sum over those of a vertex. At a border it is (p - foot).n itself: an open sheet goes on flat beyond
-    its border, and the distance stays continuous round it.
+    angle-weighted sum over those of a vertex. At a border the result is (p - foot).n itself, as if the sheet continued
+    flat beyond it, so that the distance is continuous round the border.
     """
     foot_of(points, cells, t, v, w, foot)
     r0, r1, r2 = p0 - foot[0], p1 - foot[1], p2 - foot[2]
@@ -93,7 +93,7 @@ def signed_distance(points, cells, star_at, star, t, v, w, place, p0, p1, p2, fo
 
 @kernel
 def _beyond(cells, t, other):
-    """The triangles across an edge: the neighbour, or where that is degenerate the ones on its other edges."""
+    """The triangles across an edge: the neighbour or, if it is degenerate, those on its other edges."""
     if other < 0 or cells[other, KIND] == 0:
         return other, -1, -1
     a, b, c = cells[other, ACROSS], cells[other, ACROSS + 1], cells[other, ACROSS + 2]

@@ -8,8 +8,8 @@ def largest_stretch(vertices: np.ndarray, triangles: np.ndarray, displacement: n
 
         F = e E⁻¹,  C = FᵀF,  strain = sqrt(largest eigenvalue of C) - 1
 
-    E (2,2) has the two edges at rest in the plane of the triangle as columns, e (3,2) the same edges displaced: 0.1 is
-    a line that has become 10 % longer, 0 a rigid motion. 0 for a triangle without area at rest.
+    The columns of E (2,2) are two edges at rest in the plane of the triangle, those of e (3,2) the displaced edges. 0.1
+    means that a line is 10 % longer; 0 for a rigid motion, and for a triangle without area at rest.
 
     vertices [m] (V,3) at rest, triangles [1] (T,3), displacement [m] (V,3)
 
@@ -30,8 +30,7 @@ def largest_stretch(vertices: np.ndarray, triangles: np.ndarray, displacement: n
 
 
 def at_vertices(values: np.ndarray, vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Mean at each vertex (V,) of the values (T,) of the triangles round it, weighted by their area at rest; 0 where
-    there is none."""
+    """Mean at each vertex (V,) of the values (T,) of its triangles, weighted by their area at rest; 0 without any."""
     area = np.linalg.norm(np.cross(*_edges(vertices, triangles)), axis=1)
     corners = triangles.ravel()
     total = np.bincount(corners, np.repeat(values * area, 3), minlength=len(vertices))

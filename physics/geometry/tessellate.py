@@ -1,20 +1,20 @@
-"""Near-uniform closed triangle meshes of a NURBS surface that is closed in u and has a pole at both ends of v."""
+"""Nearly uniform closed triangle meshes of a NURBS surface that is closed in u with a pole at both ends of v."""
 
 import numpy as np
 
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs import NurbsPatch
 
 TABLE = 256  # Samples of the arc length in each direction
 
 
-def tessellate(surface: Nurbs, count: int) -> Mesh:
-    """A watertight mesh of about `count` vertices, all on the surface, with no fan of slivers at the poles.
+def tessellate(surface: NurbsPatch, count: int) -> Mesh:
+    """A watertight mesh of about `count` vertices, all on the surface, without slivers at the poles.
 
-    Rings of vertices run round the surface from pole to pole: 5, 10, 15, ... vertices to begin with, then rings of
-    equal numbers, then 15, 10, 5 again; neighbouring rings are staggered. That is an icosahedron drawn out along its
-    axis: twelve vertices, the poles among them, have five neighbours, all others six. Rings are spaced by arc length
-    along each meridian, vertices by arc length along each ring.
+    Rings of vertices run round the surface from pole to pole with 5, 10, 15, ... vertices, then constant numbers, then
+    ..., 15, 10, 5; neighbouring rings are staggered. This is an icosahedron stretched along its axis: twelve vertices,
+    including the poles, have five neighbours, all others six. Rings are spaced by arc length along each meridian,
+    vertices by arc length along each ring.
 
     ValueError: fewer than 12 vertices, or a surface without poles.
     """
@@ -56,7 +56,7 @@ def _length(points: np.ndarray, axis: int) -> np.ndarray:
 def _ring_sizes(count: int, slimness: float) -> np.ndarray:
     """Vertices of each ring, poles included, for about `count` in all.
 
-    With r rows between the poles and at most 5 m vertices in a ring the edges along and across are alike where
+    With r rows between the poles and at most 5 m vertices in a ring, edges along and across have the same length for
     r = 2/sqrt(3) 5 m slimness; the number of vertices is 2 + 5 m (r - m).
     """
     ratio = max(10.0 / np.sqrt(3.0) * slimness, 2.0)
@@ -69,8 +69,8 @@ def _ring_sizes(count: int, slimness: float) -> np.ndarray:
 
 
 def _stagger(numbers: np.ndarray) -> np.ndarray:
-    """Shift of each ring in its own vertices: long rings are turned by half a vertex against each other, and the last
-    cap turns with the last of them."""
+    """Shift of each ring, in spacings of its vertices: successive long rings are staggered by half a spacing, and the
+    last cap is aligned with the last of them."""
     equal = np.concatenate([[False], numbers[1:] == numbers[:-1]])
     return np.where(np.cumsum(equal) % 2 == 1, 0.5, 0.0) * numbers / numbers.max()
 
@@ -103,7 +103,7 @@ def _band(lower: int, upper: int, at: int, above: int, shift: float) -> np.ndarr
     if lower == upper:
         i = np.arange(lower)
         j = (i + 1) % lower
-        ahead = shift > 0  # the upper ring lies half a vertex ahead, else half a vertex behind
+        ahead = shift > 0  # the upper ring is shifted by half a spacing forwards, else backwards
         one = np.stack([at + i, at + j, above + (i if ahead else j)], axis=1)
         two = np.stack([above + i, at + (j if ahead else i), above + j], axis=1)
         return np.concatenate([one, two])

@@ -1,16 +1,13 @@
-"""A mesh with fewer vertices: those that carry loads and displacements where a surface is meshed finer than it needs.
+"""Decimation of a mesh that is finer than loads and displacements require.
 
-The vertices that stay are a maximal sample of least distance h (Poisson-disk sampling: R. L. Cook, ACM Trans. Graph. 5
-(1986) 51-72): no two are nearer than h along the surface, and each that goes is within h of one that stays. Every
-vertex belongs to the nearest one that stays; the triangles whose corners belong to three different ones make the new
-mesh, the dual of the Voronoi diagram of the sample (G. Peyre, L. D. Cohen, Int. J. Comput. Vis. 69 (2006) 145-156).
-Sums over its vertices with its nodal areas integrate linear functions over it exactly, so that a patch of radius R is
-integrated to O(h²/R²), whatever the density of the mesh that it comes from.
+The remaining vertices are a Poisson-disk sample (R. L. Cook, ACM Trans. Graph. 5 (1986) 51-72): no two are closer than
+h along the surface, and each removed one is within h of a remaining one. Each vertex belongs to the nearest remaining
+one. The new mesh, the dual of the Voronoi diagram of the sample (G. Peyre, L. D. Cohen, Int. J. Comput. Vis. 69 (2006)
+145-156), consists of the triangles whose corners belong to three different ones. Sums over its vertices with its nodal
+areas integrate linear functions exactly, and functions over a patch of radius R to O(h²/R²), for any original density.
 
-Its normals are the means of the vertices that belong to each: those of its irregular triangles are off by up to
-2 degrees.
-
-Along a border the new mesh ends up to h inside the old one.
+The normal of a remaining vertex is the mean over the vertices that belong to it, as normals of the new, irregular
+triangles have errors up to 2 degrees. At a border the new mesh ends up to h inside the original one.
 """
 
 import numpy as np
@@ -19,15 +16,15 @@ from palpate.physics.geometry.bvh import stars
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
-REGION = 8.0  # [1] Side of the cells that the density is looked at in, over h
-FEWEST = 100  # Vertices in such a cell below which its density says nothing
-CROWDED = 3.0  # [1] Vertices over area/h² above which a mesh is thinned
-LEAST = 1000  # About how many vertices a mesh keeps at least, however small it is
+REGION = 8.0  # [1] Side of the cells in which the density is measured, over h
+FEWEST = 100  # Vertices in a cell below which its density is not significant
+CROWDED = 3.0  # [1] Vertices over area/h² above which a mesh is decimated
+LEAST = 1000  # Approximate lower limit of the number of remaining vertices
 
 
 def thinned(mesh: Mesh, spacing: float) -> Mesh:
-    """The mesh without vertices nearer than `spacing` [m]; as it is where nowhere `CROWDED` times as many are. Less
-    than so far apart where fewer than `LEAST` would stay."""
+    """The mesh with vertices at least `spacing` [m] apart, less if fewer than `LEAST` would remain; unchanged if no
+    region has more than `CROWDED` times the vertices that this requires."""
     spacing = min(spacing, float(np.sqrt(mesh.areas.sum() / LEAST)))
     if not spacing > 0.0 or not _crowded(mesh, spacing):
         return mesh
@@ -40,7 +37,7 @@ def thinned(mesh: Mesh, spacing: float) -> Mesh:
     first = corners.argmin(axis=1)[:, None]
     corners = np.unique(np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1), axis=0)
     _, same, count = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True, return_counts=True)
-    corners = corners[count[same.ravel()] == 1]  # a vertex between two others only has both sides of one triangle
+    corners = corners[count[same.ravel()] == 1]  # without pairs of opposite triangles
     kept, triangles = np.unique(corners, return_inverse=True)
     thin = Mesh(np.ascontiguousarray(mesh.vertices[kept]), triangles.reshape(-1, 3).astype(np.int32))
     thin.__dict__["normals"] = facing[kept] / np.maximum(np.linalg.norm(facing[kept], axis=1), 1e-300)[:, None]
@@ -48,7 +45,7 @@ def thinned(mesh: Mesh, spacing: float) -> Mesh:
 
 
 def _crowded(mesh: Mesh, spacing: float) -> bool:
-    """Whether some region has `CROWDED` times as many vertices as the spacing asks for."""
+    """Whether a region has more than `CROWDED` times the vertices that the spacing requires."""
     cell = ((mesh.vertices - mesh.vertices.min(axis=0)) / (REGION * spacing)).astype(np.int64)
     _, y, z = cell.max(axis=0) + 1
     where = (cell[:, 0] * y + cell[:, 1]) * z + cell[:, 2]
@@ -58,8 +55,8 @@ def _crowded(mesh: Mesh, spacing: float) -> bool:
 
 @kernel
 def _owners(points, triangles, star_at, star, spacing):
-    """The vertex that each vertex belongs to (V,), of a sample taken in the order of the vertices: the nearest in a
-    straight line of those from which it is reached along edges within the spacing [m]."""
+    """The sample vertex to which each vertex belongs (V,): the nearest, in a straight line, of those from which it is
+    connected by edges within the spacing [m]. The sample is taken greedily in the order of the vertices."""
     size = len(points)
     owner, seen, queue = np.full(size, -1), np.full(size, -1), np.empty(size, np.int64)
     away = np.full(size, np.inf)

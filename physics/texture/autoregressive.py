@@ -2,10 +2,10 @@
 
     y_t = g e_t - sum_j a_j y_{t-j},    A(z) = 1 + sum_j a_j z^-j,    e_t white noise of variance 1
 
-The line spectral frequencies (LSF) are the angles in (0, pi) of the roots of A(z) +- z^-(p+1) A(1/z). They interlace
-where all roots of A lie inside the unit circle, and any rising p angles make a stable A: a weighted mean of models is
-stable (F. Itakura, JASA 57 (1975) S35; F. K. Soong, B.-H. Juang, IEEE ICASSP 1984, 37-40). Texture as AR models over
-force and speed: H. Culbertson, J. Unwin, K. J. Kuchenbecker, IEEE Trans. Haptics 7 (2014) 381-393.
+The line spectral frequencies (LSF) are the angles in (0, pi) of the roots of A(z) +- z^-(p+1) A(1/z). They interlace if
+all roots of A are inside the unit circle, and any p increasing angles give a stable A; so a weighted mean of the LSF of
+stable models is stable (F. Itakura, JASA 57 (1975) S35; F. K. Soong, B.-H. Juang, IEEE ICASSP 1984, 37-40). Texture as
+AR models over force and speed: H. Culbertson, J. Unwin, K. J. Kuchenbecker, IEEE Trans. Haptics 7 (2014) 381-393.
 """
 
 import math
@@ -17,7 +17,7 @@ from palpate.physics.kernel import kernel
 
 
 def line_spectrum(a: np.ndarray) -> np.ndarray:
-    """LSF [rad] (p), rising, of a (p). ValueError: an unstable model."""
+    """LSF [rad] (p), increasing, of a (p). ValueError: an unstable model."""
     whole = np.concatenate([[1.0], a, [0.0]])
     roots = np.concatenate([np.roots(whole + whole[::-1]), np.roots(whole - whole[::-1])])
     angles = np.sort(np.angle(roots))
@@ -29,7 +29,7 @@ def line_spectrum(a: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy")
 def coefficients(lsf, p, q, a):
-    """a (n) of LSF [rad] (n) in place; p and q (n + 2) are memory."""
+    """Fill a (n) from LSF [rad] (n); p and q (n + 2) are workspace."""
     n = len(lsf)
     p[:], q[:] = 0.0, 0.0
     p[0] = q[0] = 1.0
@@ -50,8 +50,8 @@ def coefficients(lsf, p, q, a):
 
 @kernel(error_model="numpy")
 def innovation(a, work):
-    """Gain g [1] for which the process a (n) has variance 1: g^2 = prod (1 - k_j^2) of its reflection coefficients;
-    work (n) is memory."""
+    """Gain g [1] for which the process a (n) has variance 1: g^2 = prod (1 - k_j^2) with its reflection coefficients
+    k_j; work (n) is workspace."""
     power = 1.0
     for j in range(len(a)):
         work[j] = a[j]
@@ -69,8 +69,8 @@ def innovation(a, work):
 
 @kernel(error_model="numpy")
 def filtered(a, gain, past, newest, random):
-    """The next sample, and its place in the ring `past` (n); random: state of `random_numbers`."""
-    # 1 - u is never 0 (G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29 (1958) 610-611)
+    """The next sample, and its index in the ring buffer `past` (n); random: state of `random_numbers`. Normal noise:
+    G. E. P. Box, M. E. Muller, Ann. Math. Stat. 29 (1958) 610-611."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(random)))
     n, y = len(a), gain * radius * math.cos(2.0 * math.pi * uniform(random))
     for j in range(n):
@@ -81,8 +81,7 @@ def filtered(a, gain, past, newest, random):
 
 
 def yule_walker(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Levinson's recursion: a of the largest order (p), and the residual variance of each order (p + 1), of
-    autocovariances (p + 1)."""
+    """Levinson's recursion for autocovariances (p + 1): a (p), and the residual variance of each order (p + 1)."""
     a, residual = np.zeros(0), [covariance[0]]
     for m in range(1, len(covariance)):
         k = -(covariance[m] + a @ covariance[m - 1 : 0 : -1]) / residual[-1]

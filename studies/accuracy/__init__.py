@@ -1,10 +1,10 @@
-"""What accuracy costs in time: every model on standard touches, its error beside its price.
+"""Accuracy benchmark: error and step time of every model on standard test cases.
 
-`palpate bench accuracy` runs it; docs/accuracy.md says how to read what comes out and how each reference was made.
+`palpate bench accuracy` runs it; docs/accuracy.md explains the report and the reference solutions.
 """
 
 from palpate.physics.errors import ArgumentError
 
 
 class UnsupportedError(ArgumentError):
-    """A method that cannot compute a touch; says why. It is charged, not dropped."""
+    """A method does not support a test case; the report lists it with the reason."""

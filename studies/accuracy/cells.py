@@ -1,4 +1,4 @@
-"""The matrix: each touch by each method at each fidelity, one cell each. A cell is kept by what it depends on."""
+"""The matrix of results: one cell per test case, method and fidelity. Cells are cached by all that they depend on."""
 
 import hashlib
 import json
@@ -13,23 +13,23 @@ import numpy as np
 
 from palpate.physics.archive import replacing
 from palpate.studies.accuracy import UnsupportedError
+from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.places import SHIPPED, cache
+from palpate.studies.accuracy.reference import reference_solution
 from palpate.studies.accuracy.score import CHARGED_STEP, charged, score
-from palpate.studies.accuracy.touches import BenchCase
-from palpate.studies.accuracy.truth import truth
+from palpate.studies.accuracy.sites import SHIPPED, cache
 
 
 @dataclass
 class Cell:
     """One result.
 
-    status          "ok", "refused" or "failed"; why says more
+    status          "ok", "refused" or "failed", with the reason in `why`
     errors          by quantity, see `score.Score`
-    p50, p99        [s] processor time of a step;  steps how many were timed
+    p50, p99        [s] processor time of a step;  steps: number of timed steps
     memory          [byte];  offline [s]
-    law             whether the method is a law of contact alone
-    kept            whether it is of an earlier run
+    law             whether the method is a contact law without a body
+    kept            whether the result is cached from an earlier run
     """
 
     touch: str
@@ -49,20 +49,20 @@ class Cell:
     kept: bool = field(default=False, compare=False)
 
     def at_reference(self, quantity: str = "force") -> bool:
-        """Whether the error is below what the reference itself may be off by."""
-        own = self.errors.get(quantity)
-        return own is not None and self.status == "ok" and own["rms"] <= own["band"]
+        """Whether the error is below the uncertainty of the reference."""
+        error = self.errors.get(quantity)
+        return error is not None and self.status == "ok" and error["rms"] <= error["band"]
 
 
 def matrix(
     touches: Iterable[BenchCase], methods: Iterable[Method], quick: bool = False
 ) -> list[tuple[BenchCase, Method, Fidelity]]:
-    """All cells to compute; a method that refuses a touch has one there."""
+    """All cells to compute; a method that does not support a test case has one cell for it."""
     rows = []
     for touch in touches:
         for method in methods:
-            own = [f for f in method.fidelities if f.quick or not quick]
-            rows += [(touch, method, f) for f in (own[:1] if method.refuses(touch) else own)]
+            fidelities = [f for f in method.fidelities if f.quick or not quick]
+            rows += [(touch, method, f) for f in (fidelities[:1] if method.refuses(touch) else fidelities)]
     return rows
 
 
@@ -73,7 +73,7 @@ def compute(
     machine: str = "",
     show: Callable[[str], None] = lambda what: None,
 ) -> list[Cell]:
-    """All of them; what was kept is not computed again unless `fresh`. `machine` names the processor: times are its."""
+    """Compute all cells, or read them from the cache unless `fresh`. `machine` names the processor, part of the key."""
     computed = []
     for touch, method, fidelity in cells:
         path = cache() / "cells" / f"{_key(touch, method, fidelity, repeats, machine)}.json"
@@ -88,24 +88,24 @@ def compute(
 
 
 def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) -> Cell:
-    """One cell. Whatever a method raises is its failure, and is charged."""
+    """Compute one cell. An exception of the method becomes the status `failed`."""
     cell = Cell(touch.name, method.name, method.title, fidelity.name, fidelity.rate, law=method.law)
     why = method.refuses(touch)
-    right = truth(touch)
+    solution = reference_solution(touch)
     if not why:
         try:
             with warnings.catch_warnings(), np.errstate(all="ignore"):
                 warnings.simplefilter("ignore")
                 outcome = method.compute(touch, fidelity, repeats)
-            cell.errors = score(outcome, right)
-            if not all(np.isfinite(v) for own in cell.errors.values() for v in own.values()):
-                raise ArithmeticError("what it tells is not finite")
+            cell.errors = score(outcome, solution)
+            if not all(np.isfinite(v) for error in cell.errors.values() for v in error.values()):
+                raise ArithmeticError("its results are not finite")
             cell.p50, cell.p99 = (float(np.percentile(outcome.steps, p)) for p in (50, 99))
             cell.steps, cell.memory, cell.offline = len(outcome.steps), outcome.memory, outcome.offline
             return cell
         except UnsupportedError as error:
             why = str(error)
-        except Exception as error:  # a user's class may raise anything; that is a point on the chart, not an end
+        except Exception as error:  # a custom class may raise anything; the benchmark continues
             cell.status, cell.why, cell.errors = "failed", f"{type(error).__name__}: {error}", charged()
             return cell
     cell.status, cell.why, cell.errors = "refused", why, charged()
@@ -113,8 +113,8 @@ def one(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int = 1) 
 
 
 def _key(touch: BenchCase, method: Method, fidelity: Fidelity, repeats: int, machine: str) -> str:
-    told = (repr(touch), method.name, method.source, repr(fidelity), repeats, _sources(), machine, np.__version__)
-    return hashlib.sha256(repr(told).encode()).hexdigest()[:24]
+    parts = (repr(touch), method.name, method.source, repr(fidelity), repeats, _sources(), machine, np.__version__)
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:24]
 
 
 def _read(path: Path) -> Cell | None:
@@ -126,7 +126,7 @@ def _read(path: Path) -> Cell | None:
 
 @lru_cache(maxsize=1)
 def _sources() -> str:
-    """A hash of what any cell depends on: the code that computes, and the references."""
+    """Hash of the code that computes cells and of the references."""
     digest = hashlib.sha256()
     packages = ("physics", "nodes", "messages", "models.fe", "studies.accuracy", "studies.peers")
     for package in (f"palpate.{name}" for name in packages):

@@ -1,8 +1,8 @@
-"""A touch through the nodes that run in a graph: contact.Series, friction.LuGre, spread.Kernel and a body.
+"""Computes a test case with the nodes of a graph: contact.Series, friction.LuGre, spread.Kernel and a body.
 
-They are wired as in graphs/kidney.yaml: the body's law reaches the contact one tick later. They run as in a fused run:
-a segment of compiled nodes, one call per tick (engine/segment.py). The price is the processor time of that call. No
-node sleeps, no message is encoded. A body in Python runs after a segment of the other nodes.
+They are wired as in graphs/kidney.yaml: the law of the body reaches the contact one tick later. As in a fused run, they
+are one segment of compiled nodes, one call per tick (engine/segment.py). The step time is the processor time of that
+call. No node sleeps, and no message is encoded. A body in Python runs after the segment of the other nodes.
 """
 
 import gc
@@ -26,36 +26,38 @@ from palpate.nodes.spread import Kernel
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats
 from palpate.studies.accuracy import UnsupportedError
+from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.kidney import along
 from palpate.studies.accuracy.outcome import LOOKS, NEAR, Fidelity, MethodOutcome
-from palpate.studies.accuracy.touches import BenchCase
-from palpate.studies.accuracy.truth import SLIDING, worked
+from palpate.studies.accuracy.reference import SLIDING, worked
 
 M = TypeVar("M", bound=Message)
 Sent = tuple[Any, Any, Any, Any]
-"""Contact, Friction (None where nothing rubs), Load and Surface of one tick."""
-VERTICES = 10000
-"""Of the surface, unless a setting says otherwise."""
+"""Contact, Friction (None without friction), Load and Surface of one tick."""
+VERTICES = 10000  # Default number of surface vertices
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": 1e12, "finger_power_exponent": 1.0,
                         "finger_damping": 0.0}  # fmt: skip
-"""A finger that does not give."""
+"""A rigid finger."""
 LAW = frozenset({"stiffness", "exponent", "damping", "rest_indentation", "previous_indentation", "step", "relaxation"})
-"""Fields of a body that the contact reads: its terminal law."""
+"""Fields of Surface that the contact reads: the terminal law."""
 
 
 def surface_of(touch: BenchCase) -> dict[str, Any]:
-    """Settings of all nodes that work on the touched surface."""
+    """Settings of all nodes on the touched surface."""
     return {"surface": "kidney" if touch.body == "kidney" else "plane", "position": (0.0, 0.0, 0.0)}
 
 
 def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], repeats: int) -> MethodOutcome:
-    """The touch with this class of body: once for what it sends, `repeats` times for the durations, since to read the
-    messages empties the processor's caches.
+    """Compute a test case with this class of body.
+
+    One pass collects the messages; `repeats` more passes measure the times, because reading the messages would empty
+    the caches of the processor.
 
     contact  settings of contact.Series
 
-    UnsupportedError: the body has no basis, or does not take its settings. ArithmeticError: its force is not finite.
+    UnsupportedError: the body lacks a basis or rejects its settings. ArithmeticError: the force is not finite.
     """
+    # Build and start the nodes, then run all passes.
     times = np.arange(round(touch.duration * fidelity.rate) + 1) / fidelity.rate
     place = touch.at(times)[2]
     begun = time.perf_counter()
@@ -69,6 +71,7 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
     force = np.array([c.force for c, *_ in first])
     if not np.isfinite(force).all():
         raise ArithmeticError(f"the force is not finite from {times[np.argmin(np.isfinite(force))]:.4f} s on")
+    # Collect the compared quantities from the messages of the first pass.
     values = {"force": force}
     if touch.body != "plate":
         values["indentation"] = depth = np.array([c.indentation for c, *_ in first])
@@ -77,6 +80,7 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
         values["energy"] = worked(force, depth)
     if touch.friction:
         values["friction"] = np.array([float(np.linalg.norm(f.force)) if f else 0.0 for _, f, *_ in first])
+    # Area, traction and shape of the surface, if the body computes it; on the kidney they are not compared.
     mesh = chain.mesh
     shapes = []
     if mesh is not None and touch.body != "kidney":
@@ -93,7 +97,7 @@ def run(touch: BenchCase, body: type[Node], fidelity: Fidelity, contact: dict[st
 
 
 def _motion(touch: BenchCase, times: np.ndarray) -> np.ndarray:
-    """Gap [m], foot point [m], normal, slip [m/s] (T,10): on the plane, or along the top of the kidney."""
+    """Gap [m], foot point [m], normal and slip [m/s] (T,10) on the plane or along the top of the kidney."""
     approach, _, place, slip = touch.at(times)
     if touch.body == "kidney":
         feet, normals, ahead = along(place)
@@ -104,7 +108,7 @@ def _motion(touch: BenchCase, times: np.ndarray) -> np.ndarray:
 
 
 class _Motion(CompiledNode):
-    """Sends the touch, a row of `_motion` at each tick."""
+    """Sends one row of `_motion` per tick."""
 
     paced = True
     State = {"tick": int, "rows": TABLE}
@@ -128,11 +132,11 @@ class _Motion(CompiledNode):
 
 
 def _pressed(load: Load | None, areas: np.ndarray) -> tuple[float, float]:
-    """Area [m²] that carries load, and the greatest pressure on it [Pa]."""
+    """Loaded area [m²] and maximum pressure [Pa]."""
     if load is None or len(load.nodes) == 0:
         return 0.0, 0.0
-    own = areas[load.nodes]
-    return float(own.sum()), float((-load.forces[:, 2] / own).max())
+    loaded = areas[load.nodes]
+    return float(loaded.sum()), float((-load.forces[:, 2] / loaded).max())
 
 
 class _Awake(Slot):
@@ -140,16 +144,14 @@ class _Awake(Slot):
 
 
 class _Chain:
-    """The touch, contact, friction, spread and body."""
+    """The nodes of a test case: motion, contact, friction, spread and body."""
 
     def __init__(
         self, body: type[Node], fidelity: Fidelity, contact: dict[str, Any], touch: BenchCase, times: np.ndarray
     ) -> None:
         given = fidelity.settings
         surface = surface_of(touch) | {"vertices": VERTICES} | given.get("surface", {})
-        own = given.get("body", {})
-        if issubclass(body, OnSurface):
-            own = {**surface, **own}
+        body_settings = (surface if issubclass(body, OnSurface) else {}) | given.get("body", {})
         self.rate, self.at = fidelity.rate, 0
         try:
             nodes = {
@@ -157,7 +159,7 @@ class _Chain:
                 "contact": Series(**contact),
                 "friction": LuGre(**SLIDING._asdict()) if touch.friction else None,
                 "spread": (spread := Kernel(**surface, **given.get("spread", {}))),
-                "body": (pressed := body(**own)),
+                "body": (pressed := body(**body_settings)),
             }
             self.slots = [_slot(name, node, touch.friction) for name, node in nodes.items() if node is not None]
             self.start()
@@ -172,7 +174,7 @@ class _Chain:
         self.mesh = spread.mesh() if pressed.wants("displacement") else None
 
     def start(self) -> None:
-        """At rest, and compiled."""
+        """Start or reset all nodes."""
         for slot in self.slots:
             try:
                 slot.begin()
@@ -180,10 +182,10 @@ class _Chain:
                 raise fault.cause if isinstance(fault.cause, Exception) else fault from None
 
     def through(self, ticks: int, keep: bool) -> tuple[list[Sent], np.ndarray]:
-        """What was sent at each tick, if it is kept, and the processor time of each [s] (T,)."""
+        """Run all ticks: the messages of each tick if `keep`, and the processor time of each tick [s] (T,)."""
         whole = self.parts[0] if len(self.parts) == 1 else None
         spent = np.empty(ticks)
-        heard: list[Sent] = []
+        messages: list[Sent] = []
         gc.collect()
         gc.disable()
         try:
@@ -197,24 +199,24 @@ class _Chain:
                 spent[tick] = time.thread_time_ns() - begun
                 if keep:
                     sent: list[Any] = [output.last if output else None for output in self.outputs]
-                    touched, rubbed, load, surface = sent
-                    kept = _copied(load, "nodes", "forces"), _copied(surface, "nodes", "displacement")
-                    heard.append((touched, rubbed, *kept))
+                    contact, friction, load, surface = sent
+                    copies = _copied(load, "nodes", "forces"), _copied(surface, "nodes", "displacement")
+                    messages.append((contact, friction, *copies))
         finally:
             gc.enable()
-        return heard, 1e-9 * spent
+        return messages, 1e-9 * spent
 
     def gather(self, slot: Slot, tick: int) -> list[Message | None]:
-        """What the nodes of other parts sent; nothing in the first tick of the loop."""
+        """Messages of nodes in other parts; None in the first tick of a loop."""
         needs = [(port, -1 if port.dead or port.inside else port.need(tick)) for port in slot.inputs]
         return [port.of(need) if need >= 0 else None for port, need in needs]
 
     def sent(self, slot: Slot, tick: int) -> None:
-        """Answers stay in the outputs."""
+        """The messages stay in the outputs of the slots."""
 
 
 def _slot(name: str, node: Node, friction: bool) -> Slot:
-    """A node of the chain with its senders; the body's law reaches the contact one tick later."""
+    """A node with its inputs; the law of the body reaches the contact one tick later."""
     senders = {Proximity: "near", Contact: "contact", Friction: "friction", Load: "spread", Surface: "body"}
     wires = [
         InputJob(port.name, senders[port.type], senders[port.type], loop=port.type is Surface)
@@ -225,12 +227,12 @@ def _slot(name: str, node: Node, friction: bool) -> Slot:
 
 
 def _copied(message: M, *arrays: str) -> M:
-    """With arrays of its own, apart from the buffers of the node that sent it."""
+    """The message with copies of these arrays, whose buffers its sender reuses."""
     return msgspec.structs.replace(message, **{name: np.array(getattr(message, name)) for name in arrays})
 
 
 def held_bytes(roots: list[Any]) -> int:
-    """Bytes of the arrays that can be reached from these objects; classes, functions and modules are not entered."""
+    """Total size [byte] of all arrays reachable from these objects, except through classes, functions and modules."""
     seen: set[int] = set()
     todo, total = list(roots), 0
     while todo:

@@ -1,4 +1,4 @@
-"""The settings at which methods are tried, and a body in the chain of a touch."""
+"""The settings of methods in the benchmark, and the computation of a test case with a body."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -6,8 +6,8 @@ from typing import Any
 
 from palpate.nodes.base import Node
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.outcome import Fidelity, MethodOutcome
-from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.peers.continuum import NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO
 
 RATES = (250.0, 500.0, 1000.0, 2000.0, 4000.0)
@@ -28,13 +28,13 @@ def spread(name: str, value: object, text: str) -> Fidelity:
 
 
 def of_body(
-    cls: type[Node], own: Callable[[BenchCase], dict[str, Any]]
+    cls: type[Node], settings: Callable[[BenchCase], dict[str, Any]]
 ) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
-    """`Method.compute` of a body; own: its settings for a touch."""
+    """`Method.compute` of a body, with its settings for a test case."""
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         given = dict(fidelity.settings)
-        given["body"] = own(touch) | given.get("body", {})
+        given["body"] = settings(touch) | given.get("body", {})
         finger = chain.BALL if touch.finger == "ball" else {}
         return chain.run(touch, cls, replace(fidelity, settings=given), finger, repeats)
 
@@ -46,5 +46,5 @@ def reaches() -> list[Fidelity]:
 
 
 def only_slab(touch: BenchCase) -> str:
-    """Why a body does not compute a touch; empty: it does."""
-    return "the plate is rigid: there is no body to compute" if touch.body == "plate" else ""
+    """Reason why a body does not support a test case, or ""."""
+    return "the plate is rigid: no body to compute" if touch.body == "plate" else ""

@@ -1,11 +1,11 @@
-"""A place on the shipped kidney, pressed by the load of `peers.continuum`: the static curve there, by two solvers.
+"""Static curve of a site on the shipped kidney under the load of `peers.continuum`, by two solvers.
 
-The kidney is the image of a cube, through the ball that its shape is made from (`physics.geometry.kidney`), so that a
-grid of the cube, graded towards the place, is a mesh of it. It lies on a bed of springs where its normal looks down
-(z below `DOWN`), in all directions. The patch presses along the normal of its place; the surface under it does not move
-sideways. Its radius is a distance in space.
+The kidney is the image of a cube, by way of the ball from which its shape is made (`physics.geometry.kidney`), so a
+grid of the cube, graded towards the site, is a mesh of the kidney. An elastic foundation supports it in all directions
+where its normal points down (z below `DOWN`). The patch presses along the normal of the site; the surface under it does
+not move sideways. The radius of the patch is a distance in space.
 
-`fe.Solver` takes quadratic tetrahedra on the grid, FElupe bricks of 27 nodes; each makes its own load and bed.
+`fe.Solver` uses quadratic tetrahedra on the grid, FElupe bricks of 27 nodes; each computes its load and foundation.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.models.fe.contact.bed import ElasticFoundation
+from palpate.models.fe.contact.foundation import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
@@ -27,16 +27,16 @@ from palpate.studies.peers.continuum import BED, CUTS, POISSON, RADIUS, STEPS, Y
 LEVELS = np.array([0.1, 0.3, 0.6, 1.0])  # [N] Forces at which a curve is known
 DOWN = -0.5  # [1] As of `fe.meshing.organ`
 NO_TOP = (np.zeros(0), np.zeros(0), np.zeros((0, 0), np.int64))
-"""The curves here have no shape."""
-FAR = 0.5  # [1] Share of the cube's half side up to which the path is told
+"""These curves have no shape."""
+FAR = 0.5  # [1] The path ends at this share of the half side of the cube
 
 
 @dataclass(frozen=True)
 class Kidney:
-    """Where the kidney is pressed and how finely it is cut.
+    """A site on the kidney and its mesh density.
 
     place  [m] along the path on its top, from its middle towards the upper pole
-    cells  cells across the patch's radius
+    cells  cells across the radius of the patch
     """
 
     place: float = 0.0
@@ -45,7 +45,7 @@ class Kidney:
 
 @lru_cache(maxsize=1)
 def _fit() -> tuple[np.ndarray, np.ndarray]:
-    """Scale [m] and offset [m] (3) that give the shape the size of the kidney, centred."""
+    """Scale [m] and offset [m] (3) that map the shape to the centred kidney."""
     phi, theta = np.meshgrid(np.linspace(0.0, 2 * np.pi, 721), np.linspace(0.0, np.pi, 721))
     all_round = shape(np.stack([-np.cos(theta), np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi)], axis=-1))
     low, high = all_round.min(axis=(0, 1)), all_round.max(axis=(0, 1))
@@ -54,7 +54,7 @@ def _fit() -> tuple[np.ndarray, np.ndarray]:
 
 
 def inside(cube: np.ndarray) -> np.ndarray:
-    """Points [m] (...,3) of the kidney, of points of the cube -1 ... 1 (...,3); the side z = 1 is its top."""
+    """Points [m] (...,3) of the kidney for points (...,3) of the cube -1 ... 1, whose side z = 1 is the top."""
     square = cube**2
     a, b, c = np.moveaxis(square, -1, 0)
     rest = np.stack([1 - b / 2 - c / 2 + b * c / 3, 1 - a / 2 - c / 2 + a * c / 3, 1 - a / 2 - b / 2 + a * b / 3], -1)
@@ -64,15 +64,19 @@ def inside(cube: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def path() -> tuple[np.ndarray, np.ndarray]:
-    """Cube coordinate x, and the way [m] along the path from its middle, of the top's middle line."""
+    """Cube coordinate x and arc length [m] from the middle, along the middle line of the top."""
     x = np.linspace(-FAR, FAR, 4001)
-    points = inside(np.stack([x, 0 * x, 0 * x + 1], axis=-1))
-    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
-    return x, way - way[len(way) // 2]
+    arc = _arc_length(np.stack([x, 0 * x, 0 * x + 1], axis=-1))
+    return x, arc - arc[len(arc) // 2]
+
+
+def _arc_length(cube: np.ndarray) -> np.ndarray:
+    """Length [m] along the image of a polyline (n,3) in the cube."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(inside(cube), axis=0), axis=1)))
 
 
 def along(place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Foot points [m], outward normals and directions of the path (n,3) at places [m] (n,) along it."""
+    """Foot points [m], outward normals and path directions (n,3) at positions [m] (n,) along the path."""
     x = np.interp(place, *path()[::-1])
     h, at = 1e-5, np.stack([x, 0 * x, 0 * x + 1], axis=-1)
     ahead, aside = ((inside(at + step) - inside(at - step)) / (2 * h) for step in ((h, 0, 0), (0, h, 0)))
@@ -85,43 +89,44 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Frame:
-    """The kidney with its place at the origin and the normal there along z; turn (3,3) has the axes as rows."""
+class SiteFrame:
+    """Coordinates with the site at the origin and its normal along z; the rows of turn (3,3) are the axes."""
 
     foot: np.ndarray
     turn: np.ndarray
 
     def points(self, cube: np.ndarray) -> np.ndarray:
-        """Points [m] (n,3) of points of the cube."""
+        """Points [m] (n,3) of the kidney for points of the cube."""
         return (inside(cube) - self.foot) @ self.turn.T
 
     def down(self, normals: np.ndarray) -> np.ndarray:
-        """Which normals (...,3), of any length, look down at the bed."""
+        """Whether normals (...,3) of any length point down at the foundation."""
         return normals @ self.turn[:, 2] < DOWN * np.linalg.norm(normals, axis=-1)
 
 
-def cut(block: Kidney) -> tuple[Frame, list[np.ndarray]]:
-    """The frame of a place, and the grid's planes in the cube, finest under the patch."""
+def cut(block: Kidney) -> tuple[SiteFrame, list[np.ndarray]]:
+    """The frame of a site, and the planes of the grid in the cube, finest under the patch."""
     foot, normal, ahead = (v[0] for v in along(np.array([block.place])))
-    frame = Frame(foot, np.stack([ahead, np.cross(normal, ahead), normal]))
+    frame = SiteFrame(foot, np.stack([ahead, np.cross(normal, ahead), normal]))
     size, middle = RADIUS / block.cells, float(np.interp(block.place, *path()[::-1]))
     axes = []
     for axis, (low, high) in enumerate(((-RADIUS, RADIUS), (-RADIUS, RADIUS), (-0.6 * RADIUS, 0.0))):
         t = np.linspace(-1.0, 1.0, 4001)
         line = np.tile([middle, 0.0, 1.0], (len(t), 1))
         line[:, axis] = t
-        way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(inside(line), axis=0), axis=1)))
-        way -= np.interp((middle, 0.0, 1.0)[axis], t, way)
-        axes.append(np.interp(continuum.graded(way[0], low, high, way[-1], size), way, t))
+        arc = _arc_length(line)
+        arc -= np.interp((middle, 0.0, 1.0)[axis], t, arc)
+        axes.append(np.interp(continuum.graded(arc[0], low, high, arc[-1], size), arc, t))
     return frame, axes
 
 
 def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the kidney with `fe.Solver`.
 
-    Two sides of the cube are one smooth side where they meet, so that curved tetrahedra there would cross: those keep
-    straight edges.
+    Where two sides of the cube meet, the surface of the kidney is smooth, so curved tetrahedra would be inverted there;
+    these keep straight edges.
     """
+    # Mesh: quadratic tetrahedra, with straight edges where a curved one would be inverted.
     frame, axes = cut(block)
     corner_points, cells = grid(*axes)
     elements, edges = edge_nodes(len(corner_points), bricks(corner_points, cells))
@@ -133,6 +138,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
         if np.array_equal(placed[bent], straight):
             break
         placed[bent] = straight
+    # Load, supports and the part of the surface on the foundation.
     mesh = TetMesh(placed, elements)
     p, on_top = mesh.points, cube[:, 2] > 1.0 - 1e-9
     unit = continuum.on_triangles(p, mesh.faces[on_top[mesh.faces].all(axis=1)], pressure)
@@ -146,7 +152,7 @@ def press(block: Kidney, levels: np.ndarray = LEVELS) -> ContinuumCurve:
 
 
 class _PartBed(ElasticFoundation):
-    """A bed under those points of integration (F,6) of its faces that lie on it."""
+    """A foundation under those integration points (F,6) of its faces that it supports."""
 
     def __init__(self, faces: np.ndarray, stiffness: float, share: np.ndarray) -> None:
         super().__init__(faces, stiffness)
@@ -159,7 +165,7 @@ class _PartBed(ElasticFoundation):
 
 
 def pressure(points: np.ndarray) -> np.ndarray:
-    """At points [m] (...,3) of a frame; its scale does not matter."""
+    """Pressure of the patch at points [m] (...,3) of a frame, up to a factor."""
     q = np.minimum((points**2).sum(axis=-1) / RADIUS**2, 1.0)
     return (1.0 - q) ** 2
 

@@ -1,4 +1,4 @@
-"""The methods: which touches each can compute, and at which fidelities."""
+"""The methods of the benchmark, with the test cases that each supports and its fidelities."""
 
 import inspect
 from collections.abc import Callable, Mapping, Sequence
@@ -13,11 +13,11 @@ from palpate.nodes.deformation import Rigid
 from palpate.physics.errors import ArgumentError
 from palpate.registry import modules, snake
 from palpate.studies.accuracy import bodies as slab_bodies
-from palpate.studies.accuracy import chain, laboratory
+from palpate.studies.accuracy import chain, reference_solvers
+from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.fidelities import meshes, of_body, only_slab, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
-from palpate.studies.accuracy.touches import BenchCase
-from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.accuracy.reference import HERTZ
 from palpate.studies.peers.continuum import POISSON, YOUNG
 
 BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": HERTZ, "finger_power_exponent": 1.5,
@@ -25,68 +25,70 @@ BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": HERTZ, 
 """Hertz's law of a ball on a half-space."""
 
 
-class _Hard(Rigid):
-    """A plate that nobody looks at."""
+class _LawOnly(Rigid):
+    """Computes the terminal law, not the surface."""
 
     wanted = chain.LAW
 
 
 def _law(contact: dict[str, Any]) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
-    """contact.Series with these settings against a rigid body: the law alone."""
+    """contact.Series with these settings on a rigid body: the contact law alone."""
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         hard = replace(fidelity, settings={"body": {"plate_stiffness": 1e12}})
-        return chain.run(touch, _Hard, hard, contact, repeats)
+        return chain.run(touch, _LawOnly, hard, contact, repeats)
 
     return compute
 
 
 def _only_ball(touch: BenchCase) -> str:
-    return "" if touch.body == "half-space" else "it holds for a ball on a half-space, with nothing in series"
+    return "" if touch.body == "half-space" else "it is valid for a ball on a half-space, without a finger in series"
 
 
 def _only_fingertip(touch: BenchCase) -> str:
-    return "" if touch.body == "plate" else "it is a fingertip's law, and knows no tissue under it"
+    return "" if touch.body == "plate" else "it is the law of a fingertip and has no tissue"
 
 
 def standard() -> list[Method]:
-    """The methods that come with palpate, and outside solvers that are installed."""
+    """The shipped methods and the reference solvers that are installed."""
     laws = (
         ("exponential", "exponential", "exponential law"),
         ("hertz-exponential", "hertz", "Hertz law, stiffening modulus"),
         ("hunt-crossley", "power", "power law, Hunt-Crossley damping"),
     )
     known = modules(slab_bodies)
-    own, others = [], []
+    adapted, others = [], []
     for name, body in reversed(deformation.bodies().items()):
         if adapter := known.get(snake(body.__name__)) if body.__module__.startswith(deformation.__name__) else None:
-            own += adapter.methods()
+            adapted += adapter.methods()
         else:
             others.append(of_user(name, body))
     return [
         Method("hertz", "Hertz's law", _law(BALL), tuple(steps()), _only_ball, law=True),
         *(Method(name, title, _law({"finger_law": law}), tuple(steps()), _only_fingertip, law=True)
           for name, law, title in laws),
-        *own, *others, *laboratory.methods(),
+        *adapted, *others, *reference_solvers.methods(),
     ]  # fmt: skip
 
 
 def chosen(only: Sequence[str] | None, bodies: Mapping[str, type[Node]]) -> list[Method]:
-    """The standard methods and these bodies of a user's own; or those of them with a name in `only`, and the bodies.
+    """The standard methods, or those named in `only`, and these custom bodies.
 
-    ArgumentError: there is no such method, or a class is no body.
+    ArgumentError: an unknown method, or a class that is not a deformable body.
     """
     methods = [*standard(), *(of_user(name, cls) for name, cls in bodies.items())]
     if wrong := [name for name in only or () if name not in {m.name for m in methods}]:
         names = ", ".join(m.name for m in methods)
-        raise ArgumentError("; ".join([f"method: found {wrong[0]!r}, expected one of {names}", *laboratory.missing()]))
+        raise ArgumentError(
+            "; ".join([f"method: found {wrong[0]!r}, expected one of {names}", *reference_solvers.missing()])
+        )
     return [m for m in methods if not only or m.name in only or m.name in bodies]
 
 
 def of_user(name: str, cls: type[Node]) -> Method:
-    """A body of one's own, by its class: with the slab's material in those of its settings that are called like it.
+    """A custom body by its class, with the material of the slab in the settings of the same name.
 
-    ArgumentError: it is no deformable body.
+    ArgumentError: the class is not a deformable body.
     """
     if Surface not in outputs(cls) or Load not in {port.type for port in inputs(cls)}:
         raise ArgumentError(
@@ -94,16 +96,16 @@ def of_user(name: str, cls: type[Node]) -> Method:
         )
     known = settings(cls)
 
-    def own(touch: BenchCase) -> dict[str, Any]:
+    def slab(touch: BenchCase) -> dict[str, Any]:
         material = {"young": YOUNG, "poisson": POISSON, "retardation": touch.retardation}
         return {k: v for k, v in material.items() if k in known}
 
     points = [*steps(), *(meshes() if issubclass(cls, OnSurface) else ())]
-    return Method(name, name, of_body(cls, own), tuple(points), only_slab, source=(_text_of(cls),))
+    return Method(name, name, of_body(cls, slab), tuple(points), only_slab, source=(_text_of(cls),))
 
 
 def _text_of(cls: type) -> str:
-    """The source of its module, which its answers depend on."""
+    """Source code of the module of a class, for the key of cached results."""
     try:
         return inspect.getsource(inspect.getmodule(cls) or cls)
     except (OSError, TypeError):

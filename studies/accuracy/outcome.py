@@ -1,14 +1,14 @@
-"""A method, its settings, and what it makes of a touch."""
+"""A method of the benchmark, its settings and its results on a test case."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.accuracy.cases import BenchCase
 
-NEAR = 16e-3  # [m] From the foot point within which the shape of the surface is compared
-LOOKS = 12  # Instants of a touch at which it is
+NEAR = 16e-3  # [m] Radius around the foot point within which the shape of the surface is compared
+LOOKS = 12  # Number of instants of a touch at which the shape is compared
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class Fidelity:
 
     rate      [Hz] of the steps
     settings  by node: {"body": {...}, "spread": {...}, "surface": {...}}
-    quick     whether a quick run has it
+    quick     whether a quick run includes it
     """
 
     name: str
@@ -28,13 +28,13 @@ class Fidelity:
 
 @dataclass
 class MethodOutcome:
-    """Of one method at one fidelity.
+    """Results of one method at one fidelity.
 
     times    [s] (T,)
-    values   by name of `truth.QUANTITIES`, each (T,); what the method does not tell is not there
-    shapes   (time [s], points [m] (k,2), depth [m] (k,)) at some instants
-    steps    [s] (n,) time that each step took
-    memory   [byte] arrays that the method holds, None where nobody counted; offline [s] once, before
+    values   by name of `reference.QUANTITIES`, each (T,); only those that the method computes
+    shapes   (time [s], points [m] (k,2), depth [m] (k,)) at `LOOKS` instants
+    steps    [s] (n,) time of each step
+    memory   [byte] size of all arrays of the method, None: not counted;  offline [s] time before the first step
     """
 
     times: np.ndarray
@@ -49,9 +49,11 @@ class MethodOutcome:
 class Method:
     """One method.
 
-    compute     (touch, fidelity, repeats) -> outcome; raises UnsupportedError, or what went wrong
-    refuses     why it cannot compute a touch; empty where it can
-    fidelities  what it is tried at
+    compute     (touch, fidelity, repeats) -> outcome; UnsupportedError: the test case is not supported
+    refuses     reason why a test case is not supported, or ""
+    fidelities  its settings in the benchmark
+    law         whether it is a contact law without a body, which supports one or two test cases
+    source      further dependencies of its results, for the key of a cached result
     """
 
     name: str
@@ -60,6 +62,4 @@ class Method:
     fidelities: tuple[Fidelity, ...]
     refuses: Callable[[BenchCase], str] = lambda touch: ""
     law: bool = False
-    """Whether it is a law of contact alone, without a body: it can do one or two test cases."""
-    source: tuple[str, ...] = field(default_factory=tuple)
-    """What else its answers depend on, for the key of a kept result."""
+    source: tuple[str, ...] = ()

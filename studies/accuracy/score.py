@@ -1,41 +1,40 @@
-"""How wrong an outcome is: differences from the truth over the whole touch, over the peak of the truth."""
+"""Errors of an outcome: differences from the reference over the whole touch, relative to the reference peak."""
 
 import numpy as np
 
 from palpate.studies.accuracy.outcome import MethodOutcome
-from palpate.studies.accuracy.truth import QUANTITIES, Truth
+from palpate.studies.accuracy.reference import QUANTITIES, ReferenceSolution
 
 CHARGED = 1.0
-"""[1] Error of a method that fails or refuses: that of saying nothing, which is off by all of the truth."""
-CHARGED_STEP = 10.0  # [s] Its step
+"""[1] Error of a method that fails or does not support a test case: that of a result of zero."""
+CHARGED_STEP = 10.0  # [s] Its step time
 
 
 Score = dict[str, dict[str, float]]
-"""By quantity: rms and worst error, and the rms that the reference may be off by, over the peak of the truth."""
+"""By quantity: RMS and maximum error, and the RMS uncertainty of the reference, over the peak of the reference."""
 
 
-def score(outcome: MethodOutcome, truth: Truth) -> Score:
-    """Of everything that both tell."""
+def score(outcome: MethodOutcome, solution: ReferenceSolution) -> Score:
+    """Errors of all quantities that outcome and reference have in common."""
     errors: Score = {}
     for name in QUANTITIES:
-        if name in outcome.values and name in truth.values:
-            right = truth.value(name, outcome.times)
-            errors[name] = _over(outcome.values[name] - right, truth.band(name, outcome.times), truth.values[name])
-    looks = [(shape - truth.depth(at, t), truth.shape_band(t), t) for t, at, shape in outcome.shapes if len(at)]
-    if looks and "indentation" in truth.values:
-        peak = float(np.abs(truth.values["indentation"]).max())
-        apart = np.array([_rms(d) for d, *_ in looks])
+        if name in outcome.values and name in solution.values:
+            right, band = solution.value(name, outcome.times), solution.band(name, outcome.times)
+            errors[name] = _over(outcome.values[name] - right, band, solution.values[name])
+    shapes = [(shape - solution.depth(at, t), solution.shape_band(t)) for t, at, shape in outcome.shapes if len(at)]
+    if shapes and "indentation" in solution.values:
+        peak = float(np.abs(solution.values["indentation"]).max())
         errors["shape"] = {
-            "rms": _rms(apart) / peak,
-            "worst": max(float(np.abs(d).max()) for d, *_ in looks) / peak,
-            "band": _rms(np.array([b for _, b, _ in looks])) / peak,
+            "rms": _rms(np.array([_rms(d) for d, _ in shapes])) / peak,
+            "worst": max(float(np.abs(d).max()) for d, _ in shapes) / peak,
+            "band": _rms(np.array([b for _, b in shapes])) / peak,
         }
     return errors
 
 
-def _over(apart: np.ndarray, band: np.ndarray, right: np.ndarray) -> dict[str, float]:
+def _over(difference: np.ndarray, band: np.ndarray, right: np.ndarray) -> dict[str, float]:
     peak = float(np.abs(right).max())
-    return {"rms": _rms(apart) / peak, "worst": float(np.abs(apart).max()) / peak, "band": _rms(band) / peak}
+    return {"rms": _rms(difference) / peak, "worst": float(np.abs(difference).max()) / peak, "band": _rms(band) / peak}
 
 
 def _rms(values: np.ndarray) -> float:
@@ -43,5 +42,5 @@ def _rms(values: np.ndarray) -> float:
 
 
 def charged() -> Score:
-    """Of a method that gave no answer."""
+    """Errors of a method without a result."""
     return {name: {"rms": CHARGED, "worst": CHARGED, "band": 0.0} for name in QUANTITIES}

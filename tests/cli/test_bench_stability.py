@@ -83,16 +83,9 @@ def test_bodies_come_with_a_table(tmp_path):
     assert float(line["stable [N/m]"]) == approx(row["stable"], rel=1e-5)
 
 
-@pytest.mark.parametrize(
-    ("wrong", "told"),
-    [
-        (("--body", "collision.Mesh"), "expected a node that takes Load"),
-        (("--body", "deformation.Nope"), "no class 'Nope'"),
-    ],
-)
-def test_what_is_no_body_is_refused(tmp_path, wrong, told):
-    result = call("-o", str(tmp_path), *wrong)
-    assert result.exit_code == 2 and told in " ".join(result.stdout.split())
+def test_a_node_that_takes_no_load_is_refused_as_a_body(tmp_path):
+    result = call("-o", str(tmp_path), "--body", "collision.Mesh")
+    assert result.exit_code == 2 and "expected a node that takes Load" in " ".join(result.stdout.split())
 
 
 @pytest.mark.parametrize(

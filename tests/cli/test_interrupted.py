@@ -26,7 +26,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.execute import execute
 from palpate.records.export import export
 from palpate.records.reader import Recording
-from palpate.studies.search import touched
+from palpate.studies.search import record_touch
 
 
 def ctrl_c(*_: object) -> None:
@@ -140,7 +140,7 @@ def test_ctrl_c_ends_the_replay_that_is_repeated_until_then(file, monkeypatch):
 
 def test_a_run_hands_ctrl_c_to_its_caller_and_the_next_one_works(tmp_path, monkeypatch):
     launch = LaunchFile(graph=write_graph(tmp_path), duration=0.1)
-    for call in (lambda to: palpate.run(launch.graph, record=to, duration=0.1), lambda to: touched(launch, to)):
+    for call in (lambda to: palpate.run(launch.graph, record=to, duration=0.1), lambda to: record_touch(launch, to)):
         file = tmp_path / "out" / "run.mcap"
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             patch.setattr(Drag, "start", ctrl_c)

@@ -10,7 +10,7 @@ from palpate.launch.load.effect_costs import effect_costs
 from palpate.launch.load.graph import load
 from palpate.launch.load.plan import plan
 from palpate.records.reader import Recording
-from palpate.studies.prove import prove
+from palpate.studies.ablation import ablate
 
 
 def items(*sets, graph="kidney", times=None):
@@ -68,7 +68,7 @@ def test_a_recording_knows_the_times_of_its_nodes(recording):
 
 def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
     costs = items()
-    prove(recording, list(costs.values()))
+    ablate(recording, list(costs.values()))
     assert "without it: force differs by" in costs["friction"].proof
     assert "without it: same force" in costs["shape"].proof
     assert "with it: same force" in costs["band"].proof

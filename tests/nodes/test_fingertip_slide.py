@@ -187,7 +187,7 @@ def test_a_saved_fingertip_feels_as_the_one_it_was_made_of(tmp_path):
     [
         (dict(shape="nowhere.npz"), "cannot be read"),
         (dict(reach=20e-3), "between skin and nail"),
-        (dict(pitch=1e-6), "larger pitch"),
+        (dict(pitch=1e-6), "increase the pitch"),
         (dict(lateral="rigid"), "lateral"),
         (dict(angle=2.0), "angle"),
     ],

@@ -12,9 +12,9 @@ from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.spread import Kernel
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.outcome import Fidelity
-from palpate.studies.accuracy.touches import TOUCHES
-from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.accuracy.reference import HERTZ
 from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 PLANE = {"surface": "plane", "vertices": 900, "position": (0.0, 0.0, 0.0)}

@@ -6,8 +6,8 @@ import references
 
 from palpate.models.fe.element.mesh import grid
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy import places
-from palpate.studies.accuracy.touches import TOUCHES
+from palpate.studies.accuracy import sites
+from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.peers import MissingError, continuum, felupe
 from palpate.studies.peers.continuum import RADIUS, Block, press
 
@@ -44,7 +44,7 @@ def test_the_load_is_that_of_the_pressure():
 
 
 def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_one():
-    right = places.stored("middle")
+    right = sites.stored("middle")
     coarse, finer = (press(Block(0.0, n), FIRST).indentation for n in (1, 2))
     assert (coarse < finer).all()  # displacement elements are too stiff
     assert (finer < right.indentation[:2] + right.band[:2]).all()
@@ -53,13 +53,13 @@ def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_o
 
 def test_an_outside_solver_meets_it_on_its_own_elements():
     pytest.importorskip("felupe")
-    right = places.stored("middle")
+    right = sites.stored("middle")
     assert felupe.press(Block(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
 
 
-@pytest.mark.parametrize("name", sorted({p for t in TOUCHES.values() if t.place for p in places.on_path(t.place)}))
+@pytest.mark.parametrize("name", sorted({p for t in TOUCHES.values() if t.place for p in sites.on_path(t.place)}))
 def test_a_stored_reference_says_what_it_was_made_from_and_how_sure_it_is(name):
-    place = places.stored(name)
+    place = sites.stored(name)
     assert {"command", "commit", "solvers", "young", "felupe", "place"} <= set(place.about)
     assert all(len(told["unknowns"]) == 2 for told in place.about["solvers"].values())
     assert (np.diff(place.indentation) > 0).all()
@@ -68,12 +68,12 @@ def test_a_stored_reference_says_what_it_was_made_from_and_how_sure_it_is(name):
 
 
 def test_a_harder_place_gives_in_less():
-    depth = {name: places.stored(name).indentation[-1] for name in ("middle", "edge", "nodule-00", "nodule-10")}
+    depth = {name: sites.stored(name).indentation[-1] for name in ("middle", "edge", "nodule-00", "nodule-10")}
     assert depth["nodule-00"] < depth["nodule-10"] < depth["middle"] < depth["edge"]
 
 
 def test_a_surface_that_is_free_to_slide_is_softer_and_the_more_so_the_heavier_the_load():
-    free, held = places.stored("slip"), places.stored("middle")
+    free, held = sites.stored("slip"), sites.stored("middle")
     assert free.about["place"]["sticks"] is False
     more = free.indentation / np.interp(free.force, np.append(0.0, held.force), np.append(0.0, held.indentation)) - 1.0
     assert more[0] == pytest.approx(0.006, abs=0.003) and (np.diff(more) > 0.0).all()  # HELD (1 - 2 nu)²/(1 - nu)²
@@ -82,16 +82,16 @@ def test_a_surface_that_is_free_to_slide_is_softer_and_the_more_so_the_heavier_t
 
 def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(places, "LEVELS", FIRST)
-    monkeypatch.setattr(places, "computed", places.computed.__wrapped__)  # other loads than elsewhere: nothing is kept
+    monkeypatch.setattr(sites, "LEVELS", FIRST)
+    monkeypatch.setattr(sites, "computed", sites.computed.__wrapped__)  # other loads than elsewhere: nothing is kept
     told = list(references.rebuild(["middle"], {"command": "here"}, tmp_path, {"fe": (1, 2)}))
     assert told[-1][1] == 1.0
-    monkeypatch.setattr(places, "SHIPPED", tmp_path)
-    places.stored.cache_clear()
+    monkeypatch.setattr(sites, "SHIPPED", tmp_path)
+    sites.stored.cache_clear()
     try:
-        place = places.stored("middle")
+        place = sites.stored("middle")
     finally:
-        places.stored.cache_clear()
+        sites.stored.cache_clear()
     coarse, finer = (press(Block(0.0, n), FIRST).indentation for n in (1, 2))
     assert place.indentation == pytest.approx(finer)
     assert place.band == pytest.approx((finer - coarse) / 3.0)
@@ -99,11 +99,11 @@ def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
 
 
 def test_a_reference_that_is_missing_or_damaged_is_told_with_the_cure(tmp_path, monkeypatch):
-    monkeypatch.setattr(places, "SHIPPED", tmp_path)
-    places.stored.cache_clear()
+    monkeypatch.setattr(sites, "SHIPPED", tmp_path)
+    sites.stored.cache_clear()
     with pytest.raises(MissingError, match=r"benchmarks/references\.py"):
-        places.stored("middle")
+        sites.stored("middle")
     (tmp_path / "middle.npz").write_bytes(b"no archive")
     with pytest.raises(ArgumentError, match="damaged"):
-        places.stored("middle")
-    places.stored.cache_clear()
+        sites.stored("middle")
+    sites.stored.cache_clear()

@@ -14,7 +14,7 @@ from palpate.launch.load.launchfile import find
 from palpate.messages import Load
 from palpate.nodes.deformation import BeamBundle
 from palpate.physics.errors import ArgumentError
-from palpate.studies.accuracy.places import stored
+from palpate.studies.accuracy.sites import stored
 from palpate.studies.fit_body import fit_body, power_law
 
 TAP = (
@@ -119,7 +119,7 @@ def test_a_graph_that_cannot_be_read_is_refused_before_a_time_is_told(tmp_path):
 def test_a_body_without_a_constant_and_a_touch_in_the_air_are_refused(tmp_path):
     with pytest.raises(ArgumentError, match="expected one with a constant to calibrate"):
         fit_body(find("kidney").but(duration=0.1, overrides=["tissue.use=deformation.Rigid"]), tmp_path / "x.yaml")
-    with pytest.raises(ArgumentError, match="hardly presses"):
+    with pytest.raises(ArgumentError, match="samples in contact"):
         fit_body(find("kidney").but(duration=0.1, overrides=TAP[:1]), tmp_path / "x.yaml", ["tissue.stiffness=900"])
     assert not list(tmp_path.iterdir())
 

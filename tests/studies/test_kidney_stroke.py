@@ -7,9 +7,9 @@ from scipy.optimize import brentq
 
 from palpate.messages import Pose
 from palpate.nodes.collision import Nurbs
-from palpate.studies.accuracy import kidney, places, truth
+from palpate.studies.accuracy import kidney, reference, sites
+from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.kidney import Kidney, along, press, press_felupe
-from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.peers import felupe
 from palpate.studies.peers.continuum import CUTS, RADIUS
 
@@ -65,7 +65,7 @@ def test_two_solvers_that_share_no_elements_agree_on_coarse_meshes(place):
 
 
 def test_the_stored_reference_is_met_from_below_by_finer_meshes():
-    right = places.stored("kidney+00")
+    right = sites.stored("kidney+00")
     coarse, fine = (press(Kidney(0.0, n), right.force[:1]).indentation for n in (1, 2))
     assert coarse < fine < right.indentation[:1] + right.band[:1]
     assert fine == pytest.approx(right.indentation[:1], rel=0.05)
@@ -74,16 +74,16 @@ def test_the_stored_reference_is_met_from_below_by_finer_meshes():
 @pytest.mark.long
 def test_a_parabola_through_three_places_tells_what_lies_between():
     """On one coarse mesh, whose own error changes along the path as well."""
-    at = truth.path_of(TOUCHES["stroke"])
+    at = reference.path_of(TOUCHES["stroke"])
     three = np.array([press(Kidney(x, 2), FIRST[:1]).indentation for x in at])
     between = np.array([-0.006, 0.006])
     own = np.array([press(Kidney(x, 2), FIRST[:1]).indentation for x in between])
-    assert truth._shares(between, at, True) @ three == pytest.approx(own, rel=1e-3)
+    assert reference._shares(between, at, True) @ three == pytest.approx(own, rel=1e-3)
     assert np.ptp(three) > 0.02 * three.mean()
 
 
 def test_the_truth_of_the_stroke_has_friction_and_says_what_it_may_be_off_by():
-    right = truth.truth(TOUCHES["stroke"])
+    right = reference.reference_solution(TOUCHES["stroke"])
     assert set(right.values) == {"force", "friction", "indentation", "energy"}
     pressed = right.times > 0.25
     assert (right.band("force", right.times)[pressed] < 0.02 * right.values["force"].max()).all()
@@ -94,7 +94,9 @@ def test_the_truth_of_the_stroke_has_friction_and_says_what_it_may_be_off_by():
 
 @pytest.mark.parametrize(("time", "name"), [(0.3, "kidney-12"), (0.9, "kidney+12")])
 def test_a_finger_that_rests_at_a_place_splits_the_approach_by_the_curve_of_that_place(time, name):
-    place = places.stored(name)
+    place = sites.stored(name)
     depth = CubicSpline(np.append(0.0, place.force), np.append(0.0, place.indentation))
     static = brentq(lambda f: np.log1p(M * f / B) / M + depth(f) - 5e-3, 1e-6, 1.0, xtol=1e-14)
-    assert truth.truth(TOUCHES["stroke"]).value("force", np.array([time])) == pytest.approx(static, rel=1e-6)
+    assert reference.reference_solution(TOUCHES["stroke"]).value("force", np.array([time])) == pytest.approx(
+        static, rel=1e-6
+    )

@@ -16,14 +16,14 @@ from palpate.nodes.spread import Kernel
 from palpate.physics.errors import PalpateError
 from palpate.studies.accuracy import chain, methods
 from palpate.studies.accuracy.bodies.reduced_fe import ready
+from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import Cell, compute, matrix, one
 from palpate.studies.accuracy.fidelities import of_body
 from palpate.studies.accuracy.methods import of_user
 from palpate.studies.accuracy.outcome import Fidelity, Method
 from palpate.studies.accuracy.output.pareto import advice, best, elsewhere, front, of_bodies, of_laws, point, summaries
+from palpate.studies.accuracy.reference import HERTZ, SLIDING
 from palpate.studies.accuracy.score import CHARGED, CHARGED_STEP
-from palpate.studies.accuracy.touches import TOUCHES
-from palpate.studies.accuracy.truth import HERTZ, SLIDING
 
 STANDARD = {m.name: m for m in methods.standard()}
 SMALL = {"surface": {"vertices": 400}}
@@ -114,11 +114,11 @@ def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most()
     ]
     told = summaries(cells)
     assert advice(told).startswith(
-        "For 2 touches take body, 1000 Hz: force off by 2 % (RMS over the peak, median, 3 % at"
+        "For 2 touches use body, 1000 Hz: force error 2 % (RMS over the peak, median, 3 % at"
     )
     assert "worst, hold), p50 40 µs, p99 3 ms." in advice(told)
     assert [told[k].method for k in best(told)] == ["spring", "body", "solver"]
-    assert "Nothing here keeps a loop at 1 kHz" in advice([s for s in told if s.method == "solver"])
+    assert "No method is fast enough for a loop at 1 kHz" in advice([s for s in told if s.method == "solver"])
 
 
 def test_a_body_that_fails_on_one_touch_is_not_what_to_take():
@@ -128,8 +128,8 @@ def test_a_body_that_fails_on_one_touch_is_not_what_to_take():
         *(computed("spring", t, e, 3e-5, 6e-5) for t, e in zip(touches, (0.24, 0.33, 0.0), strict=True)),
     ]
     said = advice(summaries(cells))
-    assert said.startswith("For 3 touches take spring") and "33 % at worst, hold" in said
-    assert "patch, 1000 Hz, is off by 0.6 % in the median, but by 222 % on ball: take it for other touches." in said
+    assert said.startswith("For 3 touches use spring") and "33 % at worst, hold" in said
+    assert "patch, 1000 Hz, has a median error of 0.6 %, but 222 % on ball: use it for other touches." in said
 
 
 def test_every_touch_has_every_method_in_its_row():

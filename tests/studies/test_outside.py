@@ -8,10 +8,10 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.physics.materials.hyperelastic import moduli
-from palpate.studies.accuracy import laboratory
+from palpate.studies.accuracy import reference_solvers
+from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.score import CHARGED
-from palpate.studies.accuracy.touches import TOUCHES
 from palpate.studies.peers import MissingError, calculix, mujoco
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG, Block, press, tetrahedra
 
@@ -114,21 +114,21 @@ def test_a_run_of_calculix_that_breaks_down_is_charged_with_what_it_said(monkeyp
     def crushing(block, levels):
         return calculix.press(block, np.array([1e3]))
 
-    monkeypatch.setitem(laboratory.places.SOLVERS, "calculix", crushing)
-    monkeypatch.setattr(laboratory.places, "computed", laboratory.places.computed.__wrapped__)
-    method = next(m for m in laboratory.methods() if m.name == "CalculiX")
+    monkeypatch.setitem(reference_solvers.sites.SOLVERS, "calculix", crushing)
+    monkeypatch.setattr(reference_solvers.sites, "computed", reference_solvers.sites.computed.__wrapped__)
+    method = next(m for m in reference_solvers.methods() if m.name == "CalculiX")
     cell = one(TOUCHES["indent"], method, method.fidelities[0])
     assert cell.status == "failed"
     assert "CalculiX came to 0 of 1 forces" in cell.why
     assert cell.errors["force"]["rms"] == CHARGED
 
 
-@pytest.mark.parametrize(("name", "module"), laboratory.OUTSIDE.items())
+@pytest.mark.parametrize(("name", "module"), reference_solvers.PEERS.items())
 def test_an_outside_solver_is_near_the_reference_where_it_is_installed(name, module):
     """The slab with one cell a radius; MuJoCo's linear tetrahedra are too stiff by 44 %, see docs/accuracy.md."""
     if module.version() is None:
         pytest.skip(f"{name}: {module.INSTALL}")
-    method = next(m for m in laboratory.methods() if m.name == name)
+    method = next(m for m in reference_solvers.methods() if m.name == name)
     cell = one(TOUCHES["indent"], method, method.fidelities[0])
     assert cell.status == "ok", cell.why
     assert cell.errors["force"]["rms"] < (0.5 if name == "MuJoCo" else 0.1)
@@ -139,7 +139,7 @@ def test_an_outside_solver_is_near_the_reference_where_it_is_installed(name, mod
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["full-FE", "FElupe"])
 def test_full_elements_stroke_the_kidney(name):
-    method = next((m for m in laboratory.methods() if m.name == name), None)
+    method = next((m for m in reference_solvers.methods() if m.name == name), None)
     if method is None:
         pytest.skip(f"{name} is not installed")
     cell = one(TOUCHES["stroke"], method, method.fidelities[0])

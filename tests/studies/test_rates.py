@@ -14,7 +14,7 @@ from palpate.launch.load.launchfile import find
 from palpate.records.compare import compare
 from palpate.studies import rates
 from palpate.studies.motions import at_speeds, others, reached
-from palpate.studies.search import touched
+from palpate.studies.search import record_touch
 
 SWING = """
 nodes:
@@ -31,7 +31,7 @@ PERIODS = {0.5: 2.0, 2.0: 1.0, 11.0: 1.0}
 
 def swing(write, tmp_path, frequency: float, *sets: str):
     launch = find(str(write("swing.yaml", SWING.replace("FREQUENCY", str(frequency)))))
-    return touched(launch.but(duration=PERIODS[frequency], overrides=sets), tmp_path / "touch.mcap")
+    return record_touch(launch.but(duration=PERIODS[frequency], overrides=sets), tmp_path / "touch.mcap")
 
 
 def off(every: int, frequency: float) -> float:
@@ -46,14 +46,18 @@ def test_the_rate_is_the_lowest_that_keeps_the_error_of_a_signal_that_is_held(wr
     (rate,) = rates.chosen(swing(write, tmp_path, frequency), error)
     assert rate.constant == pytest.approx(math.sqrt(2.0) / (2.0 * math.pi * frequency), rel=2e-3)
     assert rate.every == max(every for every in rates.DIVISORS if off(every, frequency) <= error)
-    assert rate.own == pytest.approx(off(rate.every, frequency) if rate.every > 1 else 0.0, rel=0.02)
+    assert rate.output_error == pytest.approx(off(rate.every, frequency) if rate.every > 1 else 0.0, rel=0.02)
 
 
 def test_a_lower_rate_in_the_graph_does_not_change_the_answer(write, tmp_path):
     """The touch is computed at each tick first."""
     fast, slow = (next(rates.chosen(swing(write, tmp_path, 2.0, f"swing.every={n}"), 0.05)) for n in (1, 50))
     assert (slow.before, fast.before) == (50, 1)
-    assert (slow.every, slow.constant, slow.own) == (fast.every, pytest.approx(fast.constant), pytest.approx(fast.own))
+    assert (slow.every, slow.constant, slow.output_error) == (
+        fast.every,
+        pytest.approx(fast.constant),
+        pytest.approx(fast.output_error),
+    )
 
 
 def test_what_does_nothing_keeps_its_rate(write, tmp_path):
@@ -66,17 +70,17 @@ def kidney(tmp_path_factory):
     """A press that comes down at once, and a slide."""
     path = "[{to: [0, 0, 0.0935], time: 0.15}, {to: [0.005, 0, 0.0935], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.107]", f"scene.hand.path={path}"]
-    return touched(find("kidney").but(duration=0.25, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
+    return record_touch(find("kidney").but(duration=0.25, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
 
 
 def test_effects_of_the_force_path_are_told_by_what_the_force_loses(kidney):
     recording, ticks = kidney, 250
     picked = {rate.node: rate for rate in rates.chosen(recording, 0.02)}
     assert set(picked) == {"friction", "tissue"}
-    assert picked["friction"].felt and 0.0 < picked["friction"].force <= 0.02
-    assert 0.0 < picked["friction"].own <= 0.02
-    assert picked["tissue"].force < 1e-9  # this body's law does not depend on what it did before
-    assert 0.0 < picked["tissue"].own <= 0.02  # but its shape is late
+    assert picked["friction"].in_loop and 0.0 < picked["friction"].force_error <= 0.02
+    assert 0.0 < picked["friction"].output_error <= 0.02
+    assert picked["tissue"].force_error < 1e-9  # this body's law does not depend on what it did before
+    assert 0.0 < picked["tissue"].output_error <= 0.02  # but its shape is late
     _, one = rates.together([recording], list(picked.values()), 0.02)
     assert one.error <= 0.02
     base, variant = compare(recording, [one.texts], reference=[rate.override(1) for rate in picked.values()])
@@ -88,7 +92,9 @@ def test_effects_of_the_force_path_are_told_by_what_the_force_loses(kidney):
 def test_an_error_that_no_lower_rate_keeps_leaves_each_effect_at_every_tick(tmp_path):
     path = "[{to: [0.005, 0, 0.0975], time: 0.1, shape: linear}]"
     sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.104]", f"scene.hand.path={path}"]
-    tight = list(rates.chosen(touched(find("kidney").but(duration=0.1, overrides=sets), tmp_path / "t.mcap"), 1e-6))
+    tight = list(
+        rates.chosen(record_touch(find("kidney").but(duration=0.1, overrides=sets), tmp_path / "t.mcap"), 1e-6)
+    )
     assert [(rate.every, rate.idle) for rate in tight] == [(1, False), (1, False)]
 
 
@@ -104,13 +110,13 @@ def test_together_runs_more_often_what_loses_most_until_the_error_is_kept(kidney
 
 def test_a_missed_error_raises_the_effect_that_misses_it():
     """The one whose output misses it, or else that with the largest part in the force; none where all is kept."""
-    slow = [rates.Rate("a", "x", 1, True, 0.4, 20, force=0.008), rates.Rate("b", "y", 5, False, 0.1, 10)]
-    one = rates.Trial({}, error=0.005, own=(0.001, 0.02))
-    assert [rate.every for rate in rates.oftener(slow, one, 0.01)] == [20, 5]
-    raised = rates.oftener(slow, replace(one, error=0.02, own=(0.001, 0.002)), 0.01)
-    assert [rate.every for rate in raised] == [10, 10] and raised[0].force == pytest.approx(0.004)
-    assert rates.oftener(slow, one, 0.03) is None
-    assert rates.oftener([replace(rate, every=1) for rate in slow], one, 0.01) is None
+    slow = [rates.Rate("a", "x", 1, True, 0.4, 20, force_error=0.008), rates.Rate("b", "y", 5, False, 0.1, 10)]
+    one = rates.Evaluation({}, error=0.005, outputs=(0.001, 0.02))
+    assert [rate.every for rate in rates.raised(slow, one, 0.01)] == [20, 5]
+    raised = rates.raised(slow, replace(one, error=0.02, outputs=(0.001, 0.002)), 0.01)
+    assert [rate.every for rate in raised] == [10, 10] and raised[0].force_error == pytest.approx(0.004)
+    assert rates.raised(slow, one, 0.03) is None
+    assert rates.raised([replace(rate, every=1) for rate in slow], one, 0.01) is None
 
 
 @pytest.mark.long
@@ -121,14 +127,14 @@ def test_rates_hold_at_each_speed_of_the_hand_and_say_at_which(tmp_path):
     launch = find("kidney").but(duration=0.32, overrides=sets)
     file, error = tmp_path / "slow.yaml", 0.01
     found = rates.rates(launch, error, file, speeds=(1.0, 4.0))
-    assert found.kept and list(found.at) == [1.0, 4.0] and max(one.error for one in found.at.values()) <= error
+    assert found.met and list(found.at) == [1.0, 4.0] and max(one.error for one in found.at.values()) <= error
     said = file.read_text()
     assert "at 1, 4 times its speed" in said and "4 times its speed: force error" in said
     assert "output errors friction" in said
     motions = at_speeds(launch, (1.0, 4.0))
     assert motions[4.0].duration == 0.08 and motions[4.0].load().nodes["device"].settings["speed_factor"] == 4.0
     slide = at_speeds(find("kidney").but(**TAP), (0.5, 4.0))
-    calm = touched(slide[0.5], tmp_path / "calm.mcap")
+    calm = record_touch(slide[0.5], tmp_path / "calm.mcap")
     alone, one = rates.together([calm], rates.chosen(calm, error), error)
     assert one.most <= error
     assert rates.ran(slide[4.0], alone, tmp_path).most > 1.5 * error
@@ -146,7 +152,7 @@ def test_the_worst_that_is_told_is_that_of_all_speeds(tmp_path, monkeypatch):
     monkeypatch.setattr(rates, "tried", tried)
     found = rates.rates(launch, 0.01, tmp_path / "slow.yaml", speeds=(1.0, 2.0))
     assert found.at[2.0].worst > found.at[1.0].worst and found.at[2.0].error < found.at[1.0].error
-    assert (found.came.error, found.came.worst) == (found.at[1.0].error, found.at[2.0].worst)
+    assert (found.measured.error, found.measured.worst) == (found.at[1.0].error, found.at[2.0].worst)
 
 
 TAP = {
@@ -159,7 +165,7 @@ TAP = {
 
 def test_the_output_of_friction_is_told_as_it_is_off(tmp_path):
     """By an independent count: the friction of both runs, tick by tick."""
-    recording = touched(find("kidney").but(**TAP), tmp_path / "t.mcap")
+    recording = record_touch(find("kidney").but(**TAP), tmp_path / "t.mcap")
     picked = {rate.node: rate for rate in rates.chosen(recording, 0.05)}
     friction = picked["friction"]
     assert friction.every > 1
@@ -172,7 +178,7 @@ def test_the_output_of_friction_is_told_as_it_is_off(tmp_path):
     compare(recording, sets[1:], reference=sets[0], on_tick=on_tick)
     full, held = np.array(forces)[:, 0], np.array(forces)[:, 1]
     off = np.sqrt(((held - full) ** 2).sum(1).mean()) / np.linalg.norm(full, axis=1).max()
-    assert friction.own == pytest.approx(off, rel=0.02) and 0.0 < off <= 0.05
+    assert friction.output_error == pytest.approx(off, rel=0.02) and 0.0 < off <= 0.05
 
 
 def test_other_motions_reach_the_fastest_speed_that_is_stated_and_stay_in_the_region():
@@ -201,11 +207,11 @@ def test_predictions_hold_on_motions_that_nothing_was_chosen_by(tmp_path):
     """Slides and taps at up to the fastest speed that the file states, of other shapes and seeds than the search's."""
     launch, file, error = find("kidney").but(**TAP), tmp_path / "slow.yaml", 0.1
     found = rates.rates(launch, error, file, speeds=(1.0, 2.0))
-    assert found.kept and all(rate.every > 1 for rate in found.tried) and len(found.unseen) == rates.HELD_OUT
-    assert found.promised.error == max(one.error for one in found.unseen)
+    assert found.met and all(rate.every > 1 for rate in found.tried) and len(found.unseen) == rates.HELD_OUT
+    assert found.predicted.error == max(one.error for one in found.unseen)
     low, high = (1e3 * speed for speed in found.reach)
     said = file.read_text()
-    assert f"Holds for moves of the hand at {low:.3g} to {high:.3g} mm/s" in said and "12 other motions" in said
+    assert f"Valid for moves of the hand at {low:.3g} to {high:.3g} mm/s" in said and "12 other motions" in said
     draw = np.random.default_rng(7)
     measured = []
     for _ in range(6):
@@ -217,11 +223,11 @@ def test_predictions_hold_on_motions_that_nothing_was_chosen_by(tmp_path):
         length = sum(step.get("time", 0.0) + step.get("hold", 0.0) for step in path)
         motion = launch.but(overrides=[f"scene.hand.path={json.dumps(path)}"], duration=length)
         measured.append(rates.ran(motion, found.tried, tmp_path))
-    came = rates.worst_of(measured)
-    said = [rates.percents(found.tried, one) for one in (found.promised, came)]
+    measured = rates.worst_of(measured)
+    said = [rates.errors_text(found.tried, one) for one in (found.predicted, measured)]
     print("predicted {}; measured {}".format(*said))
-    assert came.most <= error and came.error <= 1.2 * found.promised.error, came
-    assert came.worst <= 1.2 * found.promised.worst, came
+    assert measured.most <= error and measured.error <= 1.2 * found.predicted.error, measured
+    assert measured.worst <= 1.2 * found.predicted.worst, measured
 
 
 def test_motions_that_predict_decide_nothing_but_whether_the_error_is_kept(tmp_path, monkeypatch):
@@ -230,18 +236,20 @@ def test_motions_that_predict_decide_nothing_but_whether_the_error_is_kept(tmp_p
 
     def ran(motion, picked, folder):
         runs.append((str(motion.overrides), picked[0].every))
-        return rates.Trial({}, error=0.02 if len(runs) in (3, 15) else 0.001, worst=0.1, own=(0.0,))
+        return rates.Evaluation({}, error=0.02 if len(runs) in (3, 15) else 0.001, worst=0.1, outputs=(0.0,))
 
-    start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force=0.01)]
-    monkeypatch.setattr(rates, "touched", lambda motion, path: path)
+    start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force_error=0.01)]
+    monkeypatch.setattr(rates, "record_touch", lambda motion, path: path)
     monkeypatch.setattr(rates, "chosen", lambda *given: start)
-    monkeypatch.setattr(rates, "together", lambda seen, picked, error: (list(picked), rates.Trial({}, own=(0.0,))))
+    monkeypatch.setattr(
+        rates, "together", lambda seen, picked, error: (list(picked), rates.Evaluation({}, outputs=(0.0,)))
+    )
     monkeypatch.setattr(rates, "ran", ran)
     found = rates.rates(launch, 0.01, file, speeds=(1.0, 2.0))
     assert [every for _, every in runs] == [20] * 3 + [10] * (4 + 2 + 12)
     motions = [motion for motion, _ in runs]
     assert motions[2] == motions[3] and len(set(motions)) == 6 + 2 + 12
-    assert not found.kept and found.promised.error == 0.02 and not file.exists()
+    assert not found.met and found.predicted.error == 0.02 and not file.exists()
 
 
 def test_a_path_that_refuses_is_measured_at_every_speed_at_the_raised_rates(tmp_path, monkeypatch):
@@ -249,12 +257,14 @@ def test_a_path_that_refuses_is_measured_at_every_speed_at_the_raised_rates(tmp_
 
     def ran(motion, picked, folder):
         runs.append((motion.duration, picked[0].every))
-        return rates.Trial({"x.every": picked[0].every}, error=0.02 if len(runs) == 8 else 0.001, own=(0.0,))
+        return rates.Evaluation({"x.every": picked[0].every}, error=0.02 if len(runs) == 8 else 0.001, outputs=(0.0,))
 
-    start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force=0.01)]
-    monkeypatch.setattr(rates, "touched", lambda motion, path: path)
+    start = [rates.Rate("friction", "friction", 1, True, 0.2, 20, force_error=0.01)]
+    monkeypatch.setattr(rates, "record_touch", lambda motion, path: path)
     monkeypatch.setattr(rates, "chosen", lambda *given: start)
-    monkeypatch.setattr(rates, "together", lambda seen, picked, error: (list(picked), rates.Trial({}, own=(0.0,))))
+    monkeypatch.setattr(
+        rates, "together", lambda seen, picked, error: (list(picked), rates.Evaluation({}, outputs=(0.0,)))
+    )
     monkeypatch.setattr(rates, "ran", ran)
     found = rates.rates(find("kidney").but(**TAP), 0.01, tmp_path / "slow.yaml", speeds=(1.0, 2.0))
     assert runs[6:10] == [(0.13, 20), (0.26, 20), (0.26, 10), (0.13, 10)]
@@ -296,7 +306,7 @@ def spoilt(monkeypatch, times: int) -> None:
         return one
 
     monkeypatch.setattr(rates, "tried", tried)
-    monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force=0.04) for rate in found(*a)))
+    monkeypatch.setattr(rates, "chosen", lambda *a: (replace(rate, force_error=0.04) for rate in found(*a)))
 
 
 def test_rates_that_no_run_keeps_are_raised_until_one_does(tmp_path, write, monkeypatch):
@@ -325,8 +335,8 @@ def test_nothing_is_written_where_no_run_keeps_the_error(tmp_path, write, monkey
         (["kidney", "--error", "2 % force"], "such as '1 %'"),
         (["kidney", "--speeds", "fast"], "such as '0.5, 1, 2'"),
         (["kidney", "--speeds", "0, 1"], "expected numbers above 0"),
-        (["fingertip-slide"], "no effect of this graph is a node of its own"),
-        (["falcon", "--set", "device.port=emulator"], "expected a simulated one"),
+        (["fingertip-slide"], "no effect of this graph is a separate node"),
+        (["falcon", "--set", "device.port=emulator"], "expected a simulated device"),
     ],
 )
 def test_what_cannot_be_is_told_in_a_line(given, said):

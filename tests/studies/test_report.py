@@ -10,12 +10,12 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.studies.accuracy import methods
+from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.outcome import Fidelity
 from palpate.studies.accuracy.output import page, report
 from palpate.studies.accuracy.output.pareto import ParetoPoint, front
-from palpate.studies.accuracy.touches import TOUCHES
-from palpate.studies.accuracy.truth import QUANTITIES
+from palpate.studies.accuracy.reference import QUANTITIES
 
 STANDARD = {m.name: m for m in methods.standard()}
 
@@ -56,7 +56,7 @@ def test_the_page_ends_with_what_it_does_not_cover(cells, tmp_path):
     assert text.index("## ball") < text.index("## Not covered")
     assert text.rstrip().endswith(page.NOT_COVERED[-1])
     assert "at the reference" in text
-    assert "exponential law cannot: it is a fingertip's law" in text
+    assert "exponential law: unsupported, it is the law of a fingertip" in text
 
 
 def test_without_matplotlib_there_are_table_and_page(cells, tmp_path, monkeypatch):
@@ -108,7 +108,7 @@ def test_a_median_that_is_less_than_the_picture_shows_says_so(tmp_path, monkeypa
     for error in (0.25, 6e-11):
         told = [ParetoPoint("hertz", "Hertz", "1000 Hz", error, error, "indent", 1e-5, 2e-5, 1, 0)]
         pictures.overview(told, [], tmp_path / "x.png")
-    assert ["less is drawn at 0.01 %" in label for label in labels] == [False, True]
+    assert ["smaller errors at 0.01 %" in label for label in labels] == [False, True]
 
 
 def test_the_readme_counts_the_touches_on_the_slab():

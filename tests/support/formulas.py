@@ -1,6 +1,7 @@
 """Closed forms, and formulas over whole paths, that tests hold the formulas of palpate against."""
 
 import math
+from dataclasses import replace
 
 import bristles as bristle
 import numpy as np
@@ -13,7 +14,7 @@ from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.fingertip.beam_bundle import bundle, check_count
 from palpate.physics.friction.lugre import stribeck
 from palpate.physics.geometry import nurbs_fit
-from palpate.physics.geometry.nurbs import Nurbs, normal_of
+from palpate.physics.geometry.nurbs import NurbsPatch, normal_of
 from palpate.physics.materials.viscoelastic import TISSUE
 from palpate.physics.materials.voigt import chain_strain_step
 
@@ -155,7 +156,8 @@ def torus(major: float, minor: float):
     if not 0 < minor < major:
         raise ValueError(f"minor radius: found {minor}, expected between 0 and the major radius {major}")
     circle, weights, knots = nurbs_fit._arc(4)
-    return nurbs_fit._revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots, True)
+    tube = nurbs_fit._revolved(major + minor * circle[:, 0], minor * circle[:, 1], weights, knots)
+    return replace(tube, closed_v=True)
 
 
 def decays(path: np.ndarray) -> bool:
@@ -199,4 +201,4 @@ def bspline(control, closed_u=False, closed_v=False):
             knots.append((np.arange(n + 7) - 3.0) / n)
         else:
             knots.append(np.concatenate([np.zeros(3), np.linspace(0.0, 1.0, n - 2), np.ones(3)]))
-    return Nurbs(control, np.ones(control.shape[:2]), *knots, 3, 3, closed_u, closed_v)
+    return NurbsPatch(control, np.ones(control.shape[:2]), *knots, 3, 3, closed_u, closed_v)

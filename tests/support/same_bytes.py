@@ -21,7 +21,8 @@ def total(x):
     return np.sum(np.exp(x)) + np.dot(x, x)
 
 
-assert total(np.ones(300)) > 0.0 and scipy.linalg.inv(np.eye(40) + 0.1).any()
+if __name__ == "__main__":  # before palpate is imported; a test that imports this file compiles nothing
+    assert total(np.ones(300)) > 0.0 and scipy.linalg.inv(np.eye(40) + 0.1).any()
 
 
 def digests(file):

@@ -6,7 +6,7 @@ import pytest
 from palpate.launch.load.graph import load
 from palpate.launch.load.launchfile import find
 from palpate.records.compare import compare
-from palpate.studies.search import touched
+from palpate.studies.search import record_touch
 
 BEAMS = "tissue.use=deformation.BeamBundle"
 PARTS = {  # each begins where the one before ends: the way there, then how long it is looked at
@@ -29,7 +29,7 @@ def forces(tmp_path_factory):
     path = f"[{', '.join(motion for motion, _ in PARTS.values())}]"
     sets = ("scene.hand.begin=[0.012, -0.004, 0.114]", f"scene.hand.path={path}", "scene.surface.vertices=4000")
     launch = find("kidney").but(duration=sum(time for _, time in PARTS.values()), overrides=sets)
-    recording = touched(launch, tmp_path_factory.mktemp("beams") / "touch.mcap")
+    recording = record_touch(launch, tmp_path_factory.mktemp("beams") / "touch.mcap")
     told = []
     compare(
         recording, [[BEAMS]], reference=["tissue.use=deformation.ReducedFE"],

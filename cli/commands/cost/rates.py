@@ -13,8 +13,8 @@ from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
 
 if TYPE_CHECKING:
-    from palpate.studies.rates import Rate, Slowed
-    from palpate.studies.search import Trial
+    from palpate.studies.rates import Rate, RatesResult
+    from palpate.studies.search import Evaluation
 
 EXAMPLE = "palpate rates kidney --error '1 %'"
 PER_TICK = 2e-3  # [s] computing time per tick of a run and its replay at two rates
@@ -64,56 +64,61 @@ def rates(
     with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:
         found = study.rates(launch, share, file, done, fast)
     if as_json:
-        assert found.promised is not None and found.came is not None
-        print_json({"ok": found.kept, "file": str(file) if found.kept else None, "error": share,
-                    "set": found.promised.overrides, "effects": [_data(rate) for rate in found.tried],
-                    "predicted": _times(found.promised), "measured": _times(found.came),
+        assert found.predicted is not None and found.measured is not None
+        print_json({"ok": found.met, "file": str(file) if found.met else None, "error": share,
+                    "set": found.predicted.overrides, "effects": [_data(rate) for rate in found.tried],
+                    "predicted": _times(found.predicted), "measured": _times(found.measured),
                     "unseen": [_times(one) for one in found.unseen], "hand_m_s": found.reach,
                     "speeds": [{"speed": speed, **_times(one)} for speed, one in found.at.items()]})  # fmt: skip
     else:
         _print(found, file)
-    if not found.kept:
+    if not found.met:
         raise typer.Exit(TROUBLE)
 
 
 def _data(rate: Rate) -> dict[str, Any]:
     constant = None if rate.idle else rate.constant
     return {"node": rate.node, "effect": rate.effect, "every": rate.every, "before": rate.before,
-            "time_constant_s": constant, "error": rate.own, "force_error": rate.force}  # fmt: skip
+            "time_constant_s": constant, "error": rate.output_error, "force_error": rate.force_error}  # fmt: skip
 
 
-def _times(one: Trial) -> dict[str, float]:
+def _times(one: Evaluation) -> dict[str, float]:
     return {"force_error": one.error, "force_error_worst": one.worst, "tick_s": one.mean,
             "tick_at_full_rates_s": one.reference}  # fmt: skip
 
 
-def _print(found: Slowed, file: Path) -> None:
-    from palpate.studies.rates import percents, valid
+def _print(found: RatesResult, file: Path) -> None:
+    from palpate.studies.rates import errors_text, valid
 
     rows = []
     for rate in found.tried:
         constant = "idle" if rate.idle else f"{1e3 * rate.constant:.3g} ms"
-        errors = ("", "") if rate.idle else (_percent(rate.own), _percent(rate.force) if rate.felt else "")
+        errors = (
+            ("", "") if rate.idle else (_percent(rate.output_error), _percent(rate.force_error) if rate.in_loop else "")
+        )
         rows.append((rate.node, rate.effect, constant, str(rate.every), str(rate.before), *errors))
     heads = ("", "effect", ">time\nconstant", ">every", ">\nnow", ">error, RMS %\noutput", ">\nforce")
     console().print(table(heads, rows))
     if any(rate.idle for rate in found.tried):
         say("idle: its output does not change on this touch, so its rate is kept", "dim", wrap=True)
-    for word, one in (("predicted", found.promised), ("measured", found.came)):
+    for word, one in (("predicted", found.predicted), ("measured", found.measured)):
         assert one is not None
         full = f"{1e6 * one.reference:.0f} us with all effects at every tick (processor time)"
-        say(f"{word:9} {percents(found.tried, one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}", wrap=True)
+        say(
+            f"{word:9} {errors_text(found.tried, one)}; mean tick {1e6 * one.mean:.0f} us of CPU time; {full}",
+            wrap=True,
+        )
     if found.unseen:
         say(f"          predicted from {len(found.unseen)} motions that the search has not seen", "dim", wrap=True)
     for speed, one in found.at.items() if len(found.at) > 1 else ():
-        say(f"          at {speed:g} times its speed: {percents(found.tried, one)}", wrap=True)
+        say(f"          at {speed:g} times its speed: {errors_text(found.tried, one)}", wrap=True)
     say("Errors are differences from the same graph with all effects at every tick.", "dim", wrap=True)
     say(valid(found.reach), "dim", wrap=True)
-    if found.kept:
+    if found.met:
         say(f"written   {file}: palpate run {file}", wrap=True)
         return
     why = "a new motion missed it" if found.unseen else "the touch itself changed as the hand reacts to the force"
-    say(f"The error is not kept: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
+    say(f"The error limit is exceeded: {why}. Nothing is written. Try another --error.", "yellow", wrap=True)
 
 
 def _percent(share: float) -> str:

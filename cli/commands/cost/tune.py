@@ -13,8 +13,8 @@ from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
 
 if TYPE_CHECKING:
-    from palpate.studies.search import Trial
-    from palpate.studies.tune import Goal, Tuned
+    from palpate.studies.search import Evaluation
+    from palpate.studies.tune import Goal, TuneResult
 
 EXAMPLE = "palpate tune kidney --budget '0.5 ms'"
 PER_TICK = 1e-3  # [s] computing time per tick of the touch for one body, including the reference and the start
@@ -61,26 +61,26 @@ def tune(
     with steps(title, count, silent=as_json, seconds=PER_TICK * length * loaded.rate * count) as done:
         tuned = study.tune(launch, goal, file, done)
     if as_json:
-        data: dict[str, object] = {"ok": tuned.promised is not None, "file": str(file) if tuned.promised else None,
-                "reference": tuned.reference.overrides, "predicted": tuned.promised and _data(tuned.promised),
-                "measured": tuned.came and _data(tuned.came)}  # fmt: skip
+        data: dict[str, object] = {"ok": tuned.predicted is not None, "file": str(file) if tuned.predicted else None,
+                "reference": tuned.reference.overrides, "predicted": tuned.predicted and _data(tuned.predicted),
+                "measured": tuned.measured and _data(tuned.measured)}  # fmt: skip
         print_json(
             data | ({"why": tuned.why} if tuned.why else {}) | {"candidates": [_data(one) for one in tuned.tried]}
         )
     else:
         _print(tuned, goal, file)
-    if tuned.promised is None:
+    if tuned.predicted is None:
         raise typer.Exit(TROUBLE)
 
 
-def _data(one: Trial) -> dict[str, object]:
+def _data(one: Evaluation) -> dict[str, object]:
     if one.why:
         return {"set": one.overrides, "why": one.why}
     wall = {"wall_p50_s": one.wall[0], "wall_p99_s": one.wall[1]}
     return {"set": one.overrides, "error": one.error, "p50_s": one.p50, "p99_s": one.p99, **wall}
 
 
-def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
+def _print(tuned: TuneResult, goal: Goal, file: Path) -> None:
     from palpate.studies.tune import times, title
 
     found = sorted((one for one in tuned.tried if not one.why), key=lambda one: one.error)
@@ -88,10 +88,10 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
         (title(one), f"{100 * one.error:.3g}", *(f"{1e6 * time:.0f}" for time in (one.p50, one.p99, *one.wall)))
         for one in found
     ]
-    promised = [k for k, one in enumerate(found) if one is tuned.promised]
+    predicted = [k for k, one in enumerate(found) if one is tuned.predicted]
     priced = (">processor time\nof a tick [us], p50", ">\np99", ">by the clock\n[us], p50", ">\np99")
     heads = ("", f">{goal.quantity} error\nRMS %", *priced)
-    console().print(table(heads, rows, bold=promised))
+    console().print(table(heads, rows, bold=predicted))
     for reason in dict.fromkeys(one.why for one in tuned.tried if one.why):
         titles = "; ".join(title(one) for one in tuned.tried if one.why == reason)
         say(f"left out {titles}: {reason}", "dim", wrap=True)
@@ -101,12 +101,12 @@ def _print(tuned: Tuned, goal: Goal, file: Path) -> None:
     say(f"Errors are differences from {title(tuned.reference)}, {known}", wrap=True)
     here = "They apply to the touch of this graph; `palpate bench accuracy` uses other test cases, with other errors."
     say(here, "dim", wrap=True)
-    if tuned.promised is None or tuned.came is None:
-        say(f"No model keeps {goal} on this machine. {tuned.why}".rstrip(), "yellow", wrap=True)
+    if tuned.predicted is None or tuned.measured is None:
+        say(f"No model meets {goal} on this machine. {tuned.why}".rstrip(), "yellow", wrap=True)
         return
-    for word, one in (("predicted", tuned.promised), ("measured", tuned.came)):
+    for word, one in (("predicted", tuned.predicted), ("measured", tuned.measured)):
         say(f"{word:9} {goal.quantity} error {100 * one.error:.3g} % of peak (RMS), tick {times(one)}", wrap=True)
-    if not tuned.kept:
+    if not tuned.met:
         why = "The run missed the goal: the touch changes with this model."
         say(why, "yellow", wrap=True)
     say(f"written   {file}: palpate run {file}", wrap=True)

@@ -70,7 +70,7 @@ def plan(
 
 def _prove(file: Path, items: list[EffectCost], sets: list[str], silent: bool) -> None:
     from palpate.records.reader import Recording
-    from palpate.studies.prove import prove
+    from palpate.studies.ablation import ablate
 
     with steps(f"plan: the touch again with each of {len(items)} effects toggled", len(items), silent=silent) as done:
-        prove(Recording(file), items, sets, lambda name: done(f"{name} toggled"))
+        ablate(Recording(file), items, sets, lambda name: done(f"{name} toggled"))

@@ -78,7 +78,7 @@ def _draw(variants: list[Variant], path: Path) -> list[Path]:
 def _print(variants: list[Variant]) -> None:
     from rich.text import Text
 
-    from palpate.studies.known import own_error
+    from palpate.studies.model_error import error_sentence
 
     out = console()
     names = [chr(ord("A") + i) if i < 26 else str(i) for i in range(len(variants))]
@@ -103,7 +103,7 @@ def _print(variants: list[Variant]) -> None:
     first = variants[0]
     say(
         f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
-        f"{first.shape.scale * 1e3:.3f} mm. {own_error(first.plan.graph)} step: the nodes that were changed (of A, or "
-        "else the body); all: one tick.",
+        f"{first.shape.scale * 1e3:.3f} mm. {error_sentence(first.plan.graph)} step: the nodes that were changed (of "
+        "A, or else the body); all: one tick.",
         wrap=True,
     )

@@ -1,17 +1,17 @@
-"""Area of contact from the gaps at the integration points: the level lines of the gap, extrapolated to the edge.
+"""Area of contact from the gaps at the integration points: level lines of the gap, extrapolated to the edge.
 
 At the edge of a smooth contact the gap grows with the distance d from it as d^(3/2) (K. L. Johnson, Contact Mechanics,
-Cambridge 1985, ch. 4, 5), but a mesh resolves it from about half an edge length on. So the area A within a level g is
-measured where that is resolved, each face cut along the level line, and carried on to d = 0: sqrt(A) is linear in d
-round a compact contact, exactly so for a circle. The levels g and 3^(3/2) g lie at d and 3 d; g is chosen so that
-their lines are one edge length apart. A contact narrower than about half an edge cannot be told from none.
+Cambridge 1985, ch. 4, 5), which a mesh resolves from about half an edge length on. The area A within a level g, with
+faces cut along the level line, is measured there and extrapolated to d = 0: sqrt(A) is linear in d round a compact
+contact, exactly for a circle. The levels g and 3^(3/2) g are at d and 3 d; g is chosen so that their lines are one edge
+length apart. A contact narrower than about half an edge is not detected.
 """
 
 import numpy as np
 
 from palpate.models.fe.element import faces as face_rule
 
-RATIO = 3.0  # Of the distances of the two level lines from the edge of contact
+RATIO = 3.0  # Ratio of the distances of the two level lines from the edge of contact
 _CUTS = 4
 
 
@@ -27,7 +27,7 @@ def _subdivided(n: int) -> tuple[np.ndarray, np.ndarray]:
 _PLACES, _TRIANGLES = _subdivided(_CUTS)
 _PLACED, _ = face_rule.shape(_PLACES)
 _FROM_POINTS = _PLACED @ np.linalg.inv(face_rule.VALUES)
-"""Values at the places from those at the six integration points, by the quadratic through these."""
+"""Matrix of quadratic interpolation from the six integration points to the places."""
 
 
 class _Levels:
@@ -43,12 +43,12 @@ class _Levels:
         self.corner = np.take_along_axis(corner, order[:, :, None], axis=1)
         sides = self.corner[:, 1:] - self.corner[:, :1]
         self.area = 0.5 * np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-        # faces that reach past the other body's rim are taken point by point
+        # faces that extend past the other body's rim: sums over integration points
         self.rim_area = face_rule.areas(nodes.reshape(-1, 3), np.arange(nodes.size // 3).reshape(-1, 6))[~whole]
         self.rim_gap = gap[~whole]
 
     def at(self, level: float) -> tuple[float, float]:
-        """Area with a gap below a level [m²], and length of the line round it [m] inside the faces."""
+        """Area with a gap below a level [m²], and length [m] of its boundary inside the faces."""
         low, middle, high = (self.value - level).T
         cut = (low < 0.0) & (high > 0.0)
         first = cut & (middle >= 0.0)
@@ -67,8 +67,8 @@ class _Levels:
 
 
 def contact_area(nodes: np.ndarray, gap: np.ndarray, traction: np.ndarray) -> float:
-    """Area of contact [m²] of faces with deformed nodes [m] (F,6,3), gaps [m] (F,6), inf where the other body is out of
-    reach, and normal tractions [Pa] (F,6); 0 where none is positive."""
+    """Area of contact [m²] of faces with deformed nodes [m] (F,6,3), gaps [m] (F,6), inf if the other body is out of
+    range, and normal tractions [Pa] (F,6); 0 if none is positive."""
     if not (traction > 0.0).any():
         return 0.0
     weight = face_rule.areas(nodes.reshape(-1, 3), np.arange(nodes.size // 3).reshape(-1, 6))
@@ -78,7 +78,7 @@ def contact_area(nodes: np.ndarray, gap: np.ndarray, traction: np.ndarray) -> fl
     far = RATIO**1.5
 
     def measured(level: float) -> tuple[float, float, float]:
-        """Areas within the two levels, and the distance of their lines; inf where the outer has left the faces."""
+        """Areas within the two levels, and the distance of their lines; inf if the outer one is outside the faces."""
         (inner, short), (outer, long) = levels.at(level), levels.at(far * level)
         if long == 0.0:
             return inner, outer, np.inf if outer > 0.0 else 0.0

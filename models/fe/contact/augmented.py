@@ -1,4 +1,4 @@
-"""Shared by all augmented-Lagrangian contacts: settings, state, the multipliers between two updates."""
+"""Base of all augmented-Lagrangian contacts: settings, state, and the multipliers between two updates."""
 
 from typing import Any
 
@@ -10,22 +10,22 @@ from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import point_text
 
 STIFF = 10.0
-"""Penalty over the stiffness per area of the faces. Ten times as much needs fewer rounds but more iterations where
-points slide."""
-SMOOTH = 10.0  # By how much more without friction: fewer rounds, and no sliding points that would want more iterations
+"""Penalty over the stiffness per area of the faces. A 10 times larger one requires fewer updates of the multipliers but
+more iterations with sliding points."""
+SMOOTH = 10.0  # Factor on the penalty without friction, where there are no sliding points
 
 
 class Augmented(ContactPair):
     """State of a contact at the integration points of the faces that may touch.
 
-    traction    [Pa] (F,6)    normal traction of the last evaluation, > 0 where they touch
+    traction    [Pa] (F,6)    normal traction of the last evaluation, > 0 in contact
     shear       [Pa] (F,6,3)  tangential traction of the last evaluation
-    gap         [m]  (F,6)    negative where one body is in the other, inf out of reach
-    normal      [1]  (F,6,3)  of the body that is touched, where they touch
-    slip             (F,6)    bool, where they slide
-    multiplier  [Pa] (F,6)    the normal traction that the next round starts from; sliding: the same of the shear
+    gap         [m]  (F,6)    negative for penetration, inf out of range
+    normal      [1]  (F,6,3)  of the other body, in contact
+    slip             (F,6)    bool, the point slides
+    multiplier  [Pa] (F,6)    multiplier of the normal traction; sliding: that of the shear
     force       [N]  (3)      force on the faces
-    bound       [m]           deepest penetration that is accepted
+    bound       [m]           largest accepted penetration
     """
 
     def __init__(self, faces: np.ndarray, friction: float, bound: float, penalty: float) -> None:
@@ -44,7 +44,7 @@ class Augmented(ContactPair):
         return self.traction, self.shear, self.gap, self.normal, self.slip
 
     def clear(self, points: np.ndarray) -> None:
-        """A fresh state on a mesh with these points [m] (N,3)."""
+        """Initial state on a mesh with these points [m] (N,3)."""
         self.points = points
         self.area = face_rule.areas(points, self.faces)
         if not self.bound > 0.0:
@@ -57,7 +57,7 @@ class Augmented(ContactPair):
         self.remember()
 
     def nodes(self) -> np.ndarray:
-        """Nodes that it may hold (F,6)."""
+        """Nodes on which it may act (F,6)."""
         return self.faces
 
     def touches(self) -> bool:
@@ -69,7 +69,7 @@ class Augmented(ContactPair):
         return float(np.sqrt(2.0 * self.area.sum() / len(self.faces)))
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
-        """Whether a step ended with the other body pressing from behind, through the faces."""
+        """A text if the step ended with the other body pressing on the back of the faces, else ""."""
         outward = np.einsum("fqi,fqi->fq", self.normal, face_rule.normals(self.points + end, self.faces))
         behind = (self.traction > 0.0) & (outward > 0.0)
         if not behind.any():
@@ -94,7 +94,7 @@ class Augmented(ContactPair):
         self.sliding = self.shear.copy()
 
     def friction_slope(self, pressed: np.ndarray) -> np.ndarray:
-        """Change of -shear [Pa] (F,6,3) where points slide, when they are moved off by `pressed` [m] (F,6)."""
+        """Change of -shear [Pa] (F,6,3) of sliding points when their gaps increase by `pressed` [m] (F,6)."""
         size = np.linalg.norm(self.shear, axis=2)
         rate = np.where(self.slip, self.friction * self.penalty * pressed, 0.0) / np.where(size > 0.0, size, 1.0)
         return rate[..., None] * self.shear
@@ -106,21 +106,19 @@ class Augmented(ContactPair):
         self.multiplier, self.sliding = np.array(state["multiplier"]), np.array(state["sliding"])
 
     def contact_area(self, displacement: np.ndarray) -> float:
-        """Area of contact on the deformed faces [m²], see `fe.area`."""
+        """Area of contact on the deformed faces [m²], see `fe.contact.area`."""
         return contact_area((self.points + displacement)[self.faces], self.gap, self.traction)
 
 
 def checked_faces(faces: np.ndarray) -> np.ndarray:
-    """Faces (F,6) as a contact takes them. ValueError: none, or not six nodes each."""
+    """Faces (F,6) as a contiguous array. ValueError: none, or not six nodes each."""
     numbers = np.ascontiguousarray(faces, dtype=np.int64)
     if numbers.ndim != 2 or numbers.shape[1] != 6 or len(numbers) == 0:
-        raise ValueError(
-            f"faces: found shape {numbers.shape}, expected (F, 6) with F > 0, as `TetMesh.faces` holds them"
-        )
+        raise ValueError(f"faces: found shape {numbers.shape}, expected (F, 6) with F > 0, such as `TetMesh.faces`")
     return numbers
 
 
 def stiffness_per_area(faces: np.ndarray, area: np.ndarray, stiffness: np.ndarray) -> float:
-    """[Pa/m] of faces with these areas [m²] (F,6) of nodes with this stiffness [N/m] (N,)."""
+    """Stiffness per area [Pa/m] of faces with these areas [m²] (F,6), from the stiffness [N/m] (N,) of the nodes."""
     nodes = np.unique(faces)
     return float(np.median(stiffness[nodes])) * len(nodes) / float(area.sum())

@@ -1,4 +1,4 @@
-"""Coulomb friction of a penalty contact at one point: return map and tangent, compiled."""
+"""Coulomb friction of a penalty contact at one point: return map and tangent."""
 
 import numpy as np
 
@@ -7,8 +7,8 @@ from palpate.physics.kernel import kernel
 
 @kernel
 def cut_to_cone(q, normal, most, shear):
-    """Coulomb's return map. The trial traction q [Pa] (3) loses its part along the normal; `shear` (3) gets it, cut to
-    the length `most` [Pa]. Returns the factor of the cut, q's length [Pa], and whether the point slips."""
+    """Coulomb's return map: removes the normal part of the trial traction q [Pa] (3) and fills `shear` [Pa] (3), q
+    scaled to at most the length `most` [Pa]. Returns the scale, the length of q [Pa], and whether the point slips."""
     along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
     for i in range(3):
         q[i] -= along * normal[i]
@@ -22,8 +22,8 @@ def cut_to_cone(q, normal, most, shear):
 
 @kernel
 def add_tangent(penalty, normal, q, cut, length, slips, block):
-    """Add the tangent [Pa/m] of both tractions to `block` (3,3): penalty n x n, and along the surface cut penalty
-    (1 - n x n), less q x q where it slips; cut = 0: no friction."""
+    """Add the tangent [Pa/m] of both tractions to `block` (3,3): penalty n x n, plus cut penalty (1 - n x n), minus
+    q x q/|q|² in slip, for friction; cut = 0: no friction."""
     for i in range(3):
         for j in range(3):
             square = normal[i] * normal[j]

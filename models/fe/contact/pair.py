@@ -1,8 +1,8 @@
 """Contact of two deformable surfaces of one mesh, without friction or with Coulomb's, by an augmented Lagrangian.
 
-Each integration point of the slave faces is carried to the nearest point of the master faces; gap g along the master's
-normal, traction t = <l - e g> on the slave and its reaction on the master, as in `fe.rigid`. Choose as slave the finer
-or the softer side. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
+Each integration point of the slave faces is projected to the nearest point of the master faces; gap g along the
+master's normal, traction t = <l - e g> on the slave and its reaction on the master, as in `fe.contact.rigid`. Choose
+the finer or the softer side as slave. T. A. Laursen, Computational Contact and Impact Mechanics, Springer 2002, ch. 5.
 """
 
 import numpy as np
@@ -17,6 +17,7 @@ from palpate.physics.kernel import kernel
 
 @kernel
 def _face_shape(x, y, value, slope):
+    """Fill the shape functions (6) of a face and their natural derivatives (6,2) at (x, y)."""
     z = 1.0 - x - y
     value[0], value[1], value[2] = z * (2.0 * z - 1.0), x * (2.0 * x - 1.0), y * (2.0 * y - 1.0)
     value[3], value[4], value[5] = 4.0 * z * x, 4.0 * x * y, 4.0 * y * z
@@ -29,7 +30,7 @@ def _face_shape(x, y, value, slope):
 
 @kernel
 def _place(x, y, points, face, shape, frame):
-    """Fill a point of a face [m] (3) and its derivatives by x and y [m] (3), and the shape functions there."""
+    """Fill a point of a face [m] (3), its derivatives by x and y [m] (3), and the shape functions there."""
     (value, slope), (at, e1, e2) = shape, frame
     _face_shape(x, y, value, slope)
     at[:], e1[:], e2[:] = 0.0, 0.0, 0.0
@@ -42,7 +43,7 @@ def _place(x, y, points, face, shape, frame):
 
 @kernel
 def _project(point, points, face, value, slope, normal):
-    """Nearest point of a face by Gauss-Newton, held in the triangle: distance, and its part along the normal."""
+    """Nearest point of a face by Gauss-Newton within the triangle: distance [m], and its part along the normal [m]."""
     x, y = 1.0 / 3.0, 1.0 / 3.0
     at, e1, e2 = np.zeros(3), np.zeros(3), np.zeros(3)
     for _ in range(20):
@@ -53,6 +54,7 @@ def _project(point, points, face, value, slope, normal):
         det = max(a11 * a22 - a12 * a12, 1e-300)
         new_x = x + (a22 * b1 - a12 * b2) / det
         new_y = y + (a11 * b2 - a12 * b1) / det
+        # active set: an edge that the step would cross is followed instead
         if new_x < 0.0:
             new_x = 0.0
             new_y = y + b2 / max(a22, 1e-300)
@@ -82,8 +84,8 @@ def _project(point, points, face, value, slope, normal):
 
 @kernel
 def _nearest(point, points, faces, among, room, value, normal):
-    """The nearest of the faces `among`, up to a negative one: the distance to it, which one (-1: none), the gap [m];
-    its shape functions (6) and normal (3) at the foot go to `value` and `normal`."""
+    """The nearest of the faces `among`, a list that a negative number ends: distance [m], face (-1: none), gap [m];
+    fills its shape functions (6) and normal (3) at the foot into `value` and `normal`."""
     nearest, hit, gap = np.inf, -1, np.inf
     for b in range(len(among)):
         if among[b] < 0:
@@ -100,9 +102,14 @@ def _nearest(point, points, faces, among, room, value, normal):
 
 @kernel
 def _touch(points, start, faces, law, reach, given, traces, met, total, tangent, force, data):
-    """`faces`: the slave's (F,6) and the master's (G,6), which of them may meet (C,1 + n), the nodes that these couple
-    (C,k) and their blocks of the tangent (C,k,k), shape functions (6,6) and areas [m²] (F,6) of the slave's points;
-    `law`: penalty and coefficient of friction; `met`: face (F,6) and its shape functions (F,6,6) at each foot."""
+    """Evaluate all points; adds to `force` [N] (N,3) and, if `tangent`, to the blocks `data` [N/m] (B,3,3).
+
+    faces  of the slave (F,6) and the master (G,6); candidates (C,1 + n), a slave face and its possible master faces;
+           the nodes that these couple (C,k), their blocks of the tangent (C,k,k); shape functions (6,6) and areas [m²]
+           (F,6) of the slave's points
+    law    penalty and coefficient of friction;  given  multipliers of normal traction and shear
+    met    filled: master face (F,6) and its shape functions (F,6,6) at each foot
+    """
     slave, master, candidates, cliques, where, value, area = faces
     penalty, friction = law
     multiplier, sliding = given
@@ -112,7 +119,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
     m, slope, best_m, block = np.zeros(6), np.zeros((6, 2)), np.zeros(6), np.zeros((3, 3))
     share, spot = np.zeros(12), np.zeros(12, dtype=np.int64)
     total[:] = 0.0
-    # x: a point of the slave's faces now; m, n: shape functions and normal at its foot on a face of the master
+    # x: a point of the slave; m, n: shape functions and normal at its foot on the master
     for c in range(len(candidates)):
         f = candidates[c, 0]
         for k in range(value.shape[0]):
@@ -124,7 +131,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
             shear[f, k] = 0.0
             traction[f, k] = 0.0
             slip[f, k] = False
-            # past the rim of the master the nearest point is not along its normal: no contact there
+            # no contact past the rim of the master, where the nearest point is not along its normal
             if hit < 0 or nearest > reach or abs(best_gap) < 0.5 * nearest:
                 gap[f, k] = np.inf
                 continue
@@ -138,7 +145,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                 normals[f, k, i] = best_n[i]
             for a in range(6):
                 feet[f, k, a] = best_m[a]
-            # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their place in the clique
+            # the pair's 12 nodes: weights N_a of the slave, -N_a of the master; `spot` is their index in the clique
             for a in range(6):
                 share[a], share[6 + a] = value[k, a], -best_m[a]
                 for b in range(cliques.shape[1]):
@@ -146,7 +153,7 @@ def _touch(points, start, faces, law, reach, given, traces, met, total, tangent,
                         spot[a] = b
                     if cliques[c, b] == master[hit, a]:
                         spot[6 + a] = b
-            # the trial traction q of the slip since the step began, cut to mu t
+            # trial traction q from the slip in this step, limited to mu t
             cut, length = 0.0, 0.0
             if friction > 0.0:
                 for i in range(3):
@@ -180,8 +187,8 @@ class Pair(Augmented):
 
     slave, master  (F,6), (G,6) outward boundary faces
     friction       Coulomb's coefficient [1] >= 0
-    bound          [m] greatest penetration that is left; 0: 1/2000 of the mean edge of the slave
-    penalty        [Pa/m] to begin with; 0: from the stiffness of the softer side
+    bound          [m] largest accepted penetration; 0: 1/2000 of the mean edge of the slave
+    penalty        [Pa/m] initial value; 0: from the stiffness of the softer side
     """
 
     def __init__(
@@ -208,14 +215,14 @@ class Pair(Augmented):
         self._where = pattern.where(self._cliques)
 
     def couples(self) -> np.ndarray:
-        """Nodes that this contact couples beyond the elements (C,k), -1 fills up."""
+        """Nodes that this contact couples in addition to the elements (C,k), padded with -1."""
         return self._cliques
 
     def nodes(self) -> np.ndarray:
         return np.concatenate([self.faces, self.master])
 
     def begin(self, displacement: np.ndarray, load: float) -> None:
-        """Start of a load step from a converged state: find the faces that may touch."""
+        """Start a load step from a converged state: search for faces that may touch."""
         self.remember()
         self._start = self.points + displacement
         tree = cKDTree(self._start[self.master[:, :3]].mean(axis=1))
@@ -246,8 +253,8 @@ class Pair(Augmented):
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
         if not self.slip.any():
             return
-        own = np.einsum("qa,fai->fqi", self.value, change[self.faces])
-        other = np.einsum("fqa,fqai->fqi", self._feet, change[self.master[self._hit]])
-        pull = self.area[..., None] * self.friction_slope(np.einsum("fqi,fqi->fq", self.normal, own - other))
+        slave = np.einsum("qa,fai->fqi", self.value, change[self.faces])
+        master = np.einsum("fqa,fqai->fqi", self._feet, change[self.master[self._hit]])
+        pull = self.area[..., None] * self.friction_slope(np.einsum("fqi,fqi->fq", self.normal, slave - master))
         np.add.at(force, self.faces, np.einsum("qa,fqi->fai", self.value, pull))
         np.add.at(force, self.master[self._hit], -self._feet[..., None] * pull[:, :, None])

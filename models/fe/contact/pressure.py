@@ -1,13 +1,13 @@
-"""Pressure of a contact as a field: continuous, linear over each face.
+"""Pressure of a contact as a continuous field, linear over each face.
 
-The tractions at the integration points are right in their sums and scatter from point to point. The field p that is
-nearest to them in the mean square over the deformed faces,
+The tractions t at the integration points are correct in their sums but scatter. The L2 projection p onto the deformed
+faces,
 
     int v p da = int v t dA    for every continuous v that is linear over each face,
 
-keeps the resultant and leaves the scatter: t is the traction at the integration points on undeformed area dA, da the
-deformed one. Against Hertz's pressure its error in the mean square falls with the first power of the faces' size
-(`benchmarks/fe_hertz.py`); beside the edge it may be a little below zero.
+with deformed areas da and undeformed areas dA, preserves the resultant and removes the scatter. Its RMS error relative
+to Hertz's pressure decreases linearly with the size of the faces (`benchmarks/fe_hertz.py`); near the edge p may be
+slightly negative.
 """
 
 import numpy as np
@@ -20,8 +20,7 @@ from palpate.models.fe.element.faces import HATS
 
 
 def pressure(touch: Augmented, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the faces that may touch (V,), and the pressure there [Pa] (V,), at the solver's displacement [m]
-    (N,3)."""
+    """Corner nodes of the faces that may touch (V,), and the pressure there [Pa] (V,), at a displacement [m] (N,3)."""
     nodes, index = np.unique(touch.faces[:, :3], return_inverse=True)
     index = index.reshape(-1, 3)
     area = face_rule.areas(touch.points + displacement, touch.faces)
@@ -34,8 +33,8 @@ def pressure(touch: Augmented, displacement: np.ndarray) -> tuple[np.ndarray, np
 
 
 def nodal_pressure(touch: Augmented, displacement: np.ndarray) -> np.ndarray:
-    """The same at every node of the mesh [Pa] (N,), zero off the faces, halfway between the corners on their edges: for
-    files that hold fields on quadratic elements."""
+    """The pressure at all nodes of the mesh [Pa] (N,), zero outside the faces, linear along edges; for files with
+    fields on quadratic elements."""
     nodes, value = pressure(touch, displacement)
     pressures = np.zeros(len(displacement))
     pressures[nodes] = value

@@ -2,11 +2,11 @@
 
 At each integration point of a face, with gap g, normal n and multiplier l, the normal traction (on undeformed area) is
 
-    t = <l - e g>,      after convergence  l <- t,      until  max <-g>  is below the stated bound.
+    t = <l - e g>,      after convergence  l <- t,      until  max <-g>  is below the given bound.
 
-Tangential traction: trial q = l_T - e s with the slip s of the load step against the rigid body; |q| is cut off at mu
-t. The rigid body moves and turns; slip and q are taken in its frame, so that a common rotation makes neither. The
-cut-off's dependence on t is left out of the tangent, which stays symmetric; `skew` adds it to Newton's direction.
+Tangential traction: trial q = l_T - e s with the slip s of the load step; |q| is limited to mu t. The rigid body moves
+and rotates; slip and q are components in its frame, so that a common rotation causes neither. The tangent omits the
+dependence of the limit on t and is symmetric; `skew` adds this part to Newton's direction.
 J. C. Simo, T. A. Laursen, Comput. Struct. 42 (1992) 97-116.
 """
 
@@ -26,8 +26,8 @@ from palpate.models.fe.sparse.pattern import Pattern
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import MATRIX, VECTOR, compiled
 
-LEAP = 0.1  # Edges of the faces that a rigid body may be deeper in them on its way than at either end of a load step
-LOOKS = 200  # Places on that way, at most
+LEAP = 0.1  # Additional depth in edges, within a load step, above which a rigid body has passed through the faces
+LOOKS = 200  # Maximum number of places within a load step at which that is checked
 
 Shape = Callable[..., float]
 """gap = shape(x, p, normal, curvature): signed distance [m] of the point x (3,) from the body, positive outside, with
@@ -72,9 +72,13 @@ def capsule(x, p, normal, curvature):
 
 @kernel
 def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, force, data):
-    """`mine`: faces (F,6) that may touch, their blocks of the tangent (F,6,6), shape functions (6,6) and areas [m²]
-    (F,6) of their points; `law`: penalty and coefficient of friction; `given`: multipliers, those of the shear, the
-    traction that is foretold, and places before the step in the frame of the rigid body."""
+    """Evaluate all points; adds to `force` [N] (N,3) and, if `tangent`, to the blocks `data` [N/m] (B,3,3).
+
+    mine   faces (F,6) that may touch, their blocks of the tangent (F,6,6), shape functions (6,6) and areas [m²] (F,6)
+           of their points;  place  origin and rotation of the rigid body;  law  penalty and coefficient of friction
+    given  multipliers of normal traction and shear, predicted normal traction, and positions before the step in the
+           frame of the rigid body;  total (2,3)  filled: force [N] and moment [N m]
+    """
     faces, where, value, area = mine
     move, turn = place
     penalty, friction = law
@@ -83,14 +87,14 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
     normal, curvature, x, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     q, pull, block, half = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     total[:] = 0.0
-    # points of the faces: x from the rigid body's centre, y the same in its frame, where `shape` gives the gap
+    # x: a point relative to the rigid body's origin; y: the same in its frame, in which `shape` gives the gap
     for f in range(len(faces)):
         for k in range(value.shape[0]):
             for i in range(3):
                 x[i] = -move[i]
                 for a in range(6):
                     x[i] += value[k, a] * points[faces[f, a], i]
-            for i in range(3):  # in the frame of the rigid body
+            for i in range(3):
                 y[i] = turn[0, i] * x[0] + turn[1, i] * x[1] + turn[2, i] * x[2]
             g = shape(y, p, normal, curvature)
             gap[f, k] = g
@@ -105,7 +109,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
             traction[f, k] = max(t, 0.0)
             if not t > 0.0:
                 continue
-            # the trial traction q of the slip since the step began, cut to mu t
+            # trial traction q from the slip in this step, limited to mu t
             cut = length = 0.0
             if friction > 0.0:
                 for i in range(3):
@@ -125,13 +129,13 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
                     force[faces[f, a], i] -= value[k, a] * pull[i]
             if not tangent:
                 continue
-            # NaN where no step has foretold the traction
+            # tangent in the rigid body's frame; the curvature term uses the predicted traction if there is one
             bent = t if np.isnan(bend[f, k]) else bend[f, k]
             for i in range(3):
                 for j in range(3):
                     block[i, j] = -bent * curvature[i, j]
             add_tangent(penalty, normal, q, cut, length, slip[f, k], block)
-            # from the rigid body's frame into the world: R block R'
+            # rotate into the world frame: R block R'
             for i in range(3):
                 for j in range(3):
                     half[i, j] = turn[i, 0] * block[0, j] + turn[i, 1] * block[1, j] + turn[i, 2] * block[2, j]
@@ -148,7 +152,7 @@ def _touch(shape, p, points, mine, place, law, given, traces, total, tangent, fo
 
 @kernel
 def _deepest(shape, points, move, turn, p):
-    """The point (N,3) that lies deepest in the rigid body, and its gap [m]."""
+    """Index of the point of (N,3) with the smallest gap, and this gap [m]."""
     normal, curvature, y = np.zeros(3), np.zeros((3, 3)), np.zeros(3)
     deepest, least = 0, np.inf
     for k in range(len(points)):
@@ -162,17 +166,17 @@ def _deepest(shape, points, move, turn, p):
     return deepest, least
 
 
-class Rigid(Augmented):
+class RigidIndenter(Augmented):
     """A rigid body that moves along `path` and touches some faces of the mesh.
 
     faces       (F,6) outward boundary faces that may touch
-    shape       signed distance, see `Shape`; `plane`, `sphere`, `capsule` or an own function
+    shape       signed distance, see `Shape`; `plane`, `sphere`, `capsule` or a custom function
     parameters  its numbers
-    path        load -> place of the body's origin [m] (3); or that and its rotation [1] (3,3), from its frame to the
-                world's
+    path        load -> position of the body's origin [m] (3), or a tuple of it and the rotation [1] (3,3) from the
+                body's frame to the world's
     friction    Coulomb's coefficient [1] >= 0
-    bound       [m] greatest penetration that is left; 0: 1/2000 of the mean edge of the faces
-    penalty     [Pa/m] to begin with; 0: from the stiffness of the faces
+    bound       [m] largest accepted penetration; 0: 1/2000 of the mean edge of the faces
+    penalty     [Pa/m] initial value; 0: from the stiffness of the faces
 
     `shear` is in the frame of the rigid body.
     """
@@ -207,8 +211,8 @@ class Rigid(Augmented):
         self._where = pattern.where(self.faces)
 
     def leapt(self, start: np.ndarray, load: float, end: np.ndarray, target: float) -> str:
-        """Also whether the rigid body passed through the faces on its way: deeper in between than at either end, by
-        `LEAP` of an edge, as seen from the start."""
+        """Also a text if the rigid body passed through the faces within the step: it was deeper than at both ends by
+        `LEAP` edges, relative to the faces at the start."""
         fault = super().leapt(start, load, end, target)
         if fault:
             return fault
@@ -224,7 +228,7 @@ class Rigid(Augmented):
             place = self.placed(load + k / pieces * (target - load))
             worst, gap = _deepest(self._shape, points, *place, self.parameters)
             if gap < least - LEAP * self.edge:
-                return f"the rigid body passes through the surface at {point_text(points[worst])} on its way"
+                return f"the rigid body passes through the surface at {point_text(points[worst])} within the step"
         return ""
 
     def _touching_points(self, displacement: np.ndarray) -> np.ndarray:
@@ -237,14 +241,14 @@ class Rigid(Augmented):
         self._before = (self._touching_points(displacement) - origin) @ turn
 
     def placed(self, load: float) -> tuple[np.ndarray, np.ndarray]:
-        """Place of the rigid body's origin [m] (3) and its rotation (3,3). ValueError: the path gives others."""
+        """Position of the rigid body's origin [m] (3) and its rotation (3,3). ValueError: the path returns others."""
         pose = self.path(load)
         origin, turn = pose if isinstance(pose, tuple) else (pose, np.eye(3))
         origin, turn = np.array(origin, dtype=np.float64), np.array(turn, dtype=np.float64)
         if origin.shape != (3,) or turn.shape != (3, 3) or not (np.isfinite(origin).all() and np.isfinite(turn).all()):
             raise ValueError(
-                f"path at load {load:.6g}: found {pose!r}, expected a place [m] (3), or a place and a rotation (3,3), "
-                "all finite"
+                f"path at load {load:.6g}: found {pose!r}, expected a position [m] (3), or a position and a rotation "
+                "(3,3), all finite"
             )
         if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-6 or np.linalg.det(turn) < 0:
             raise ValueError(f"path at load {load:.6g}: {turn.tolist()} is not a rotation")
@@ -262,7 +266,7 @@ class Rigid(Augmented):
         self.force, self.moment = total
 
     def switching(self) -> Switching | None:
-        """Its points, to find the active set within a step; None with friction."""
+        """Its points, to update the active set within a step; None with friction."""
         if self.friction > 0.0:
             return None
         level = (self.multiplier - self.penalty * self.gap).ravel()
@@ -273,8 +277,8 @@ class Rigid(Augmented):
         return Switching(rows, level, np.full(level.size, self.penalty), self.area.ravel())
 
     def foresee(self, traction: np.ndarray) -> None:
-        """Take these tractions [Pa] (P,) for the part of the tangent that the bend of the rigid body makes. They are of
-        the right size where the penalty makes those of the next state a thousand times too large."""
+        """Use these tractions [Pa] (P,) for the curvature term of the tangent. They have the right magnitude, whereas
+        the penalty can make those of the next state 1000 times too large."""
         self._bend = traction.reshape(self.area.shape)
 
     def skew(self, change: np.ndarray, force: np.ndarray) -> None:
@@ -286,11 +290,11 @@ class Rigid(Augmented):
 
 
 NUMBERS: dict[Any, int] = {plane: 3, sphere: 1, capsule: 2}
-"""How many numbers the shapes here take; a compiled function reads beyond a shorter list."""
+"""Number of parameters of these shapes; a compiled function would read beyond the end of a shorter list."""
 
 
 def _checked(shape: Shape, parameters: np.ndarray) -> np.ndarray:
-    """The numbers of a shape. ValueError: too few or too many for one of this file, or not finite."""
+    """The parameters of a shape. ValueError: not finite, or a wrong number of them for a shape of this file."""
     count = NUMBERS.get(shape, parameters.size)
     if parameters.shape != (count,) or not np.isfinite(parameters).all():
         name = getattr(shape, "__name__", "shape")

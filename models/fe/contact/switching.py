@@ -1,14 +1,14 @@
-"""The active set of contact points after a Newton step, found within the step with the factored tangent.
+"""Active set of contact points after a Newton step, determined within the step with the factored tangent.
 
-Newton's step takes it that the points that carry pressure go on to do so. With gap g, its change b.v in the step v,
-multiplier l and penalty e, the step ends with s = l - e (g + b.v). Where s is negative though the point was taken to
-carry, or positive though it was not, the traction is wrong by d = max(-s, 0) or max(s, 0). The step that is right is
+Newton's method assumes a constant active set. With gap g, its change b.v in the step v, multiplier l and penalty e, the
+step ends with s = l - e (g + b.v). If s is negative at an active point or positive at an inactive one, the traction has
+the error d = max(-s, 0) or max(s, 0). The corrected step solves
 
     K v = -r + sum w b d(v),      w the area of a point,
 
-piecewise linear, solved by Newton's method on the points that switch. Taken in full, its steps may return to a set that
-was there before. So each goes only as far as the energy falls, of which K v + r - sum w b d(v) is the derivative: it is
-convex where K without the carrying points is positive, and no set then comes twice.
+which is piecewise linear, by Newton's method on the points that switch. Full steps may cycle between sets. Therefore
+each step ends where the energy with the derivative K v + r - sum w b d(v) is minimal: it is convex if K without the
+active points is positive, and then no set repeats.
 M. Hintermueller, K. Ito, K. Kunisch, SIAM J. Optim. 13 (2002) 865-888; W. W. Hager, SIAM Rev. 31 (1989) 221-239.
 """
 
@@ -19,18 +19,16 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.sparse import csr_array, vstack
 
-ROUNDS = 30  # Sets of points that are tried in a step; what is found by then is taken
-MOST = 400  # Points that may switch in a step; beyond, Newton's step stands as it is
-
-
-SINGULAR = 1e12  # [1] Condition from which on the points that would part are what holds the body
+ROUNDS = 30  # Maximum number of active sets in a step; the last one is used
+MOST = 400  # Maximum number of points that switch in a step; with more, Newton's step is not corrected
+SINGULAR = 1e12  # [1] Condition number above which the points that would open are the only support of the body
 
 
 class Switching(NamedTuple):
     """Points of frictionless contact about a state."""
 
-    rows: csr_array  # [1] (P,3N) change of the gap for one of the displacements
-    level: np.ndarray  # [Pa] (P,) multiplier less penalty times gap; a point carries pressure where it is positive
+    rows: csr_array  # [1] (P,3N) derivative of the gap by the displacements
+    level: np.ndarray  # [Pa] (P,) multiplier minus penalty times gap, positive at active points
     penalty: np.ndarray  # [Pa/m] (P,)
     area: np.ndarray  # [m²] (P,)
 
@@ -45,8 +43,8 @@ def switched(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Newton's step [m] (3N,) with the active set at its end, and the tractions [Pa] (P,) there.
 
-    step   [m] (3N,) as Newton's method gives it, no point switching
-    solve  displacements [m] (3N,k) for forces [N] of that shape, by the tangent that made the step
+    step   [m] (3N,) of Newton's method with a constant active set
+    solve  displacements [m] (3N,k) for forces [N] of the same shape, with the tangent of the step
     """
     rows, level, penalty, area = points
     sign = np.where(level > 0.0, -1.0, 1.0)
@@ -57,13 +55,13 @@ def switched(
     for _ in range(ROUNDS):
         if not answers.fetch(wrong):
             break
-        own = answers.opened(wrong)
-        small = np.eye(len(wrong)) + penalty[wrong, None] * own[wrong] * sign[wrong]
+        opening = answers.opened(wrong)
+        small = np.eye(len(wrong)) + penalty[wrong, None] * opening[wrong] * sign[wrong]
         if len(wrong) and np.linalg.cond(small) > SINGULAR:
             break
         goal = np.zeros_like(part)
         goal[wrong] = sign[wrong] * np.linalg.solve(small, start[wrong])
-        more, wider = goal - part, own @ goal[wrong] - opened
+        more, wider = goal - part, opening @ goal[wrong] - opened
         length = _length(part, more, wider, points, sign, start - penalty * opened)
         part, opened = part + length * more, opened + length * wider
         after = np.flatnonzero(sign * (start - penalty * opened) > 0.0)
@@ -76,10 +74,10 @@ def switched(
 def _length(
     part: np.ndarray, more: np.ndarray, wider: np.ndarray, points: Switching, sign: np.ndarray, end: np.ndarray
 ) -> float:
-    """How far to go [1] from the tractions d = `part` by `more` [Pa] (P,), which opens the points by `wider` [m] (P,):
-    where the energy is least, the whole way where it still falls at its end, 0 where it does not fall at all.
+    """Length [1] of the step from the tractions d = `part` by `more` [Pa] (P,), which opens the points by `wider` [m]
+    (P,): the minimum of the energy, at most 1; 0 if the energy does not decrease.
 
-    sign, end  (P,) of the points that would be wrong where sign * end > 0, and their s [Pa] at the start
+    sign, end  (P,): a point is in the wrong set if sign * end > 0, with its s [Pa] at the start
     """
 
     def slope(length: float) -> float:
@@ -95,7 +93,7 @@ def _length(
 
 
 class _Answers:
-    """What unit tractions at points move [m/Pa] (3N,k), and by how much they open the points [m/Pa] (P,k)."""
+    """Displacements [m/Pa] (3N,k) and openings of the points [m/Pa] (P,k) due to unit tractions at points, cached."""
 
     def __init__(self, rows: csr_array, area: np.ndarray, solve: Callable[[np.ndarray], np.ndarray]) -> None:
         self._rows, self._area, self._solve = rows, area, solve
@@ -103,7 +101,7 @@ class _Answers:
         self._moved, self._opened = np.zeros((rows.shape[1], 0)), np.zeros((len(area), 0))
 
     def fetch(self, wanted: np.ndarray) -> bool:
-        """Solve for those of these points that are new; False where that would be too many."""
+        """Solve for the points that are not cached; False if there would be too many."""
         new = wanted[self._column[wanted] < 0]
         count = self._moved.shape[1]
         if count + len(new) > MOST:
@@ -119,6 +117,6 @@ class _Answers:
         return self._opened[:, self._column[wanted]]
 
     def moved(self, traction: np.ndarray) -> np.ndarray:
-        """Displacements [m] (3N,) for tractions [Pa] (P,), zero at points that have not been fetched."""
-        own = np.flatnonzero(self._column >= 0)
-        return self._moved[:, self._column[own]] @ traction[own]
+        """Displacements [m] (3N,) for tractions [Pa] (P,), which are zero at points that are not cached."""
+        cached = np.flatnonzero(self._column >= 0)
+        return self._moved[:, self._column[cached]] @ traction[cached]

@@ -1,8 +1,8 @@
-"""The quadratic tetrahedron, total Lagrangian: energy, nodal forces and tangent, compiled.
+"""The quadratic tetrahedron, total Lagrangian: energy, nodal forces and tangent.
 
-The plain element integrates W(F) + U(J) at four points. The mixed one takes U at the mean volume ratio of the element
-(displacement quadratic, pressure constant, the pressure eliminated): no locking near incompressibility, and the tangent
-stays symmetric. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985) 177-208.
+The plain element integrates W(F) + U(J) at four points. The mixed one evaluates U at the mean volume ratio of the
+element (quadratic displacement, constant pressure, which is eliminated): no locking near incompressibility, and a
+symmetric tangent. J. C. Simo, R. L. Taylor, K. S. Pister, Comput. Methods Appl. Mech. Eng. 51 (1985) 177-208.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from palpate.physics.materials.invariants import cofactor, volume_tangent
 
 _A, _B = (5.0 + 3.0 * np.sqrt(5.0)) / 20.0, (5.0 - np.sqrt(5.0)) / 20.0
 POINTS = np.array([[_B, _B, _B], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A]])
-"""Integration points, natural coordinates; each weighs a quarter of the element. Exact to degree 2."""
+"""Natural coordinates of the integration points, of equal weight. Exact to degree 2."""
 
 
 def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -56,7 +56,7 @@ def _deformation(u, slope, small, F, C):
 
 @kernel
 def _add_forces(P, C, slope, w, f, V):
-    """Internal forces f_a += w P grad N_a; V_a += w cof F grad N_a, how the volume grows with a node."""
+    """Internal forces f_a += w P grad N_a, and derivative of the volume V_a += w cof F grad N_a."""
     for a in range(10):
         for i in range(3):
             x, y = 0.0, 0.0
@@ -69,7 +69,7 @@ def _add_forces(P, C, slope, w, f, V):
 
 @kernel
 def _add_stiffness(A, slope, w, T, K):
-    """K_ab += w grad N_a A grad N_b, in two products (the first in T) and for b <= a alone: it is symmetric."""
+    """K_ab += w grad N_a A grad N_b, as two products (the first in T), only for b <= a: it is symmetric."""
     for a in range(10):
         for i in range(3):
             for s in range(9):
@@ -89,7 +89,7 @@ def _add_stiffness(A, slope, w, T, K):
 
 @kernel
 def _scatter(K, V, bulk, where, data):
-    """Add the element's tangent to the blocks of its nodes, with bulk V x V of its mean volume ratio."""
+    """Add the element's tangent, including bulk V x V for its mean volume ratio, to the blocks of its nodes."""
     for a in range(10):
         for b in range(a + 1):
             for i in range(3):
@@ -104,14 +104,14 @@ def _scatter(K, V, bulk, where, data):
 
 @kernel
 def integrate(law, gradient, weight, elements, displacement, p, mixed, small, tangent, where, force, data):
-    """Energy, forces and tangent of elements of one material; returns the energy and the first element with a volume
-    ratio that is not positive, or -1.
+    """Energy, forces and tangent of elements of one material; returns the energy [J], and the first element with a
+    volume ratio <= 0, or -1.
 
     law      from `compiled`; p its parameters
     gradient [1/m] (E,n,10,3), weight [m³] (E,n), elements (E,10), displacement [m] (N,3)
-    where    (E,10,10) place in `data` of the block of each pair of nodes; read if `tangent`
-    force    [N]   (N,3)    gets the internal forces added
-    data     [N/m] (B,3,3)  gets the tangent added
+    where    (E,10,10) index in `data` of the block of each pair of nodes; used if `tangent`
+    force    [N]   (N,3)    the internal forces are added
+    data     [N/m] (B,3,3)  the tangent is added if `tangent`
     """
     total = 0.0
     many = weight.shape[1]
@@ -130,7 +130,7 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
                 return total, e
             volume += weight[e, q]
             mean += weight[e, q] * J[q]
-        # mean dilatation (Simo, Taylor, Pister 1985): with `mixed`, U is a function of the element's mean J alone
+        # mean dilatation (Simo, Taylor, Pister 1985): with `mixed`, U is a function of the element's mean J
         mean /= volume
         f[:] = 0.0
         V[:] = 0.0
@@ -139,7 +139,7 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
         curve = 0.0
         for q in range(many):
             w = weight[e, q]
-            # NaN tells the law that nobody reads its tangent
+            # NaN: the law need not compute its tangent
             if not tangent:
                 A[0, 0] = np.nan
             W, U, dU, ddU = law(F[q], mean if mixed else J[q], p, P, A)
@@ -151,7 +151,7 @@ def integrate(law, gradient, weight, elements, displacement, p, mixed, small, ta
             _add_forces(P, C[q], gradient[e, q], w, f, V)
             if not tangent:
                 continue
-            # the volumetric part U'' cof F x cof F is local here, and of the whole element below where J is its mean
+            # the volumetric part U'' cof F x cof F is local; with `mixed` it couples the element, see `_scatter`
             if mixed:
                 curve, ddU = ddU, 0.0
             volume_tangent(F[q], C[q], 0.0 if small else dU, ddU, A)

@@ -11,7 +11,7 @@ WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3) / 2.0
 
 
 def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions (n,6) and natural gradients (n,6,2) at natural coordinates (n,2); corners, then middles of the
+    """Shape functions (n,6) and natural gradients (n,6,2) at natural coordinates (n,2); corners, then midpoints of the
     sides 01, 12, 20."""
     x, y = at.T
     corner = np.stack([1.0 - x - y, x, y], axis=1)
@@ -31,8 +31,8 @@ HATS = np.column_stack([1.0 - POINTS[:, 0] - POINTS[:, 1], POINTS])
 
 
 def normals(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Outward normals at the integration points (F,6,3), as long as the face is large there: twice its area [m²] where
-    it is flat."""
+    """Outward normals at the integration points (F,6,3); their length is the Jacobian, twice the area [m²] of a flat
+    face."""
     tangents = np.einsum("fai,qak->fqik", points[faces], _GRADIENTS)
     return np.cross(tangents[..., 0], tangents[..., 1])
 

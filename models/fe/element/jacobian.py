@@ -1,8 +1,8 @@
-"""Whether curved elements have a positive Jacobian everywhere: the sign of det dX/dxi over whole elements.
+"""Validity of curved elements: whether the Jacobian determinant det dX/dxi is positive in the whole element.
 
-The determinant is a cubic polynomial over a quadratic tetrahedron. It lies between the least and the greatest of its
-Bernstein coefficients; where these leave its sign open the element is cut into eight and asked again. A. Johnen,
-J.-F. Remacle, C. Geuzaine, J. Comput. Phys. 233 (2013) 359-372.
+The determinant of a quadratic tetrahedron is a cubic polynomial. It is bounded by its smallest and largest Bernstein
+coefficients; if these do not determine its sign, the element is subdivided into eight. A. Johnen, J.-F. Remacle,
+C. Geuzaine, J. Comput. Phys. 233 (2013) 359-372.
 """
 
 from math import factorial
@@ -11,8 +11,8 @@ import numpy as np
 
 from palpate.models.fe.element.elements import shape
 
-DEPTH = 4  # Rounds of asking; an element whose sign is still open then is taken as inverted
-ROUNDING = 1e-9  # Of the greatest determinant of an element; below this share it is taken as zero
+DEPTH = 4  # Levels of subdivision; an element whose sign is then unknown counts as inverted
+ROUNDING = 1e-9  # Determinant over the largest one of the element below which it counts as zero
 
 _POWERS = np.array([(i, j, k, 3 - i - j - k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)])
 _AT = _POWERS[:, :3] / 3.0
@@ -42,9 +42,9 @@ def _determinants(points: np.ndarray, elements: np.ndarray, at: np.ndarray) -> n
 
 
 def inverted(points: np.ndarray, elements: np.ndarray, folded: float = 0.0) -> np.ndarray:
-    """The elements (E,10) whose determinant is not above zero everywhere (K,), in rising order.
+    """Indices (K,) of the elements (E,10) whose determinant is not positive everywhere, in ascending order.
 
-    points [m] (N,3);  folded [1]  share of its greatest determinant by which an element may be below zero
+    points [m] (N,3);  folded [1]  allowed negative determinant, as a fraction of the largest one of the element
     """
     size = np.abs(_determinants(points, elements, _AT)).max(axis=1)
     bad = np.zeros(len(elements), dtype=bool)

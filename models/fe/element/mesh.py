@@ -1,4 +1,4 @@
-"""Meshes of quadratic tetrahedra: nodes, elements, boundary faces, checks; and the surfaces that they fill."""
+"""Meshes of quadratic tetrahedra: nodes, elements, boundary faces; checks of meshes and of surfaces to fill."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,11 +15,9 @@ FACES = np.array([[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [0
 """The local nodes of each face, counter-clockwise seen from outside: three corners, then the nodes between them."""
 
 _QUADS = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
-
-
 FOLDED = 0.05
-"""[1] Share of its greatest determinant by which an element may be inside out at a corner: where a square is mapped to
-a triangle two edges become one line, and curved sides then cross by a hair. The points of integration lie inside."""
+"""[1] Allowed negative determinant over the largest one of an element: if a square is mapped to a triangle, two edges
+become collinear and curved sides may cross slightly at a corner, away from the integration points."""
 
 
 @dataclass(frozen=True)
@@ -61,12 +59,12 @@ class TetMesh:
             bad, volume = int(wrong[0]), float(self.corner_volumes[wrong[0]])
             if volume > 0.0:
                 raise MeshError(
-                    f"element {bad} at {self.place(bad)}: its edges are so curved that its Jacobian is "
-                    "negative in places; straighten them or take smaller elements"
+                    f"element {bad} at {self.place(bad)}: its edges are so curved that its Jacobian is negative "
+                    "at some points; straighten them or use smaller elements"
                 )
             raise MeshError(
                 f"element {bad} at {self.place(bad)}: volume {volume:.3g} m³, expected a positive one; swap two "
-                "of its corners if it is inverted, drop it if it is flat"
+                "of its corners if it is inverted, remove it if it is flat"
             )
 
     @cached_property
@@ -76,11 +74,11 @@ class TetMesh:
 
     @cached_property
     def faces(self) -> np.ndarray:
-        """Boundary faces (F,6), outward, as `FACES`."""
+        """Boundary faces (F,6), outward, node order as in `FACES`."""
         return self.boundary(np.arange(len(self.elements)))
 
     def boundary(self, elements: np.ndarray) -> np.ndarray:
-        """Faces that only one of these elements has (F,6). MeshError: a face that more than two elements share."""
+        """Boundary faces (F,6) of these elements. MeshError: a face that more than two elements share."""
         every = self.elements[elements][:, FACES].reshape(-1, 6)
         key = np.sort(every[:, :3], axis=1)
         _, index, count = np.unique(key, axis=0, return_index=True, return_counts=True)
@@ -99,50 +97,50 @@ class TetMesh:
 
 
 def _whole(name: str, numbers: np.ndarray) -> np.ndarray:
-    """MeshError: numbers that are not whole, which would be cut."""
+    """The numbers as int64. MeshError: not integers."""
     integers = np.asarray(numbers)
     if integers.size and integers.dtype.kind not in "iu":
-        raise MeshError(f"{name}: found {integers.dtype} numbers, expected whole ones; `{name}.astype(int)` makes them")
+        raise MeshError(f"{name}: found {integers.dtype} numbers, expected integers; use `{name}.astype(int)`")
     return np.ascontiguousarray(integers, dtype=np.int64)
 
 
 def point_text(at: np.ndarray) -> str:
-    """A point [m] (3,) in words."""
+    """A point [m] (3,) as text."""
     return f"({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) m"
 
 
 def six_volumes(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
-    """Six times the volume of tetrahedra (E,4...) on points [m] (N,3), below zero where one is inside out [m³] (E,)."""
+    """Six times the signed volume [m³] (E,) of tetrahedra (E,4...) on points [m] (N,3)."""
     a, b, c, d = (points[tets[:, i]] for i in range(4))
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a)
 
 
 def turned_out(points: np.ndarray, tets: np.ndarray) -> np.ndarray:
-    """Tetrahedra (E,4), two corners swapped of each that is inside out."""
+    """Tetrahedra (E,4), with two corners swapped in each inverted one."""
     return np.where(six_volumes(points, tets)[:, None] < 0, tets[:, [0, 2, 1, 3]], tets)
 
 
 def quadratic(points: np.ndarray, corners: np.ndarray, region: np.ndarray | None = None) -> TetMesh:
-    """Quadratic mesh from linear tetrahedra (E,4): a node is put in the middle of each edge."""
+    """Quadratic mesh from linear tetrahedra (E,4), with a node in the middle of each edge."""
     elements, edges = edge_nodes(len(points), corners)
     region = np.zeros(len(corners), dtype=np.int64) if region is None else region
     return TetMesh(np.concatenate([points, points[edges].mean(axis=1)]), elements, region)
 
 
 def edge_nodes(count: int, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic elements (E,10) on linear ones (E,4), and the ends (M,2) of the edges whose middles are the new nodes
-    count ... count + M - 1."""
+    """Quadratic elements (E,10) from linear ones (E,4), and the ends (M,2) of the edges whose midpoints are the new
+    nodes count ... count + M - 1."""
     edges = np.sort(corners[:, EDGES].reshape(-1, 2), axis=1)
     unique, inverse = np.unique(edges, axis=0, return_inverse=True)
     return np.concatenate([corners, count + inverse.reshape(-1, 6)], axis=1), unique
 
 
 def bricks(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Six tetrahedra (6C,4) for each brick (C,8), whatever way the bricks are joined; node order of a brick: x fastest,
-    then y, then z.
+    """Six tetrahedra (6C,4) for each brick (C,8), for bricks in any arrangement; node order of a brick: x fastest, then
+    y, then z.
 
-    A face is cut from its lowest node, so that neighbours agree; the brick is the cone from its lowest node over the
-    three faces that do not hold it. J. Dompierre et al., Proc. 8th Int. Meshing Roundtable (1999) 195-204.
+    The diagonal of a face starts at its lowest node, so that neighbours agree; the brick is the cone from its lowest
+    node over the three faces without it. J. Dompierre et al., Proc. 8th Int. Meshing Roundtable (1999) 195-204.
     """
     quads = cells[:, _QUADS]
     first = quads.argmin(axis=2)
@@ -152,8 +150,7 @@ def bricks(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     far = turned[away].reshape(-1, 3, 4)
     top = np.broadcast_to(apex[:, None, None], (len(cells), 3, 1))
     tets = np.concatenate([np.concatenate([top, far[:, :, k]], axis=2) for k in ([0, 1, 2], [0, 2, 3])], axis=1)
-    tets = tets.reshape(-1, 4)
-    return turned_out(points, tets)
+    return turned_out(points, tets.reshape(-1, 4))
 
 
 def grid(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -173,19 +170,19 @@ def box(size: tuple[float, float, float], cells: tuple[int, int, int]) -> TetMes
 
 
 def check_surface(surface: Mesh) -> None:
-    """MeshError: a surface that is not closed, or whose triangles cross one another; says where."""
+    """MeshError: a surface that is not closed or intersects itself; states the place."""
     edges, count = surface.edges
     open_ = edges[count != 2]
     if len(open_):
         at = 1e3 * surface.vertices[open_[0]].mean(axis=0)
         raise MeshError(
             f"surface: {len(open_)} edges without two triangles, the first at ({at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g}) "
-            "mm: not closed. Close its holes or join its double vertices"
+            "mm: not closed. Close its holes or merge its duplicate vertices"
         )
     intersection = crossing(surface.vertices, surface.triangles)
     if intersection is not None:
         first, other, place = intersection
         raise MeshError(
             f"surface: triangles {first} and {other} cross at {point_text(place)}: it intersects itself, so that its "
-            "interior is not defined. Join the parts into one surface (a union), or mesh it again"
+            "interior is undefined. Join the parts into one surface (a union), or remesh it"
         )

@@ -1,4 +1,4 @@
-"""Meshes of tetrahedra from files of other programs: Gmsh, VTK, Abaqus and what else meshio (extra `mesh`) reads."""
+"""Meshes of tetrahedra from files of other programs: Gmsh, VTK, Abaqus and other formats of meshio (extra `mesh`)."""
 
 from pathlib import Path
 from typing import Any
@@ -9,29 +9,29 @@ from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
 from palpate.physics.extras import missing
 
 REGION_FIELDS = ("gmsh:physical", "region", "medit:ref", "CellEntityIds")
-"""Names under which files hold the region of each element, the first that is there."""
+"""Names of cell fields that contain the region of each element; the first that exists is used."""
 
 
 def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, int]]:
-    """The tetrahedra of a file as quadratic ones, and the number of each named region: materials are given as
+    """The tetrahedra of a file as quadratic ones, and the number of each named region, for materials as in
     {names["skin"]: ...}.
 
     Regions: physical groups of Gmsh (.msh), element sets of Abaqus (.inp), the cell field `region` of VTK (.vtu, .vtk),
-    as `fe.element.vtk` writes it; without any, all is region 0. Elements of other kinds - faces, lines - are left out.
+    as `fe.element.vtk` writes it; else all elements have region 0. Other elements (faces, lines) are ignored.
 
     unit  [m] of the file's coordinates: 1e-3 for millimetres
 
-    MeshError: no such file, not a mesh, no tetrahedra, sets that overlap or leave elements out; meshio is missing.
+    MeshError: a missing file, not a mesh, no tetrahedra, sets that overlap or are incomplete; meshio is missing.
     """
     try:
         import meshio
     except ModuleNotFoundError as error:
         raise MeshError(missing(f"{path}", error.name, "mesh")) from None
     if not Path(path).is_file():
-        raise MeshError(f"{path}: no such file")
+        raise MeshError(f"{path}: the file does not exist")
     try:
         mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio leaves the program on some damaged files
+    except (Exception, SystemExit) as error:  # meshio calls sys.exit for some damaged files
         raise MeshError(f"{path}: cannot be read as a mesh: {error}") from None
     blocks = [k for k, block in enumerate(mesh.cells) if block.type in ("tetra", "tetra10")]
     kinds = {mesh.cells[k].type for k in blocks}
@@ -54,20 +54,20 @@ def _regions(path: str | Path, mesh: Any, blocks: list[int]) -> tuple[np.ndarray
         if field in mesh.cell_data:
             region = np.concatenate([np.asarray(mesh.cell_data[field][k]).ravel() for k in blocks])
             if not np.array_equal(region, np.round(region)):
-                raise MeshError(f"{path}: the cell field {field!r} holds no whole numbers, as regions are")
+                raise MeshError(f"{path}: cell field {field!r}: expected integers, the numbers of regions")
             tags = {name: int(tag[0]) for name, tag in mesh.field_data.items() if int(tag[1]) == 3}
             return region.astype(np.int64), tags
     region = np.full(sum(count), -1, dtype=np.int64)
     names: dict[str, int] = {}
     start = np.concatenate([[0], np.cumsum(count)])
     for name, parts in mesh.cell_sets.items():
-        own = [start[n] + np.asarray(parts[k], dtype=np.int64) for n, k in enumerate(blocks) if parts[k] is not None]
-        inside = np.concatenate(own) if own else np.zeros(0, dtype=np.int64)
+        found = [start[n] + np.asarray(parts[k], dtype=np.int64) for n, k in enumerate(blocks) if parts[k] is not None]
+        inside = np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
         if not len(inside) or name.startswith("gmsh:"):
             continue
         if (region[inside] >= 0).any():
             if len(inside) == len(region) or ((region[inside] >= 0).all() and len(np.unique(region[inside])) > 1):
-                continue  # a set of sets, such as all elements
+                continue  # a union of sets, such as all elements
             raise MeshError(f"{path}: element set {name!r} overlaps another; expected sets that share no element")
         names[name] = len(names)
         region[inside] = names[name]

@@ -1,4 +1,4 @@
-"""Results as VTK files, that ParaView and pyvista read."""
+"""Results as VTK files for ParaView and pyvista."""
 
 import base64
 from pathlib import Path

@@ -1,8 +1,7 @@
 """The layered fingertip of Battaglia et al.: its geometry and its materials.
 
-The layers are capsules about one axis: a cylinder with a rounded tip. Half of it is meshed, cut along the plane of
-symmetry. World frame: z up from the plate, origin at the first point of contact, the tip towards -y and lower by
-`tilt`.
+The layers are coaxial capsules: cylinders with a rounded tip. One half is meshed, cut along the plane of symmetry.
+World frame: z up from the plate, origin at the first point of contact, the tip towards -y and inclined by `tilt`.
 
 E. Battaglia et al., A finite element model of tactile flow for softness perception (2015).
 """
@@ -19,7 +18,7 @@ from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.mooney_rivlin import mooney_rivlin
 
 BONE_AS_PRINTED, BONE_CORTICAL = 17e6, 17e9
-"""[Pa] Young's modulus of the bone: as the paper prints it, and that of cortical bone."""
+"""[Pa] Young's modulus of the bone: as printed in the paper, and that of cortical bone."""
 
 CALIBRATED = 16.3
 """Common divisor of the printed moduli, bone included, of the calibrated set (docs/equations/finite-elements.md)."""
@@ -27,7 +26,7 @@ CALIBRATED = 16.3
 SETS = {
     "printed": (1.0, BONE_AS_PRINTED), "calibrated": (CALIBRATED, BONE_AS_PRINTED), "cortical": (1.0, BONE_CORTICAL),
 }  # fmt: skip
-"""Sets of the finger's constants by name: the divisor of all its moduli, and the bone's modulus before it [Pa]."""
+"""Sets of the finger's constants by name: divisor of all its moduli, and the bone's modulus [Pa] before division."""
 
 PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-3), (0.50, 2.30e-3))}
 """Table III of the paper: force [N] and indentation [m]."""
@@ -35,8 +34,8 @@ PAPER = {"steel": ((0.11, 1.24e-3), (0.50, 2.08e-3)), "silicone": ((0.11, 1.28e-
 
 @dataclass(frozen=True)
 class FingertipDimensions:
-    """Dimensions [m] and fineness of the mesh. The paper leaves open: phalanx length, nail thickness, plate size, how
-    far round the upper epidermis is held.
+    """Dimensions [m] and fineness of the mesh. The paper does not specify phalanx length, nail thickness, plate size,
+    and which part of the upper epidermis is fixed.
 
     bone, subcutis, dermis, epidermis   radius of the bone, then thicknesses
     """
@@ -95,7 +94,7 @@ class FingertipDimensions:
 
     @property
     def mesh(self) -> TetMesh:
-        """The finger; its edges are bent as its surfaces are."""
+        """The finger; its edges follow its curved surfaces."""
         return self._meshed[0]
 
     @cached_property
@@ -122,8 +121,7 @@ class FingertipDimensions:
 
     @cached_property
     def held(self) -> np.ndarray:
-        """Nodes of the rear face and of the upper epidermis (N,) bool; the upper epidermis is the quarter of the skin
-        that the nail lies on."""
+        """Fixed nodes (N,) bool: the rear face and the upper epidermis, the quarter of the skin under the nail."""
         mesh = self.mesh
         held = self.rear.copy()
         nail = np.unique(mesh.elements[mesh.region == NAIL])
@@ -133,8 +131,8 @@ class FingertipDimensions:
 
 
 def divisor_and_bone(material: str | float) -> tuple[float, float]:
-    """The divisor of the finger's moduli and the bone's modulus before it [Pa] that a material means: a name of `SETS`,
-    a name with a further divisor ("cortical/36.4"), or a number, the divisor of the printed set. MeshError: none of
+    """Divisor of the finger's moduli, and the bone's modulus [Pa] before division, for a material: a name of `SETS`, a
+    name with a further divisor ("cortical/36.4"), or a number, the divisor of the printed set. MeshError: none of
     these."""
     name, slash, number = ("printed", "/", material) if not isinstance(material, str) else material.partition("/")
     if not slash and name not in SETS:
@@ -148,13 +146,13 @@ def divisor_and_bone(material: str | float) -> tuple[float, float]:
             f"material {material!r}: expected {', '.join(SETS)}, one of them with a divisor of all moduli as in "
             '"cortical/36.4", or a number above 0, the divisor of the printed moduli'
         )
-    own, bone = SETS[name]
-    return own * divisor, bone
+    common, bone = SETS[name]
+    return common * divisor, bone
 
 
 def materials(material: str | float = "printed") -> dict[int, Material]:
-    """The paper's constants, D1 in 1/MPa, all moduli of the finger divided by one number, see `divisor_and_bone`.
-    MeshError: no such set."""
+    """The paper's constants, with all moduli of the finger divided by a number, see `divisor_and_bone`. MeshError: an
+    unknown set."""
     d, bone = divisor_and_bone(material)
     return {
         BONE: hencky(bone / d, 0.3),

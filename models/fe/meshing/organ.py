@@ -12,15 +12,14 @@ from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.neo_hooke import neo_hooke
 
 SHELLS = (1.0, 0.9, 0.77, 0.6, 0.38)
-"""Scales of the nested copies of the surface between which prisms are cut into tetrahedra."""
+"""Scales of the nested copies of the surface; the prisms between them are divided into tetrahedra."""
 SLAB = 0.04  # [m] Thickness of the slab under a level surface
-LEAST = 1e-3
-"""Volume of the tetrahedron from a point to a triangle, over their mean, from which the triangle counts as seen."""
+LEAST = 1e-3  # Volume of the tetrahedron from a point to a triangle, over the mean, above which the triangle is visible
 
 
 @dataclass(frozen=True)
 class Nodule:
-    """A ball of harder tissue: place [m] (3), radius [m], modulus over that of the organ."""
+    """A ball of harder tissue: centre [m] (3), radius [m], modulus over that of the organ."""
 
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     radius: float = 0.0
@@ -29,7 +28,7 @@ class Nodule:
 
 @dataclass(frozen=True)
 class Capsule:
-    """A skin of other tissue: thickness [m], modulus over that of the organ; no skin where the thickness is 0."""
+    """A surface layer of other tissue: thickness [m], 0: no layer; modulus over that of the organ."""
 
     thickness: float = 0.0
     ratio: float = 10.0
@@ -38,13 +37,13 @@ class Capsule:
 def fill(
     surface: Mesh, shells: tuple[float, ...] = SHELLS, nodule: Nodule = Nodule(), capsule: Capsule = Capsule()
 ) -> TetMesh:
-    """Quadratic tetrahedra inside a closed surface whose every triangle is seen from one point inside, or in the slab
-    of thickness `SLAB` under a level one (all z equal, normals towards +z).
+    """Quadratic tetrahedra inside a closed star-shaped surface, all of whose triangles are visible from a point inside,
+    or in the slab of thickness `SLAB` under a level surface (all z equal, normals towards +z).
 
-    The first nodes are the vertices of the surface, in order. Region 2 is the capsule, a layer of even thickness; 1 is
-    the nodule, 0 the rest.
+    The first nodes are the vertices of the surface, in order. Region 2 is the capsule, a layer of uniform thickness; 1
+    is the nodule, 0 the rest.
 
-    MeshError: a surface that is open, inverted, or seen from no point, or a capsule too thick for it; says where.
+    MeshError: a surface that is open, inverted or not star-shaped, or a capsule too thick for it; states the place.
     """
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
     if level(surface):
@@ -55,7 +54,7 @@ def fill(
         return _layered(triangles, layers, nodule, capsule)
     hub = seen_from(surface)
     if hub is None:
-        raise MeshError("surface: no point inside sees all of its triangles, so nested shells do not fill it")
+        raise MeshError("surface: not star-shaped (no point inside sees all of its triangles): shells cannot fill it")
     inner = vertices - capsule.thickness * surface.normals
     _fits(inner - hub, surface, capsule)
     layers = [hub + s * (inner - hub) for s in shells]
@@ -63,22 +62,22 @@ def fill(
 
 
 def level(surface: Mesh) -> bool:
-    """Whether a surface is flat and looks up, so that it stands for the slab below."""
+    """Whether a surface is flat with normals upwards, the top of a slab."""
     height = np.ptp(surface.vertices[:, 2])
     return bool(height < 1e-9 * np.ptp(surface.vertices) and (surface.face_vectors[:, 2] > 0).all())
 
 
 def seen_from(surface: Mesh) -> np.ndarray | None:
-    """A point [m] (3) from which every triangle of a closed surface is seen: the origin of its frame where that does,
-    else the one that is farthest from the planes of all triangles (a linear programme); None: there is none. MeshError:
-    a surface that is open, or whose normals point inwards."""
+    """A point [m] (3) from which all triangles of a closed surface are visible: the origin of its frame if possible,
+    else the point farthest from the planes of all triangles (a linear programme); None: the surface is not star-shaped.
+    MeshError: a surface that is open, or whose normals point inwards."""
     vertices, triangles = surface.vertices, surface.triangles.astype(np.int64)
     check_surface(surface)
     volume = np.einsum("ij,ij->", surface.face_vectors, vertices[triangles[:, 0]]) / 6.0
     if not volume > 0.0:
         raise MeshError(
             f"surface: its triangles enclose {1e6 * volume:.4g} ml, expected a positive volume: normals point inwards. "
-            "Turn its triangles round"
+            "Reverse its triangles"
         )
     origin = np.zeros(3)
     if _seen(surface, origin):
@@ -104,7 +103,7 @@ def _seen(surface: Mesh, point: np.ndarray) -> bool:
 
 
 def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
-    """MeshError where the inner side of the capsule, in a frame about the hub, folds, or is not seen from there."""
+    """MeshError: the inner side of the capsule (relative to the hub) folds, or is not visible from the hub."""
     corner = inner[surface.triangles]
     face = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     bad = (np.einsum("ij,ij->i", face, surface.face_vectors) <= 0.0) | (
@@ -114,15 +113,15 @@ def _fits(inner: np.ndarray, surface: Mesh, capsule: Capsule) -> None:
         at = surface.vertices[surface.triangles[np.argmax(bad)]].mean(axis=0) * 1e3
         raise MeshError(
             f"capsule: {capsule.thickness} m does not fit under the surface at ({at[0]:.4g}, {at[1]:.4g}, "
-            f"{at[2]:.4g}) mm; a thinner one would"
+            f"{at[2]:.4g}) mm; decrease its thickness"
         )
 
 
 def _layered(
     triangles: np.ndarray, layers: list[np.ndarray], nodule: Nodule, capsule: Capsule, hub: np.ndarray | None = None
 ) -> TetMesh:
-    """Prisms between layers cut into tetrahedra, the last layer joined to the `hub` if there is one; nodule and capsule
-    marked, nodes on edges added."""
+    """Prisms between layers, divided into tetrahedra, with the last layer joined to the `hub`, if given; regions of
+    nodule and capsule, and nodes on edges."""
     n = len(layers[0])
     points = np.concatenate(layers if hub is None else [*layers, hub[None]])
     tets = [_prisms(triangles + (k + 1) * n, triangles + k * n) for k in range(len(layers) - 1)]
@@ -136,12 +135,12 @@ def _layered(
 
 
 def inside(nodule: Nodule, corners: np.ndarray) -> np.ndarray:
-    """Tetrahedra with these corners [m] (E,4,3) whose centre is in the nodule (E,) bool."""
+    """Whether the centre of each tetrahedron with these corners [m] (E,4,3) is in the nodule (E,)."""
     return np.linalg.norm(corners.mean(axis=1) - nodule.centre, axis=1) < nodule.radius
 
 
 def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Three tetrahedra for each prism; the diagonals of its sides follow the order of the vertices, so that neighbours
+    """Three tetrahedra per prism; the diagonals of its sides follow the order of the vertices, so that neighbours
     agree."""
     a, b = np.sort(low, axis=1), np.sort(high, axis=1)
     cuts = [[a[:, 0], a[:, 1], a[:, 2], b[:, 2]], [a[:, 0], a[:, 1], b[:, 1], b[:, 2]], [a[:, 0], *b.T]]
@@ -150,10 +149,10 @@ def _prisms(low: np.ndarray, high: np.ndarray) -> np.ndarray:
 
 @dataclass
 class Organ:
-    """An organ on a bed: mesh and materials.
+    """An organ on an elastic foundation: mesh and materials.
 
-    surface  closed triangle mesh in its own frame; meshed anew where no point inside sees all of it, see `fe.wild`
-    bed      [1/m] stiffness per area of what the underside (normals towards -z) lies on, over the organ's modulus
+    surface  closed triangle mesh in the organ's frame; remeshed if it is not star-shaped, see `tetwild`
+    `bed`    [1/m] stiffness per area of the foundation under faces with normals towards -z, over the organ's modulus
     """
 
     surface: Mesh
@@ -164,7 +163,7 @@ class Organ:
 
     def __post_init__(self) -> None:
         if not self.bed > 0:
-            raise MeshError(f"bed: found {self.bed} 1/m, expected a positive number, or the organ has no support")
+            raise MeshError(f"`bed`: found {self.bed} 1/m, expected a positive number, which supports the organ")
         across = float(np.ptp(self.surface.vertices, axis=0).max())
         if not 1e-3 <= across <= 3.0:
             raise MeshError(f"surface: found {across:.4g} m across, expected 1 mm ... 3 m; is its unit right?")
@@ -172,13 +171,13 @@ class Organ:
             self.mesh = fill(self.surface, nodule=self.nodule, capsule=self.capsule)
         else:
             if self.capsule.thickness > 0.0:
-                raise MeshError("capsule: expected a surface that one point inside sees all of; this has none")
+                raise MeshError("capsule: found a surface that is not star-shaped, expected one; remove the capsule")
             self.mesh, self.surface = solid(self.surface)
             self.mesh.region[inside(self.nodule, self.mesh.points[self.mesh.elements[:, :4]])] = 1
         if self.nodule.radius > 0.0 and not (self.mesh.region == 1).any():
             raise MeshError(
                 f"nodule: no element has its centre within {self.nodule.radius} m of {tuple(self.nodule.centre)} m, "
-                "under the capsule, in the surface's frame; a larger one, another place, or a finer surface would do"
+                "under the capsule, in the surface's frame; enlarge or move the nodule, or refine the surface"
             )
         self.faces = self.mesh.faces
 
@@ -188,7 +187,7 @@ class Organ:
         return {region: neo_hooke(young * r, self.poisson) for region, r in ratios.items()}
 
     def under(self) -> np.ndarray:
-        """Faces that lie on the bed (F,) bool."""
+        """Whether each face is on the foundation (F,)."""
         corner = self.mesh.points[self.faces[:, :3]]
         normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         return normal[:, 2] < -0.5 * np.linalg.norm(normal, axis=1)

@@ -11,7 +11,7 @@ from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible
 from palpate.models.fe.reduce.sampling import SAMPLING, at_rest, chosen, fit_gamma, modes, points_of, sample
 from palpate.models.fe.reduce.snapshots import LoadPath, PressSolution, mirror
 from palpate.physics.bodies.sampled.energy import Points, scratch
-from palpate.physics.bodies.sampled.solve import settle, unhurried
+from palpate.physics.bodies.sampled.solve import offline_budget, settle
 from palpate.physics.bodies.sampled_body import SampledBasis
 
 CELLS = 3  # Resolution of the fingertip's mesh, see `fe.fingertip`
@@ -120,7 +120,7 @@ def truncation_errors(
         for level, u in zip(press.touch.levels, press.solutions, strict=False):
             for _ in range(8):
                 energy, _, done = settle(
-                    points, work, level * (surface_modes.T @ unit), q, g, H, K, L, vectors, energy, unhurried()
+                    points, work, level * (surface_modes.T @ unit), q, g, H, K, L, vectors, energy, offline_budget()
                 )
                 if done:
                     break

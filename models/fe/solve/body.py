@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from palpate.models.fe.contact.bed import ElasticFoundation
+from palpate.models.fe.contact.foundation import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh

@@ -70,8 +70,8 @@ class Support:
         at = point_text(self.mesh.points[elements[:, :4]].mean(axis=(0, 1)))
         return (
             f"nothing holds the piece of {len(elements)} elements around {at} against {goes}: {why}. Fix some of its "
-            "nodes, support it with an `ElasticFoundation` (palpate.models.fe.contact.bed), or press it from all "
-            "sides, with friction where it may slide"
+            "nodes, support it with an `ElasticFoundation` (palpate.models.fe.contact.foundation), or press it from "
+            "all sides, with friction where it may slide"
         )
 
 

@@ -1,7 +1,7 @@
-"""Multifrontal sparse Cholesky factorisation of a matrix of 3 by 3 blocks, on the BLAS that scipy brings.
+"""Multifrontal sparse Cholesky factorisation of a matrix of 3 by 3 blocks, with scipy's BLAS and LAPACK.
 
-The dense fronts of the elimination tree (`fe.ordering`) are factored by LAPACK, so that nearly all time is spent in
-matrix products. The tree is made once for a mesh; each factorisation after it is numeric work alone.
+The dense fronts of the elimination tree (`fe.sparse.ordering`) are factored by LAPACK, so that nearly all time is spent
+in matrix products. The symbolic analysis is done once per mesh.
 
 I. S. Duff, J. K. Reid, ACM Trans. Math. Softw. 9 (1983) 302-325; J. W. H. Liu, SIAM Rev. 34 (1992) 82-109.
 """
@@ -22,7 +22,7 @@ _LETTERS = np.frombuffer(b"LRTN", dtype=np.uint8)
 
 
 class NotPositive(ArithmeticError):
-    """The matrix has a pivot that is not positive; `node` says which block row it belongs to."""
+    """The matrix has a pivot that is not positive, in the block row `node`."""
 
     def __init__(self, node: int) -> None:
         super().__init__(f"the matrix is not positive definite at node {node}")
@@ -46,9 +46,9 @@ class _Routine(types.WrapperAddressProtocol):
 class Cholesky:
     """Factor of a symmetric positive definite block matrix.
 
-    points    [m] (N,3)  places of the nodes; the elimination order is made with them
+    points    [m] (N,3)  positions of the nodes, for the elimination order
     indptr, indices      the block pattern, both halves, as in a BSR matrix
-    single               factor in single precision: half the memory and time, to precondition with
+    single               factor in single precision, with half the memory and time, as a preconditioner
     """
 
     def __init__(self, points: np.ndarray, indptr: np.ndarray, indices: np.ndarray, single: bool = False) -> None:
@@ -58,7 +58,7 @@ class Cholesky:
         self._panel = np.concatenate([[0], np.cumsum(9 * self._rows * self._pivots)])
         self._children = np.bincount(tree.parent[tree.parent >= 0], minlength=len(tree.parent))
         self._relative = _relative(tree)
-        # of each: pivots and rows in nodes, where its boundary begins, where its panel does
+        # of each front: numbers of pivots and rows (nodes), start of its boundary, start of its panel
         self._fronts = self._pivots, self._rows, tree.start, self._panel
         self._blocks = _destinations(tree, indptr, indices)
         self._stack = _stack(tree, self._children)
@@ -75,17 +75,17 @@ class Cholesky:
         self._factor: np.ndarray | None = None
 
     def alike(self, single: bool) -> Cholesky:
-        """Another for the same pattern, by the same tree, in that precision."""
+        """Another one for the same pattern, with the same tree, in this precision."""
         made = copy(self)
         made._set(single)
         return made
 
     def _words(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """What BLAS takes by address: letters, 1 and -1, and room for sizes."""
+        """Arguments of BLAS by address: letters, 1 and -1, and memory for sizes."""
         return _LETTERS, self._scale, np.zeros(4, dtype=np.int32)
 
     def factor(self, data: np.ndarray) -> None:
-        """Factor the matrix with these blocks (B,3,3). NotPositive: it is not positive definite (or holds a NaN)."""
+        """Factor the matrix with these blocks (B,3,3). NotPositive: it is not positive definite, or contains NaN."""
         if self._factor is None:
             self._factor = np.empty(int(self._panel[-1]), dtype=self.dtype)
             largest = int(3 * self._rows.max())
@@ -99,7 +99,7 @@ class Cholesky:
             raise NotPositive(int(self.tree.order[bad]))
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solution for right sides (3N,) or (3N,m), by the latest factor."""
+        """Solution for right sides (3N,) or (3N,m) with the latest factor."""
         if self._factor is None:
             raise RuntimeError("solve before factor")
         many = rhs.reshape(len(self.tree.order), 3, -1)
@@ -116,7 +116,7 @@ class Cholesky:
 
 
 def _relative(tree: Tree) -> np.ndarray:
-    """Place of each boundary node in the front of the parent."""
+    """Index of each boundary node in the front of the parent."""
     places = np.zeros(len(tree.boundary), dtype=np.int64)
     for t, up in enumerate(tree.parent):
         mine = tree.boundary[tree.start[t] : tree.start[t + 1]]
@@ -143,10 +143,10 @@ def _destinations(tree: Tree, indptr: np.ndarray, indices: np.ndarray) -> tuple[
     for t in range(len(tree.parent)):
         part = slice(begin[t], begin[t + 1])
         far = i[part] >= tree.first[t + 1]
-        own = tree.boundary[tree.start[t] : tree.start[t + 1]]
-        spot = np.searchsorted(own, i[part][far])
-        if (spot >= len(own)).any() or (own[np.minimum(spot, len(own) - 1)] != i[part][far]).any():
-            raise ValueError("the pattern couples nodes that no element holds together")
+        boundary = tree.boundary[tree.start[t] : tree.start[t + 1]]
+        spot = np.searchsorted(boundary, i[part][far])
+        if (spot >= len(boundary)).any() or (boundary[np.minimum(spot, len(boundary) - 1)] != i[part][far]).any():
+            raise ValueError("the pattern couples nodes that no element shares")
         row[part][far] = tree.first[t + 1] - tree.first[t] + spot
     return which, begin, row, j - tree.first[front]
 
@@ -165,12 +165,13 @@ def _stack(tree: Tree, children: np.ndarray) -> int:
 
 
 @kernel
-def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, updates, words):
+def _factor(potrf, trsm, syrk, fronts, children_of, blocks, data, factor, front, updates, words):
+    """Factor all fronts; returns -1, or the elimination position of the first pivot that is not positive."""
     pivots, rows, start, panel = fronts
-    children, relative = below_them
+    children, relative = children_of
     which, begin, row, column = blocks
     letter, scale, size = words
-    # what BLAS gets the address of is an argument: an array made here could be freed before the last call
+    # arrays that BLAS reads by address are arguments: those allocated here could be freed before the last call
     low, right, transposed, plain = (
         letter.ctypes.data, letter[1:].ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
     )  # fmt: skip
@@ -183,14 +184,14 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
         n, p = 3 * rows[t], 3 * pivots[t]
         u = n - p
         front[: n * n] = 0.0
-        # assemble the matrix's own blocks
+        # assemble the blocks of the matrix
         for b in range(begin[t], begin[t + 1]):
             block = data[which[b]]
             for j in range(3):
                 at = (3 * column[b] + j) * n + 3 * row[b]
                 for i in range(3):
                     front[at + i] += block[i, j]
-        # extend-add: the children's update matrices, last in first out from the stack `updates`
+        # extend-add of the children's update matrices, from the top of the stack `updates`
         for _ in range(children[t]):
             depth -= 1
             child = waiting[depth]
@@ -216,24 +217,25 @@ def _factor(potrf, trsm, syrk, fronts, below_them, blocks, data, factor, front, 
             corner = front[p * n + p :].ctypes.data
             trsm(right, low, transposed, plain, u_at, p_at, plus, front.ctypes.data, n_at, below, n_at)
             syrk(low, plain, u_at, p_at, minus, below, n_at, plus, corner, n_at)
-            # S goes on the stack for the parent
+            # push S onto the stack for the parent
             for j in range(u):
                 for i in range(j, u):
                     updates[top + j * u + i] = front[(p + j) * n + p + i]
-                for i in range(max(0, j - 2), j):  # the upper part of a diagonal block is added, never read
+                for i in range(max(0, j - 2), j):  # the upper part of a diagonal block is added but not used
                     updates[top + j * u + i] = 0.0
         top += u * u
         waiting[depth] = t
         depth += 1
-        own = factor[panel[t] : panel[t] + n * p]
+        column_panel = factor[panel[t] : panel[t] + n * p]
         for k in range(n * p):
-            own[k] = front[k]
+            column_panel[k] = front[k]
         done += pivots[t]
     return -1
 
 
 @kernel
 def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
+    """Solve in place: x (3N,m) contains the right sides, then the solution, in the order of elimination."""
     pivots, rows, start, panel = fronts
     letter, scale, size = words
     low, transposed, plain = letter.ctypes.data, letter[2:].ctypes.data, letter[3:].ctypes.data
@@ -241,7 +243,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
     plus, minus = scale.ctypes.data, scale[1:].ctypes.data
     many = x.shape[1]
     size[3] = many
-    # first L y = b, fronts upwards; then L' x = y, fronts downwards
+    # forward substitution L y = b from the leaves to the root, then backward substitution L' x = y
     for sweep in range(2):
         for step in range(len(pivots)):
             t = step if sweep == 0 else len(pivots) - 1 - step
@@ -250,7 +252,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
                 continue
             u = n - p
             size[0], size[1], size[2] = n, p, u
-            # gather the front's rows: pivots, then those on its boundary
+            # gather the rows of the front: pivots, then boundary
             for k in range(many):
                 for i in range(p):
                     work[k * n + i] = x[3 * first[t] + i, k]
@@ -269,7 +271,7 @@ def _solve(trsm, gemm, fronts, first, boundary, factor, x, work, words):
                 if u > 0:
                     gemm(transposed, plain, p_at, m_at, u_at, minus, below, n_at, tail, n_at, plus, head, n_at)
                 trsm(low, low, transposed, plain, p_at, m_at, plus, panel_at, n_at, head, n_at)
-            # scatter the pivots, and on the way up what the boundary gets
+            # scatter the pivots, and in the forward sweep the contributions to the boundary
             for k in range(many):
                 for i in range(p):
                     x[3 * first[t] + i, k] = work[k * n + i]

@@ -1,7 +1,7 @@
-"""Nested dissection of a mesh: the elimination order of its sparse factor, and the tree of dense fronts.
+"""Nested dissection of a mesh: elimination order of the sparse factor, and the tree of dense fronts.
 
-A part is split by the least set of nodes that parts its two ends: a minimum cut between the nodes that lie first and
-last along some direction, of several directions the one with the smallest cut for its balance.
+A part is divided by the smallest set of nodes that separates its two ends: a minimum cut between the first and last
+nodes along a direction. Of several directions the one with the best size and balance of the cut is used.
 A. George, SIAM J. Numer. Anal. 10 (1973) 345-363; A. Schild, C. Sommer, On balanced separators in road networks,
 SEA 2015.
 """
@@ -12,11 +12,9 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
-LEAF = 32  # Nodes below which a part is eliminated as one dense block
-ENDS = 0.32  # Share of a part that lies for certain on either side of its cut
-LARGE = 4000
-"""Nodes from which on a part is cut along the `TRIED` most promising directions only: there each cut takes long."""
-TRIED = 3
+LEAF = 32  # Number of nodes up to which a part is eliminated as one dense block
+ENDS = 0.32  # Fraction of a part at each end that the cut does not divide
+LARGE, TRIED = 4000, 3  # From this number of nodes on, a part is cut only along the TRIED most promising directions
 DIRECTIONS = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [1, 0, -1]]
 )
@@ -30,11 +28,11 @@ class Tree:
     first: np.ndarray  # (T+1,) pivots of each front, as positions in `order`
     parent: np.ndarray  # (T,) front that takes the update of front t, -1 at a root
     boundary: np.ndarray  # (B,) positions coupled to the pivots of each front and eliminated later, sorted
-    start: np.ndarray  # (T+1,) where the boundary of front t stands in `boundary`
+    start: np.ndarray  # (T+1,) start of the boundary of front t in `boundary`
 
 
 def dissect(points: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> Tree:
-    """Elimination tree of nodes at `points` [m] (N,3), coupled as the rows of a symmetric pattern say."""
+    """Elimination tree of nodes at `points` [m] (N,3), coupled by a symmetric pattern in CSR form."""
     graph = csr_array((np.ones(len(indices), dtype=np.int32), indices, indptr), shape=(len(points), len(points)))
     pivots: list[np.ndarray] = []
     parents: list[int] = []
@@ -42,13 +40,13 @@ def dissect(points: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> Tree
     def visit(part: np.ndarray, inner: csr_array) -> int:
         cut = _cut(points[part], inner) if len(part) > LEAF else None
         children = []
-        own = part
+        separator = part
         if cut is not None:
             for side in (0, 1):
                 keep = np.flatnonzero(cut == side)
                 children.append(visit(part[keep], inner[keep][:, keep]))
-            own = part[cut == 2]
-        pivots.append(own)
+            separator = part[cut == 2]
+        pivots.append(separator)
         parents.append(-1)
         for child in children:
             parents[child] = len(pivots) - 1
@@ -59,7 +57,7 @@ def dissect(points: np.ndarray, indptr: np.ndarray, indices: np.ndarray) -> Tree
 
 
 def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
-    """Side of each node: 0, 1, or 2 for the separator; None where there is no cut."""
+    """Side of each node: 0, 1, or 2 for the separator; None: the part cannot be cut."""
     best, sides = np.inf, None
     count = len(points)
     for rank in _ranks(points, graph):
@@ -74,8 +72,8 @@ def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
 
 
 def _ranks(points: np.ndarray, graph: csr_array) -> list[np.ndarray]:
-    """Order of the nodes, from 0 to 1, along each direction that is tried; of a large part those whose middle plane has
-    the fewest nodes beside it."""
+    """Rank of the nodes, from 0 to 1, along each direction to try; for a large part only the directions with the fewest
+    nodes next to the middle plane."""
     count = len(points)
     ranks = []
     for direction in DIRECTIONS if count > 150 else DIRECTIONS[:3]:
@@ -85,17 +83,17 @@ def _ranks(points: np.ndarray, graph: csr_array) -> list[np.ndarray]:
     if count < LARGE:
         return ranks
     i = np.repeat(np.arange(count), np.diff(graph.indptr))
-    beside = []
+    sizes = []
     for rank in ranks:
         low = rank < 0.5
-        rim = np.zeros(count, dtype=bool)
-        rim[i[low[i] & ~low[graph.indices]]] = True
-        beside.append(np.count_nonzero(rim))
-    return [ranks[k] for k in np.argsort(beside, kind="stable")[:TRIED]]
+        sizes.append(len(np.unique(i[low[i] & ~low[graph.indices]])))
+    return [ranks[k] for k in np.argsort(sizes, kind="stable")[:TRIED]]
 
 
 def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.ndarray | None:
-    """Least set of nodes that parts `first` from `last`. Each node is an arc of capacity 1; the ends are merged."""
+    """Smallest set of nodes that separates `first` from `last`, as in `_cut`, by maximum flow: each node is an arc of
+    capacity 1, each end is merged into one node."""
+    # network: node k has the arc k -> count + k
     count = len(first)
     i = np.repeat(np.arange(count), np.diff(graph.indptr))
     j = graph.indices
@@ -107,7 +105,7 @@ def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.nd
     a, b = leave[i], enter[j]
     crossing = (a != b) & (a != sink) & (b != source)
     if (crossing & (a == source) & (b == sink)).any():
-        # ends that touch: the touching nodes of one end become free
+        # the ends are adjacent: remove the adjacent nodes from one end
         touching = np.unique(i[first[i] & last[j]])
         smaller = first.copy()
         smaller[touching] = False
@@ -118,11 +116,12 @@ def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.nd
     net = csr_array((capacity, (rows, columns)), shape=(2 * count + 2, 2 * count + 2))
     net.data = np.minimum(net.data, endless)
     flow = maximum_flow(net, source, sink).flow
-    left = (net - flow).tocsr()
-    left.data = (left.data > 0).astype(np.int32)
-    left.eliminate_zeros()
+    # minimum cut: arcs from nodes that the source reaches in the residual network to others
+    residual = (net - flow).tocsr()
+    residual.data = (residual.data > 0).astype(np.int32)
+    residual.eliminate_zeros()
     reached = np.zeros(2 * count + 2, dtype=bool)
-    reached[breadth_first_order(left, source, return_predecessors=False)] = True
+    reached[breadth_first_order(residual, source, return_predecessors=False)] = True
     side = np.ones(count, dtype=np.int64)
     side[first] = 0
     inside, outside = reached[middle], reached[middle + count]
@@ -132,14 +131,15 @@ def _minimum_cut(graph: csr_array, first: np.ndarray, last: np.ndarray) -> np.nd
 
 
 def _boundaries(graph: csr_array, pivots: list[np.ndarray], parents: list[int]) -> Tree:
+    """Symbolic factorisation: the boundary of each front is that of its pivots and of its children's boundaries."""
     order = np.concatenate(pivots)
     place = np.empty(len(order), dtype=np.int64)
     place[order] = np.arange(len(order))
     first = np.concatenate([[0], np.cumsum([len(p) for p in pivots])])
     passed: list[list[np.ndarray]] = [[] for _ in pivots]
     rows = []
-    for t, own in enumerate(pivots):
-        near = place[graph[own].indices] if len(own) else np.zeros(0, dtype=np.int64)
+    for t, nodes in enumerate(pivots):
+        near = place[graph[nodes].indices] if len(nodes) else np.zeros(0, dtype=np.int64)
         boundary = np.unique(np.concatenate([near, *passed[t]]))
         boundary = boundary[boundary >= first[t + 1]]
         rows.append(boundary)

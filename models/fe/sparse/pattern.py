@@ -1,4 +1,4 @@
-"""The block pattern of a tangent matrix, made once for a set of coupled nodes."""
+"""Block sparsity pattern of a tangent matrix."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from scipy.sparse import bsr_array, csr_array
 
 @dataclass(frozen=True)
 class Pattern:
-    """Block rows and columns of the nodes that some element couples.
+    """Block rows and columns of the nodes that elements couple.
 
     indptr (N+1,), indices (B,)  as in a BSR matrix of 3 by 3 blocks, columns sorted
     """
@@ -17,7 +17,7 @@ class Pattern:
     indices: np.ndarray
 
     def where(self, elements: np.ndarray) -> np.ndarray:
-        """Place of the block of each pair of nodes of each element (E,k,k); any place where a node is -1. ValueError: a
+        """Index of the block of each pair of nodes of each element (E,k,k); arbitrary if a node is -1. ValueError: a
         pair that the pattern does not couple."""
         count = len(self.indptr) - 1
         keys = np.repeat(np.arange(count), np.diff(self.indptr)) * count + self.indices
@@ -35,13 +35,13 @@ class Pattern:
 
 
 def pattern(count: int, elements: np.ndarray) -> Pattern:
-    """Pattern of `count` nodes coupled by elements (E,k); -1 fills up the end of an element of fewer nodes."""
+    """Pattern of `count` nodes coupled by elements (E,k), padded with -1."""
     clique, place = np.nonzero(elements >= 0)
     node = elements[clique, place]
     ones = np.ones(len(node) + count, dtype=np.int32)
-    alone = len(elements) + np.arange(count)  # each node is coupled to itself, whatever holds it
-    held = (np.concatenate([clique, alone]), np.concatenate([node, np.arange(count)]))
-    incidence = csr_array((ones, held), shape=(len(elements) + count, count))
+    single = len(elements) + np.arange(count)  # each node is coupled to itself, also without elements
+    members = (np.concatenate([clique, single]), np.concatenate([node, np.arange(count)]))
+    incidence = csr_array((ones, members), shape=(len(elements) + count, count))
     coupled = csr_array(incidence.T @ incidence)
     coupled.sort_indices()
     return Pattern(coupled.indptr.astype(np.int32), coupled.indices.astype(np.int32))

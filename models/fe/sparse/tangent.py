@@ -1,12 +1,12 @@
-"""Newton's direction: the symmetric tangent is factored, its unsymmetric part is left to GMRES.
+"""Newton's direction: the symmetric part of the tangent is factored, the unsymmetric part is solved by GMRES.
 
-The factor is in single precision, which takes half the time and memory, and conjugate gradients on the tangent itself
-make up for it. They make up as well for a factor of an earlier iteration of the same load step, where the tangent has
-changed little. What single precision cannot factor, or not well enough, is factored in double.
+The factor in single precision, which takes half the time and memory, preconditions conjugate gradients with the tangent
+in double precision. It is reused in later iterations of the same load step if the tangent has changed little. A tangent
+that cannot be factored, or not well enough, in single precision is factored in double precision.
 
-Conjugate gradients end as soon as they go too slowly to be worth their time: to factor anew is then cheaper. In single
-precision the factor is not quite the same map each time, so directions are made conjugate by the change of the residual
-(E. Polak, G. Ribiere, 1969).
+Conjugate gradients stop when a new factorisation is faster, by the observed rate of convergence. As the preconditioner
+is slightly nonlinear in single precision, directions are made conjugate by the change of the residual (E. Polak,
+G. Ribiere, 1969).
 """
 
 from collections.abc import Callable
@@ -19,33 +19,29 @@ from scipy.sparse.linalg import LinearOperator, gmres
 from palpate.models.fe.sparse.cholesky import Cholesky, NotPositive
 from palpate.models.fe.sparse.pattern import Pattern, pattern
 
-ENOUGH = 1e-4
-"""[1] Residual of the linear system that a direction leaves: Newton's iteration converges by as much each time."""
-SKEW = 1e-3  # [1] The same where the tangent has an unsymmetric part, of the system multiplied by the factor's inverse
-KEPT = 8
-"""Conjugate gradients that a factor of an earlier iteration is worth; to factor anew takes as long as about so many."""
-FRESH = 20  # Conjugate gradients with a factor of this iteration; where more were needed single precision is not enough
-
-
-SEEN = 3  # Conjugate gradients after which the rate is trusted to foretell how many more there will be
+ENOUGH = 1e-4  # [1] Relative residual of the linear system; Newton's iteration converges by this factor per iteration
+SKEW = 1e-3  # [1] The same, of the preconditioned system, for a tangent with an unsymmetric part
+KEPT = 8  # Maximum number of iterations with an old factor; a new factorisation takes about the same time
+FRESH = 20  # Maximum number of iterations with a new factor; if more are required, single precision is insufficient
+SEEN = 3  # Number of iterations after which the rate of convergence predicts their total number
 
 
 Linear = Callable[[np.ndarray], np.ndarray]  # A linear map of displacements or forces
 
 
 class UnheldError(ArithmeticError):
-    """A tangent that no reasonable shift makes positive definite."""
+    """A tangent that is not positive definite after any reasonable shift."""
 
 
 def descend(
     matrix: sparray, rhs: np.ndarray, start: np.ndarray, solve: Linear, tolerance: float, most: int
 ) -> tuple[np.ndarray, bool]:
-    """Solution (n,) of a symmetric positive definite system, and whether its residual is below `tolerance` [1] of rhs
-    (n,). It is not where that takes more than `most` iterations, by the rate of the first ones, or where the matrix or
-    the preconditioner is not positive; the solution is then the best so far.
+    """Preconditioned conjugate gradients: solution (n,) of a symmetric positive definite system, and whether its
+    residual is below `tolerance` [1] of rhs (n,). False if more than `most` iterations are predicted, or if the matrix
+    or the preconditioner is not positive; the solution is then the current iterate.
 
-    start  (n,) where to begin
-    solve  the preconditioner: about the solution for a residual (n,)
+    start  (n,) initial guess
+    solve  the preconditioner: approximate solution for a residual (n,)
     """
     x = start
     r = rhs - matrix @ x if x.any() else rhs.copy()
@@ -78,7 +74,7 @@ class Tangent:
     """Pattern, elimination tree and factor of the tangent of a body.
 
     points   [m] (N,3)
-    cliques  (C,k) nodes that are coupled, -1 fills up
+    cliques  (C,k) nodes that are coupled, padded with -1
     fixed    (N,3) bool, displacement components that are prescribed
     """
 
@@ -92,7 +88,7 @@ class Tangent:
         self.forget()
 
     def forget(self) -> None:
-        """Keep nothing of what was factored for the next direction: so a run that is resumed takes the same steps."""
+        """Discard the factor, so that a resumed run takes the same steps."""
         self._kept, self._hard = False, False
 
     def stiffness(self, data: np.ndarray) -> np.ndarray:
@@ -100,9 +96,9 @@ class Tangent:
         return np.trace(data[self.diagonal], axis1=1, axis2=2) / 3.0
 
     def direction(self, data: np.ndarray, rhs: np.ndarray, skew: Linear) -> np.ndarray:
-        """Change of displacement [m] (N,3) for forces [N] (N,3), to `ENOUGH` of them; `skew` is the product of a change
-        with what the blocks (B,3,3) leave out of the tangent. UnheldError: a tangent that is singular or far from
-        positive."""
+        """Change of displacement [m] (N,3) for forces [N] (N,3), with the relative residual `ENOUGH`; `skew` is the
+        product of a change with the unsymmetric part, which is not in the blocks (B,3,3). UnheldError: a tangent that
+        is singular or far from positive."""
         matrix = data.copy()
         self.hold(matrix)
         forces, product = rhs.ravel(), self.pattern.matrix(matrix)
@@ -118,7 +114,7 @@ class Tangent:
         return np.asarray(solution).reshape(-1, 3)
 
     def _symmetric(self, matrix: np.ndarray, product: bsr_array, rhs: np.ndarray) -> np.ndarray:
-        """Change of displacement (3N,) for forces (3N,) by the symmetric tangent, whose blocks have no fixed rows."""
+        """Change of displacement (3N,) for forces (3N,) with the symmetric tangent without its fixed rows."""
         x = np.zeros_like(rhs)
         if self._kept:
             x, done = descend(product, rhs, x, self._single.solve, ENOUGH, KEPT)
@@ -136,7 +132,7 @@ class Tangent:
         return self._double.solve(rhs)
 
     def factor(self, data: np.ndarray) -> None:
-        """Factor the tangent, in double precision, for `solve`, shifted until it is positive definite. UnheldError: it
+        """Factor the tangent for `solve`, in double precision, shifted until it is positive definite. UnheldError: it
         is singular or far from positive."""
         matrix = data.copy()
         self.hold(matrix)
@@ -157,11 +153,11 @@ class Tangent:
         raise UnheldError("the tangent is not positive definite; is the body supported against rigid motion?")
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Displacements (3N,) or (3N,k) for forces of that shape, by the last factor."""
+        """Displacements (3N,) or (3N,k) for forces of the same shape, with the last factor."""
         return self._factor.solve(rhs)
 
     def hold(self, data: np.ndarray) -> None:
-        """Take the fixed rows and columns out of the blocks; their diagonal keeps its size."""
+        """Set the fixed rows and columns of the blocks to zero except for the diagonal."""
         indptr, indices, fixed = self.pattern.indptr, self.pattern.indices, self.fixed
         row = np.repeat(np.arange(len(indptr) - 1), np.diff(indptr))
         kept = np.einsum("nii->ni", data[self.diagonal]).copy()

@@ -1,1 +1,1 @@
-"""The pressed fingertip of the tactile-flow paper: records, sections, isostrain volumes, statements."""
+"""The pressed fingertip of the tactile-flow paper: records, sections, isostrain volumes, published statements."""

@@ -1,8 +1,8 @@
-"""Equivalent strain in a deformed finger, the volume in which it is above a level, and the surfaces of one value.
+"""Equivalent strain in a deformed finger, volumes above levels of it, and isostrain surfaces.
 
-Displacement is quadratic in an element, so that strain varies in it. For volumes each element is cut into `CUTS`³
-tetrahedra: strain and place are taken at their corners, the strain linear between these, and the part above a level is
-cut off (`physics.tactile.isostrain_volume`). The error falls with the square of the number of cuts.
+The strain varies within an element, as the displacement is quadratic. For volumes each element is divided into `CUTS`³
+tetrahedra with linear strain between their corners (`physics.contact.tactile.isostrain_volume`). The error decreases
+quadratically with the number of cuts.
 """
 
 import itertools
@@ -14,9 +14,9 @@ from palpate.models.fe.element.mesh import EDGES, TetMesh
 from palpate.models.fe.meshing.layers import BONE, EPIDERMIS, NAIL
 from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume, logarithmic_strain
 
-CUTS = 4  # Pieces of each edge that elements are cut into for volumes
-CHUNK = 2048  # Elements that are cut together
-LEAST_STRETCH = 1e-6  # Of a point that is pressed flat; a point that is turned inside out counts by its stretches
+CUTS = 4  # Number of divisions of each edge of an element for volumes
+CHUNK = 2048  # Number of elements that are processed together
+LEAST_STRETCH = 1e-6  # Lower limit of stretches, for points that are inverted by the discretization
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _PARTS = np.array(
     [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], [4, 5, 6, 7], [4, 8, 5, 7], [5, 8, 9, 7], [5, 9, 6, 7]]
@@ -25,10 +25,8 @@ _PARTS = np.array(
 
 
 def strain(mesh: TetMesh, displacement: np.ndarray) -> np.ndarray:
-    """Equivalent strain at the corners of each element [1] (E,4), of that element alone, under displacements [m] (N,3).
-
-    Effective Poisson ratio: the material's in the elastic layers, 0.5 in the others.
-    """
+    """Equivalent strain [1] (E,4) at the corners of each element, not averaged, for displacements [m] (N,3). Effective
+    Poisson's ratio: that of the material in the elastic layers, 0.5 in the others."""
     slope, _ = gradients(mesh.points, mesh.elements, _CORNERS)
     gradient = np.eye(3) + np.einsum("eai,enaj->enij", displacement[mesh.elements], slope)
     return equivalent_strain(logarithmic_strain(gradient), _poisson(mesh)[:, None])
@@ -45,14 +43,14 @@ def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, c
     moved, poisson = mesh.points + displacement, _poisson(mesh)
     volumes = np.zeros(len(levels))
     for start in range(0, len(mesh.elements), CHUNK):
-        own = mesh.elements[start : start + CHUNK]
-        slope, _ = gradients(mesh.points, own, at)
-        F = np.eye(3) + np.einsum("eai,enaj->enij", displacement[own], slope, optimize=True)
+        chunk = mesh.elements[start : start + CHUNK]
+        slope, _ = gradients(mesh.points, chunk, at)
+        F = np.eye(3) + np.einsum("eai,enaj->enij", displacement[chunk], slope, optimize=True)
         squares = np.linalg.eigvalsh(np.swapaxes(F, -1, -2) @ F)
         log = 0.5 * np.log(np.maximum(squares, LEAST_STRETCH**2))
         log -= log.mean(axis=-1, keepdims=True)
         values = np.sqrt(1.5 * (log * log).sum(axis=-1)) / (1.0 + poisson[start : start + CHUNK, None])
-        place = np.einsum("na,eai->eni", value, moved[own])
+        place = np.einsum("na,eai->eni", value, moved[chunk])
         corner = place[:, pieces].reshape(-1, 4, 3)
         volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6.0
         volumes += isostrain_volume(values[:, pieces].reshape(-1, 4), volume, levels)
@@ -60,9 +58,9 @@ def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, c
 
 
 def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
-    """A tetrahedron cut into cuts³: natural coordinates of the points (P,3), and the tetrahedra (T,4).
+    """A tetrahedron divided into cuts³: natural coordinates of the points (P,3), and the tetrahedra (T,4).
 
-    The tetrahedron n >= x >= y >= z >= 0 of a cube holds those of its small cubes' six tetrahedra that fill it.
+    The tetrahedron n >= x >= y >= z >= 0 of a cube is filled by tetrahedra of its unit cubes, six in each (Kuhn).
     """
     steps = range(cuts + 1)
     points = [(x, y, z) for x in steps for y in range(x + 1) for z in range(y + 1)]
@@ -81,8 +79,8 @@ def subdivided(cuts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smooth(mesh: TetMesh, values: np.ndarray) -> np.ndarray:
-    """Values at corners (E,4), each the mean over the elements of the same layer that meet there: for pictures and
-    slopes, as the strain of one element jumps to the next."""
+    """Values at corners (E,4), averaged over the elements of the same layer at each node, for pictures and gradients:
+    the strain is discontinuous between elements."""
     corners = mesh.elements[:, :4]
     key = corners + len(mesh.points) * mesh.region[:, None]
     _, spot = np.unique(key, return_inverse=True)
@@ -91,8 +89,8 @@ def smooth(mesh: TetMesh, values: np.ndarray) -> np.ndarray:
 
 
 def parts(points: np.ndarray, elements: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Quadratic elements (E,10) with values at their corners (E,4,...) as eight flat tetrahedra each: the corners of
-    these [m] (8E,4,3), and the values there (8E,4,...), linear in each element."""
+    """Quadratic elements (E,10) with values at their corners (E,4,...), as eight flat tetrahedra each: their corners
+    [m] (8E,4,3), and linearly interpolated values (8E,4,...)."""
     middle = np.stack([0.5 * (values[:, i] + values[:, j]) for i, j in EDGES], axis=1)
     every = np.concatenate([values, middle], axis=1)
     return points[elements][:, _PARTS].reshape(-1, 4, 3), every[:, _PARTS].reshape(-1, 4, *values.shape[2:])
@@ -102,15 +100,15 @@ _RINGS = {
     3: ((1, ((0, 1), (0, 2))), (2, ((0, 2), (1, 2)))),
     4: ((1, ((0, 1), (0, 2), (0, 3))), (2, ((0, 2), (0, 3), (1, 3), (1, 2))), (3, ((0, 3), (1, 3), (2, 3)))),
 }
-"""Edges that a level crosses, in turn round the piece, by the number of corners above it; those above come first."""
+"""Edges that a level crosses, in cyclic order, by the number of corners above it; these corners are sorted first."""
 
 
 def cross(level: np.ndarray, *carried: np.ndarray) -> list[np.ndarray]:
-    """Where `level` is zero: what is carried along, at the corners of triangles (M,3,...) that cut tetrahedra, or at
-    the ends of lines (M,2,...) that cut triangles.
+    """The zero set of `level` (marching tetrahedra): values of `carried` at the corners of triangles (M,3,...) in
+    tetrahedra, or at the ends of lines (M,2,...) in triangles.
 
     level    (T,4) or (T,3) at corners, linear between them
-    carried  (T,4,...) or (T,3,...) such as places or other values, linear too
+    carried  (T,4,...) or (T,3,...) such as positions, also linear
     """
     corners = level.shape[1]
     above = level > 0.0
@@ -118,12 +116,12 @@ def cross(level: np.ndarray, *carried: np.ndarray) -> list[np.ndarray]:
     many = above.sum(axis=1)
     polygons: list[list[np.ndarray]] = [[] for _ in carried]
     for count, edges in _RINGS[corners]:
-        own = np.flatnonzero(many == count)
-        local = order[own]
-        here = np.take_along_axis(level[own], local, axis=1)
+        cut = np.flatnonzero(many == count)
+        local = order[cut]
+        here = np.take_along_axis(level[cut], local, axis=1)
         for k, values in enumerate(carried):
             extra = (1,) * (values.ndim - 2)
-            turned = np.take_along_axis(values[own], local.reshape(*local.shape, *extra), axis=1)
+            turned = np.take_along_axis(values[cut], local.reshape(*local.shape, *extra), axis=1)
             ring = []
             for i, j in edges:
                 part = (here[:, i] / (here[:, i] - here[:, j])).reshape(-1, *extra)

@@ -1,4 +1,4 @@
-"""The paper's statements about hard and soft plates, and what the model gives for them."""
+"""Statements of the tactile-flow paper about hard and soft plates, and the results of the model."""
 
 from typing import Any
 
@@ -10,13 +10,12 @@ from palpate.physics.contact.tactile import growth
 
 LOW, HIGH = 0.11, 0.50  # [N] The two forces of the paper's Table III
 
-WEAK = 0.1  # [1] The strain whose volume says on which plate the finger is strained more at the same indentation
-
-LEAST = 1e-3  # [mm³, mm³/N] A smaller isostrain volume, or growth of it, on both plates: the level is not reached
+WEAK = 0.1  # [1] Strain level of the volumes that are compared at the same indentation
+LEAST = 1e-3  # [mm³, mm³/N] Isostrain volume, or its growth, below which a level counts as not reached
 
 
 def numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
-    """The record as plain data, with the paper's points beside it."""
+    """The record as plain data, with the points of the paper."""
     divisor, bone = divisor_and_bone(material)
     return {
         "plate": plate, "material": material, "divisor": divisor, "bone": bone,
@@ -28,48 +27,35 @@ def numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
-    """Table III: indentations [mm] of the paper and of records by set ("printed", ...) and plate; None: not reached."""
-    rows = []
-    for plate, marks in PAPER.items():
-        for force, paper in marks:
-            row: dict[str, Any] = {"plate": plate, "force N": force, "paper mm": 1e3 * paper}
-            for name, records in sets.items():
-                record = records[plate]
-                row[f"{name} mm"] = 1e3 * record.at(force)[0] if force <= record.force[-1] else None
-            rows.append(row)
-    return rows
-
-
 def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
-    """What the paper says of both plates, the figures between its two forces, and whether it holds; None: not reached.
-    Of a record that ends below the higher force there are only the rows that it reaches."""
+    """Each statement of the paper on both plates with the figures of the records, between its two forces, and whether
+    it is true; None: not reached. Statements at forces beyond the end of a record are omitted."""
     rows: list[dict[str, Any]] = []
 
-    def tell(statement: str, first: float | None, second: float | None, less: bool = False) -> None:
-        holds = None if first is None or second is None else bool(second < first if less else second > first)
-        rows.append({"statement": statement, "steel": first, "silicone": second, "holds": holds})
+    def add(statement: str, first: float | None, second: float | None, less: bool = False) -> None:
+        valid = None if first is None or second is None else bool(second < first if less else second > first)
+        rows.append({"statement": statement, "steel": first, "silicone": second, "holds": valid})
 
     for force in (LOW, HIGH):
         if steel.force[-1] < force:
             continue
         depth = steel.at(force)[0]
         other = silicone.at_depth(depth) if depth <= silicone.indentation[-1] else None
-        tell(f"force at {1e3 * depth:.2f} mm, N: lower on silicone", force, other, less=True)
+        add(f"force at {1e3 * depth:.2f} mm, N: lower on silicone", force, other, less=True)
     depth = float(min(steel.indentation[-1], silicone.indentation[-1]))
     k = int(np.argmin(np.abs(steel.levels - WEAK)))
     hard, soft = (1e9 * float(np.interp(depth, r.indentation, r.volumes[:, k])) for r in (steel, silicone))
     first, second = _seen(hard, soft)
-    tell(f"V at strain {steel.levels[k]:g} and {1e3 * depth:.2f} mm, mm³: less on silicone", first, second, less=True)
+    add(f"V at strain {steel.levels[k]:g} and {1e3 * depth:.2f} mm, mm³: less on silicone", first, second, less=True)
     if min(steel.force[-1], silicone.force[-1]) < HIGH:
         return rows
     ends = [(r.at(LOW), r.at(HIGH)) for r in (steel, silicone)]
     hard, soft = (1e6 * float(growth(np.array(a[1]), np.array(b[1]), LOW, HIGH)) for a, b in ends)
-    tell("area growth, mm²/N: faster on silicone", hard, soft)
+    add("area growth, mm²/N: faster on silicone", hard, soft)
     rates = (1e9 * growth(a[2], b[2], LOW, HIGH) for a, b in ends)
     for level, x, y in zip(steel.levels, *rates, strict=True):
         first, second = _seen(float(x), float(y))
-        tell(f"ΔV/ΔP at strain {level:g}, mm³/N: larger on silicone", first, second)
+        add(f"ΔV/ΔP at strain {level:g}, mm³/N: larger on silicone", first, second)
     return rows
 
 

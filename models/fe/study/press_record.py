@@ -1,5 +1,4 @@
-"""What a pressing of the fingertip gave: force, contact area and isostrain volumes against indentation, kept step by
-step in a folder."""
+"""Results of a pressed fingertip (force, contact area and isostrain volumes against indentation), and their folder."""
 
 from __future__ import annotations
 
@@ -23,7 +22,7 @@ LEVELS = np.array([0.05, 0.1, 0.15, 0.2, 0.3, 0.4])  # Equivalent strains at whi
 
 @dataclass(frozen=True)
 class Record:
-    """What a pressing gave, row by row from zero force.
+    """Results of a pressing, row by row from zero force.
 
     indentation [m] (k,), force [N] (k,), area [m²] (k,), levels [1] (l,), volumes [m³] (k,l)
     """
@@ -35,7 +34,7 @@ class Record:
     volumes: np.ndarray
 
     def at(self, force: float) -> tuple[float, float, np.ndarray]:
-        """Indentation, area and volumes at a force [N], between the rows. ValueError: it is not reached."""
+        """Indentation, area and volumes at a force [N], interpolated. ValueError: the force is not reached."""
         if not 0.0 <= force <= self.force[-1]:
             raise ValueError(f"force {force} N: the record ends at {self.force[-1]:.4g} N")
         volumes = np.array([np.interp(force, self.force, column) for column in self.volumes.T])
@@ -43,26 +42,26 @@ class Record:
         return first, second, volumes
 
     def at_depth(self, indentation: float) -> float:
-        """Force [N] at an indentation [m], between the rows. ValueError: it is not reached."""
+        """Force [N] at an indentation [m], interpolated. ValueError: the indentation is not reached."""
         if not 0.0 <= indentation <= self.indentation[-1]:
             raise ValueError(f"indentation {indentation} m: the record ends at {self.indentation[-1]:.4g} m")
         return float(np.interp(indentation, self.indentation, self.force))
 
     def softened(self, divisor: float) -> Record:
-        """The same pressing on a rigid plate with all moduli divided: the same motion, the forces divided."""
+        """The record for moduli divided by a number, on a rigid plate: the same motion, with divided forces."""
         return replace(self, force=self.force / divisor)
 
 
 class PressRun:
-    """The folder of a run: settings, mesh, a table with a row a step, the displacements of each step, and the solver's
-    last state. A step is written whole or not at all."""
+    """The folder of a run: settings, mesh, a table with one row per step, the displacements of each step, and the last
+    state of the solver. A step is written completely or not at all."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     def begin(self, pressing: Pressing) -> list[list[float]]:
-        """Make the folder for a pressing, or take it up where its run was broken off: the rows so far. ArgumentError:
-        it holds a run of other settings, or is damaged."""
+        """Create the folder for a pressing, or resume its interrupted run; the rows so far. ArgumentError: the folder
+        contains a run with other settings, or is damaged."""
         plain = json.loads(json.dumps(pressing.settings()))
         first = [0.0] * (3 + len(LEVELS))
         if not (self.folder / "run.json").exists():
@@ -75,7 +74,7 @@ class PressRun:
         if other is not None:
             name, there, here = other
             raise ArgumentError(
-                f"{self.folder}: holds a run with {name} {there}, this one has {here}. Use another folder, or "
+                f"{self.folder}: contains a run with {name} {there}, this one has {here}. Use another folder, or "
                 "remove that one"
             )
         if not (self.folder / "state.npz").exists():
@@ -87,11 +86,11 @@ class PressRun:
         rows = self.table()
         rows = rows[rows[:, 0] <= pressing.solver.load * (1.0 + 1e-9)]
         if abs(rows[-1, 0] - pressing.solver.load) > 1e-9 * pressing.solver.load:
-            raise self._damaged("table.npz", f"it lacks the row of the last step, {1e3 * pressing.solver.load:.4g} mm")
+            raise self._damaged("table.npz", f"no row of the last step, {1e3 * pressing.solver.load:.4g} mm")
         return rows.tolist()
 
     def keep(self, pressing: Pressing, rows: list[list[float]]) -> None:
-        """Write a step. The state comes last: what is not in it is done again."""
+        """Write a step; the state comes last, so that an incomplete step is repeated."""
         moved = pressing.solver.displacement
         corners, pressure = contact_pressure(pressing.touch, moved)
         self._write(
@@ -101,13 +100,13 @@ class PressRun:
         pressing.solver.save(self.folder / "state.npz")
 
     def settings(self) -> dict[str, Any]:
-        """What was run. ArgumentError: no run."""
+        """Settings of the run. ArgumentError: no run."""
         try:
             settings = json.loads((self.folder / "run.json").read_text())
         except (OSError, ValueError) as error:
             raise self._damaged("run.json", error) from None
         if not isinstance(settings, dict) or not {"plate", "divisor", "bone", "friction", "finger"} <= set(settings):
-            raise self._damaged("run.json", "found no settings of a pressing in it")
+            raise self._damaged("run.json", "expected the settings of a pressing")
         return settings
 
     def table(self) -> np.ndarray:
@@ -118,7 +117,7 @@ class PressRun:
         return rows
 
     def record(self) -> Record:
-        """What was found so far. ArgumentError: no run."""
+        """The record so far. ArgumentError: no run."""
         return as_record(self.table().tolist())
 
     def mesh(self) -> TetMesh:
@@ -130,25 +129,25 @@ class PressRun:
             raise self._damaged("mesh.npz", error) from None
 
     def displacement(self, row: int) -> np.ndarray:
-        """Displacement [m] (N,3) of a row of the table. ArgumentError: no such step."""
+        """Displacement [m] (N,3) of a row of the table. ArgumentError: a missing step."""
         if row == 0:
             return np.zeros_like(self.mesh().points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
 
     def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes under the plate (V,) and the contact pressure there [Pa] (V,) of a row of the table, see
-        `fe.contact.pressure`; none in the first row. ArgumentError: no such step."""
+        `fe.contact.pressure`; none in the first row. ArgumentError: a missing step."""
         if row == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         arrays = self._read(f"step-{row:03d}.npz")
         return arrays["corners"], arrays["pressure"]
 
     def displacement_at(self, force: float) -> np.ndarray:
-        """Displacement [m] (N,3) at a force [N], between the steps. ArgumentError: not reached."""
+        """Displacement [m] (N,3) at a force [N], interpolated. ArgumentError: not reached."""
         return self._between(self.record().force, force, "N")
 
     def displacement_at_depth(self, indentation: float) -> np.ndarray:
-        """Displacement [m] (N,3) at an indentation [m], between the steps. ArgumentError: not reached."""
+        """Displacement [m] (N,3) at an indentation [m], interpolated. ArgumentError: not reached."""
         return self._between(self.record().indentation, indentation, "m")
 
     def _between(self, marks: np.ndarray, mark: float, unit: str) -> np.ndarray:
@@ -182,7 +181,7 @@ class PressRun:
 
 
 def differing(first: dict[str, Any], second: dict[str, Any]) -> tuple[str, Any, Any] | None:
-    """The first setting in which two runs differ, and its values; None: they are alike."""
+    """The first setting in which two runs differ, and its values; None: they are equal."""
     for name in first | second:
         there, here = first.get(name), second.get(name)
         if there == here:
@@ -198,9 +197,9 @@ DAMAGED = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile)  # What 
 
 
 def record(pressing: Pressing, end: float, run: PressRun | None = None, report: Report = unheard) -> Record:
-    """Press until the plate has risen by `end` [m]. With a run, each step is kept in its folder, and a run that was
-    broken off goes on from its last step. ConvergenceError: a step that fails; the steps before it are in the folder.
-    ArgumentError: a folder of another run, or a damaged one."""
+    """Press until the plate has risen by `end` [m]. With `run`, each step is saved in its folder, and an interrupted
+    run resumes. ConvergenceError: a failed step; earlier steps are in the folder. ArgumentError: a folder of another
+    run, or a damaged one."""
     rows = [[0.0] * (3 + len(LEVELS))] if run is None else run.begin(pressing)
     report(pressing.solver.load)
 
@@ -225,8 +224,8 @@ def run_name(plate: str, material: str, cells: int, friction: float) -> str:
 
 
 def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
-    """Whether the runs, by plate, are of one finger on these plates; the ratio of the divisors, which is 1 unless it
-    may be scaled. ArgumentError: they are not."""
+    """Check that the runs, by plate, are of the same finger on these plates; the ratio of the divisors, 1 unless
+    `scaled`. ArgumentError: they are not."""
     run_settings = {plate: run.settings() for plate, run in runs.items()}
     for plate, settings in run_settings.items():
         if settings.get("plate") != plate:

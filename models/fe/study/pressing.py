@@ -1,4 +1,4 @@
-"""One pressing of a finger on a plate: the boundary conditions, the contact, and the strain that comes of it."""
+"""A finger pressed on a plate: boundary conditions, contact, and the resulting strain."""
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.models.fe.contact.pair import Pair
 from palpate.models.fe.contact.pressure import nodal_pressure
-from palpate.models.fe.contact.rigid import Rigid, plane
+from palpate.models.fe.contact.rigid import RigidIndenter, plane
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.models.fe.element.vtk import write_vtu
 from palpate.models.fe.meshing.fingertip import PAPER, FingertipDimensions, divisor_and_bone, materials
@@ -18,8 +18,8 @@ from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.models.fe.study.isostrain import strain, volumes_above
 from palpate.physics.materials.hyperelastic import Material
 
-PENETRATION = 2e-6  # [m] that the contact may leave
-SIDES = 2.0  # [1] Half of the finger is meshed
+PENETRATION = 2e-6  # [m] Largest accepted penetration
+SIDES = 2.0  # [1] Factor on forces and areas: half of the finger is meshed
 
 
 @dataclass
@@ -30,21 +30,21 @@ class Pressing:
     """
 
     finger: FingertipDimensions
-    plate: str = "steel"  # "steel" (200 GPa on tissue of kPa: taken as rigid) or "silicone"
+    plate: str = "steel"  # "steel" (200 GPa, rigid compared with tissue) or "silicone"
     material: str | float = "printed"
     friction: float = 0.2
-    laws: Callable[[str | float], dict[int, Material]] = materials  # such a set -> material of each layer
+    laws: Callable[[str | float], dict[int, Material]] = materials  # `material` -> material of each layer
 
     def __post_init__(self) -> None:
         if self.plate not in PAPER:
             raise ValueError(f"plate {self.plate!r}: expected one of {', '.join(PAPER)}")
         mesh, pad = self.finger.mesh, self.finger.pad
         held = self.finger.held
-        self.touch: Rigid | Pair
+        self.touch: RigidIndenter | Pair
         if self.plate == "steel":
             fixed = np.repeat(held[:, None], 3, axis=1)
             lift = None
-            self.touch = Rigid(
+            self.touch = RigidIndenter(
                 pad, plane, (0.0, 0.0, 1.0), lambda load: np.array([0.0, 0.0, load]), self.friction, PENETRATION
             )
         else:
@@ -70,7 +70,7 @@ class Pressing:
         self.solver = Solver(mesh, self.laws(self.material), fixed, lift, contacts=[self.touch], settings=steps)
 
     def _block(self) -> TetMesh:
-        """The half of the plate under half a finger; finest under the finger."""
+        """The half of the plate under half a finger, refined under the finger."""
         half, thick = self.finger.plate
         fine = np.pi / 4 * self.finger.radii[-1] / self.finger.cells
         x = _graded(fine, 4.5e-3, half)
@@ -81,7 +81,7 @@ class Pressing:
         return quadratic(points, tets, np.full(len(tets), PLATE))
 
     def settings(self) -> dict[str, Any]:
-        """What tells this pressing from another, as plain data."""
+        """The settings that identify this pressing, as plain data."""
         divisor, bone = divisor_and_bone(self.material)
         return {
             "plate": self.plate, "divisor": divisor, "bone": bone, "friction": self.friction,
@@ -108,7 +108,7 @@ class Pressing:
         return SIDES * volumes_above(self.finger.mesh, moved, levels)
 
     def write(self, path: Path) -> None:
-        """Displacement, equivalent strain and contact pressure as they are now, as VTK."""
+        """Write the current displacement, equivalent strain and contact pressure as a VTK file."""
         mesh, moved = self.finger.mesh, self.solver.displacement
         count = len(mesh.points)
         nodes = {"displacement": moved[:count], "pressure": nodal_pressure(self.touch, moved)[:count]}
@@ -116,7 +116,7 @@ class Pressing:
 
 
 def _graded(fine: float, uniform: float, end: float) -> np.ndarray:
-    """0 ... end: cells of size `fine` up to `uniform`, then each half as large again."""
+    """0 ... end: cells of size `fine` up to `uniform`, then with a growth ratio of 1.5."""
     x = list(np.linspace(0.0, uniform, max(1, round(uniform / fine)) + 1))
     h = x[-1] - x[-2]
     while x[-1] < end:

@@ -1,4 +1,4 @@
-"""A pressed finger cut along its middle: what lies in the plane x = 0, deformed, for pictures."""
+"""Section of a pressed finger: the material plane x = 0, deformed, for pictures."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ _SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # Four triangle
 
 @dataclass(frozen=True)
 class Section:
-    """What the cut shows, in the plane (y, z) [m]."""
+    """A section, in the plane (y, z) [m]."""
 
     triangles: np.ndarray  # (M,3,2) of the finger
     values: np.ndarray  # (M,3,...) there
@@ -30,16 +30,14 @@ def section(mesh: TetMesh, displacement: np.ndarray, values: np.ndarray) -> Sect
     values        (E,4,...) at the corners of the finger's elements, in the order of the mesh
     """
     moved = mesh.points + displacement
-    shift = 1e-6 * mesh.size  # off the plane of symmetry, that faces of the mesh lie in
-    own = mesh.region != PLATE
-    flat, carried = parts(moved, mesh.elements[own], values)
-    before, _ = parts(mesh.points, mesh.elements[own], np.zeros((own.sum(), 4)))
+    shift = 1e-6 * mesh.size  # distance from the plane of symmetry, which contains faces of the mesh
+    inside = mesh.region != PLATE
+    flat, carried = parts(moved, mesh.elements[inside], values)
+    before, _ = parts(mesh.points, mesh.elements[inside], np.zeros((inside.sum(), 4)))
     near = np.abs(before[:, :, 0] - shift).min(axis=1) < 0.2 * mesh.size
     triangles, corner_values = cross((before[:, :, 0] - shift)[near], flat[near][:, :, 1:], carried[near])
-    lines = [_outline(mesh, moved, np.flatnonzero(mesh.region == k), shift) for k in np.unique(mesh.region[own])]
-    plate = np.zeros((0, 2, 2))
-    if not own.all():
-        plate = _outline(mesh, moved, np.flatnonzero(~own), shift)
+    lines = [_outline(mesh, moved, np.flatnonzero(mesh.region == k), shift) for k in np.unique(mesh.region[inside])]
+    plate = np.zeros((0, 2, 2)) if inside.all() else _outline(mesh, moved, np.flatnonzero(~inside), shift)
     return Section(triangles, corner_values, np.concatenate(lines), plate)
 
 
@@ -50,17 +48,18 @@ def _outline(mesh: TetMesh, moved: np.ndarray, elements: np.ndarray, shift: floa
 
 
 def finger(mesh: TetMesh) -> TetMesh:
-    own = mesh.region != PLATE
-    return TetMesh(mesh.points, mesh.elements[own], mesh.region[own])
+    """The mesh without the plate."""
+    inside = mesh.region != PLATE
+    return TetMesh(mesh.points, mesh.elements[inside], mesh.region[inside])
 
 
 def flow(
     mesh: TetMesh, low: np.ndarray, high: np.ndarray, force_low: float, force_high: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean strain of two states of a finger [1] (E,4), and the flow of its isostrain surfaces between them [m/N]
-    (E,4,3), relative to the tissue and in the mean shape; both smoothed within the layers.
+    """Mean strain [1] (E,4) of two states of a finger, and the flow of its isostrain surfaces between them [m/N]
+    (E,4,3), relative to the tissue, in the middle configuration; both averaged at nodes within the layers.
 
-    mesh       without the plate
+    mesh       mesh without the plate
     low, high  [m] (N,3) displacements at the two forces [N]
     """
     first, second = (smooth(mesh, strain(mesh, u)) for u in (low, high))

@@ -1,14 +1,15 @@
-"""A sampled body (`physics.bodies.sampled_body`) under several contacts: one body holds the sum of their loads.
+"""A sampled body (`physics.bodies.sampled_body`) under the loads of several contacts.
 
     s_i = m_i.u,      c_ij = T/(T + tau) m_i.D m_j,    D = du/dh = [Phi K^-1 Phi' + gamma R + gamma'/w R h (R h)'/E²]/E
 
-m_i (V,3) the shares of contact i in its normal force, K = d²W/dq². D is symmetric, and positive where W is convex, so
-c_ij = c_ji and |c_ij| <= sqrt(c_ii c_jj). The law of each is the tangent of the next step at the present forces f of
-all, which it meets exactly:
+with the shares m_i (V,3) of contact i in its normal force, and K = d²W/dq². D is symmetric, and positive if W is
+convex, so c_ij = c_ji and |c_ij| <= sqrt(c_ii c_jj). The law of each contact is the tangent of the next step at the
+current forces f of all, at which it is exact:
 
     s_i = s_free,i + sum_j c_ij f_j,      s_free = s + T/(T + tau) (m.D f - m.D h) - c f
 
-It is no power as with one contact, since a force on the other side of a body may count as less than none here.
+It is not a power law as for one contact, because the effective force can be negative due to a force on the other side
+of the body.
 """
 
 from typing import Annotated, NamedTuple
@@ -29,18 +30,18 @@ from palpate.physics.kernel import kernel
 
 
 class SampledContacts(NamedTuple):
-    """What a step reads and answers of each contact."""
+    """Input and results of each contact."""
 
     forces: Annotated[np.ndarray, "<f8", 1]  # [N] (c) normal force
     measures: Annotated[np.ndarray, "<f8", 3]  # [1] (c,V,3) m
     modal: Annotated[np.ndarray, "<f8", 3]  # [m] (2,c,r) Phi'm, and K^-1 Phi'm
-    residual: Annotated[np.ndarray, "<f8", 2]  # [m] (c,2) m.R h/E, and room
+    residual: Annotated[np.ndarray, "<f8", 2]  # [m] (c,2) m.R h/E, and workspace
     compliance: Annotated[np.ndarray, "<f8", 2]  # [m/N] (c,c) c_ij
     depths: Annotated[np.ndarray, "<f8", 2]  # [m] (2,c) s_free and s
 
 
 def sampled_contacts(count: int, vertices: int, modes: int) -> SampledContacts:
-    """Of so many contacts, of a body of so many vertices and modes."""
+    """The contacts of a body with these numbers of vertices and modes."""
     return SampledContacts(
         np.zeros(count), np.zeros((count, vertices, 3)), np.zeros((2, count, modes)), np.zeros((count, 2)),
         np.eye(count), np.zeros((2, count)),
@@ -49,8 +50,8 @@ def sampled_contacts(count: int, vertices: int, modes: int) -> SampledContacts:
 
 @kernel(error_model="numpy")
 def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contacts):
-    """A step under all loads: evaluations of the energy, and whether it settled. contacts: filled, but for forces and
-    measures; the others as of `step.step`."""
+    """A step under all loads: number of evaluations of the energy, and whether the step converged. Fills `contacts`
+    except for forces and measures; other arguments as of `step.step`."""
     held, load, touched, bent = fields[0], fields[1], fields[2], fields[3]
     p, q, loaded = vectors[0], vectors[1], vectors[7]
     young, bend, take = model.young, model.bend, dt / (dt + model.retardation)
@@ -62,7 +63,7 @@ def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contac
             for a in range(3):
                 touched[v, a] += abs(m[v, a])
     acting, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)
-    # static correction: compliance R outside the reduced basis, scaled by gamma of its own energy h.R h
+    # static correction: compliance R outside the reduced basis, scaled by gamma of its energy h.R h
     apply_residual_compliance(model.residual_compliance, held, active, acting, bent)
     strain = max(dot(held, bent, active, acting), 0.0) / (young * young)
     gam, dgam = gamma(strain, bend[0], bend[1], bend[2])
@@ -77,6 +78,7 @@ def step_all(model, dt, fields, active, vectors, matrices, room, numbers, contac
         s = inner(modal[i], q) + gam * m_R_h
         m_D_h = inner(K_inv_c[i], p) + gam * m_R_h + dgam * m_R_h * strain
         contacts.depths[0, i], contacts.depths[1, i] = s - take * m_D_h, s
+    # compliances between contacts, and free indentation
     for i in range(count):
         m_R_h = contacts.residual[i, 0]
         apply_residual_compliance(model.residual_compliance, measures[i], active, acting, bent)

@@ -1,10 +1,10 @@
-"""The strain energy of a body in a few modes, summed over a few of its integration points with weights of their own.
+"""Strain energy of a body in a reduced basis, by empirical cubature over a subset of its integration points.
 
     W(q) = sum_p w_p [W + U](F_p) + 1/2 q.S q + B(q),    F_p = 1 + G_p q,    w_p > 0
 
-G_p (9,r) are the gradients of the modes at point p; S the springs that the body stands on; B a barrier: zero up to the
-size |q| that the modes were made for, infinite at twice that size. Each point has its own volume ratio. J. A.
-Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Eng. 313 (2017) 687-722 (empirical cubature).
+G_p (9,r) are the gradients of the modes at point p, S the stiffness of the elastic foundation, B a barrier: zero up to
+the size |q| of the snapshots, infinite at twice that size. The volume ratio is evaluated at each point.
+J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Eng. 313 (2017) 687-722.
 """
 
 from typing import Annotated, NamedTuple
@@ -16,28 +16,28 @@ from palpate.physics.kernel import kernel
 from palpate.physics.materials.compiled import law_at
 from palpate.physics.materials.invariants import cofactor, volume_tangent
 
-ROOM = 3.0  # Squared size of q at which the barrier is infinite, less 1, over the squared size at which it begins
-NEAR = 64  # Points whose modes are worked on together
+ROOM = 3.0  # |q|² at which the barrier is infinite over that at which it begins, minus 1
+NEAR = 64  # Number of points that are processed together, so that their modes remain in the cache
 
 
 class Points(NamedTuple):
     """Sampled points and their modes; modulus 1 Pa.
 
-    modes      [1]     (9P,r) du_i/dX_j of each mode at row 9p + 3i + j of point p; products with them are taken in
-                       their own precision, single to be fast (then forces are the energy's slope to about 1e-7)
+    modes      [1]     (9P,r) du_i/dX_j of each mode at row 9p + 3i + j of point p; products with them have the
+                       precision of this array: single for speed, when forces are the energy's gradient to about 1e-7
     """
 
     modes: Annotated[np.ndarray, "<f4", 2]
     weights: Annotated[np.ndarray, "<f8", 1]  # [m³] (P,)
-    kinds: Annotated[np.ndarray, "<i8", 1]  # [1] (P,) which of `laws` each point has
+    kinds: Annotated[np.ndarray, "<i8", 1]  # [1] (P,) index in `laws` of each point
     constants: Annotated[np.ndarray, "<f8", 2]  # [Pa..] (P,n) parameters of the law, padded with 0
     springs: Annotated[np.ndarray, "<f8", 2]  # [J] (r,r)
     limit: float  # [1] |q|² at which the barrier begins
-    laws: Annotated[np.ndarray, "<i8", 1]  # [1] (L,) where these laws are in this process, see `hyperelastic.place_of`
+    laws: Annotated[np.ndarray, "<i8", 1]  # [1] (L,) addresses of the laws in this process, see `hyperelastic.place_of`
 
 
 class SampledWorkspace(NamedTuple):
-    """Memory that the kernels work in; x, D, f, g in the precision of the modes."""
+    """Workspace of the kernels; x, D, f, g in the precision of the modes."""
 
     x: Annotated[np.ndarray, "<f4", 1]
     D: Annotated[np.ndarray, "<f4", 1]
@@ -49,7 +49,6 @@ class SampledWorkspace(NamedTuple):
     A: Annotated[np.ndarray, "<f8", 2]
     M: Annotated[np.ndarray, "<f8", 2]
     T: Annotated[np.ndarray, "<f8", 2]
-    K: Annotated[np.ndarray, "<f8", 2]
 
 
 def scratch(points: Points) -> SampledWorkspace:
@@ -57,13 +56,13 @@ def scratch(points: Points) -> SampledWorkspace:
     x, D, f, g = (np.zeros(size, dtype=points.modes.dtype) for size in (r, rows, rows, r))
     return SampledWorkspace(
         x, D, f, g, np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((9 * NEAR, r)),
-        np.zeros((9 * NEAR, r)), np.zeros((r, r)),
+        np.zeros((9 * NEAR, r)),
     )  # fmt: skip
 
 
 @kernel(error_model="numpy")
 def _deform(D, at, F, C):
-    """F of a point from its displacement gradient, the nine of D from `at` on, and F's cofactors; det F."""
+    """Fill F of a point from its displacement gradient D[at : at + 9], and its cofactors C; returns det F."""
     for i in range(3):
         for j in range(3):
             F[i, j] = D[at + 3 * i + j]
@@ -84,7 +83,7 @@ def barrier(square, limit):
 
 @kernel(error_model="numpy")
 def forces(points, q, work, g):
-    """W(q) [J], and its gradient [J] (r,) into `g`; infinite where a point is inverted or q is out of bounds."""
+    """W(q) [J], and its gradient [J] (r,) into `g`; infinite if a point is inverted or q is out of bounds."""
     D, f, F, C, P, A = work.D, work.f, work.F, work.C, work.P, work.A
     total, pull, _ = barrier(inner(q, q), points.limit)
     if not total < np.inf:
@@ -92,10 +91,10 @@ def forces(points, q, work, g):
     for i in range(len(q)):
         work.x[i] = q[i]
         g[i] = 0.0
-    for start in range(0, len(points.kinds), NEAR):  # the modes of so many points stay in the cache for both products
+    for start in range(0, len(points.kinds), NEAR):
         end = min(start + NEAR, len(points.kinds))
-        own = points.modes[9 * start : 9 * end]
-        times(own, work.x, D[9 * start : 9 * end])
+        modes = points.modes[9 * start : 9 * end]
+        times(modes, work.x, D[9 * start : 9 * end])
         for p in range(start, end):
             at = 9 * p
             J = _deform(D, at, F, C)
@@ -109,7 +108,7 @@ def forces(points, q, work, g):
             for i in range(3):
                 for j in range(3):
                     f[at + 3 * i + j] = w * (P[i, j] + dU * C[i, j])
-        left_times(f[9 * start : 9 * end], own, work.g)
+        left_times(f[9 * start : 9 * end], modes, work.g)
         g += work.g
     for i in range(len(q)):
         along = 0.0

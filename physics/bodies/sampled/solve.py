@@ -17,14 +17,14 @@ MOST = 14  # Evaluations in a call outside real time
 EACH = 2  # Evaluations in a real-time step; the next step continues from the remaining residual
 
 
-def unhurried() -> np.ndarray:
-    """The budget of a call outside real time."""
+def offline_budget() -> np.ndarray:
+    """The budget of a call that is not in real time."""
     return np.array([float(MOST), 1.0])
 
 
 @kernel(error_model="numpy")
 def invert(K, L, H):
-    """H (r,r) the inverse of K, a little more on its diagonal where it is not positive definite; L is memory."""
+    """Fill H (r,r) with the inverse of K, plus a multiple of 1 if it is not positive definite; L is workspace."""
     r = len(K)
     mean = 0.0
     for i in range(r):
@@ -49,14 +49,16 @@ def invert(K, L, H):
         if good:
             break
         shift = max(4.0 * shift, 1e-3 * mean)
-    for j in range(r):  # columns of the inverse of L into the upper half of H
+    # columns of the inverse of L into the upper half of H
+    for j in range(r):
         H[j, j] = 1.0 / L[j, j]
         for i in range(j + 1, r):
             y = 0.0
             for k in range(j, i):
                 y -= L[i, k] * H[j, k]
             H[j, i] = y / L[i, i]
-    for i in range(r):  # H = inv(L)' inv(L), whose rows i hold inv(L)[k, i], k >= i
+    # H = inv(L)' inv(L); row i of the upper half of H contains inv(L)[k, i], k >= i
+    for i in range(r):
         for j in range(i, r):
             x = 0.0
             for k in range(j, r):
@@ -69,7 +71,7 @@ def invert(K, L, H):
 
 @kernel(error_model="numpy")
 def at_rest(H):
-    """H (r,r) the inverse of the tangent at rest, in which the modes are orthonormal."""
+    """Fill H (r,r) with the inverse of the tangent at rest, which is 1."""
     H[:] = 0.0
     for i in range(len(H)):
         H[i, i] = 1.0
@@ -77,40 +79,40 @@ def at_rest(H):
 
 @kernel(error_model="numpy")
 def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
-    """Bring q (r,) to the equilibrium under p (r,): W there, evaluations, and whether it has settled.
+    """Iterate q (r,) to equilibrium under p (r,): W there, number of evaluations, and whether it converged.
 
-    g (r,) and `energy` hold the gradient of W and W at q, before and after; budget (2,) how many evaluations there may
-    be, no more than `STALLED` of them without the tangent, and the first length of the line search, 1 unless the last
-    call ended in the midst of one; H (r,r) the inverse of the tangent; K, L (r,r) and vectors (4,r) are memory.
+    g (r,) and `energy` are the gradient of W and W at q, before and after; budget (2,): maximum number of evaluations,
+    of which at most `STALLED` without the tangent, and the first length of the line search, 1 unless the last call
+    interrupted one; H (r,r): inverse of the tangent; K, L (r,r) and vectors (4,r): workspace.
     """
     r, most = len(q), int(budget[0])
-    d, trial, slope, lean = vectors[0], vectors[1], vectors[2], vectors[3]
-    used, anew, forgot = 0, False, False
+    d, trial, slope, change = vectors[0], vectors[1], vectors[2], vectors[3]
+    used, recomputed, reset = 0, False, False
     while True:
         # quasi-Newton direction d = H (p - g); along: the slope of W - p.q in it, negative downhill
-        reached, along = 0.0, 0.0
+        work_of_load, along = 0.0, 0.0
         for i in range(r):
-            reached += p[i] * q[i]
+            work_of_load += p[i] * q[i]
             trial[i] = p[i] - g[i]
         times(H, trial, d)
         for i in range(r):
             along -= d[i] * trial[i]
-        if not (along <= 0.0 or forgot):  # rounding has taken its definiteness
-            forgot = True
+        if not (along <= 0.0 or reset):  # H is not positive definite, due to rounding
+            reset = True
             at_rest(H)
             continue
-        if not -along > TOLERANCE * TOLERANCE * abs(reached):
+        if not -along > TOLERANCE * TOLERANCE * abs(work_of_load):
             return energy, used, True
         if used >= most:
             return energy, used, False
-        # H has been updated often without success: once, the true tangent
-        if used >= STALLED and not anew:
-            anew = True
+        # updates of H have stalled: recompute it once from the tangent
+        if used >= STALLED and not recomputed:
+            recomputed = True
             if tangent(points, q, work, K):
                 invert(K, L, H)
                 continue
         # line search by Armijo's rule; `turned` is the slope at its end
-        length, before = budget[1], energy - reached
+        length, before = budget[1], energy - work_of_load
         budget[1] = 1.0
         while True:
             after = 0.0
@@ -128,7 +130,7 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
                 if after <= before + 1e-4 * length * along or abs(turned) <= 0.5 * abs(along):
                     break
             shorter = 0.25
-            if potential < np.inf:  # the least of the parabola through both values and the slope
+            if potential < np.inf:  # the minimum of the parabola through both values and the slope
                 shorter = -0.5 * along / max((after - before) / length - along, 1e-300)
                 shorter = min(max(shorter, 0.1), 0.5)
             length *= shorter
@@ -138,25 +140,25 @@ def settle(points, work, p, q, g, H, K, L, vectors, energy, budget):
         # accept; BFGS update of H by the step d and the change of the gradient, where the curvature is positive
         curve = size = 0.0
         for i in range(r):
-            lean[i] = slope[i] - g[i]
+            change[i] = slope[i] - g[i]
             d[i] *= length
-            curve += d[i] * lean[i]
+            curve += d[i] * change[i]
             size += d[i] * d[i]
             q[i], g[i] = trial[i], slope[i]
         energy = potential
         if curve > 1e-12 * size:
-            _improve(H, d, lean, trial, curve)
+            _improve(H, d, change, trial, curve)
 
 
 @kernel(error_model="numpy")
 def _improve(H, s, y, Hy, curve):
     """BFGS update of the inverse H (r,r) for the step s (r,) and the change y (r,) of the gradient, curve = s.y > 0;
-    Hy (r,) is scratch."""
+    Hy (r,) is workspace."""
     r = len(s)
     times(H, y, Hy)
-    own = (1.0 + inner(Hy, y) / curve) / curve
+    factor = (1.0 + inner(Hy, y) / curve) / curve
     for i in range(r):
-        a, b = own * s[i], s[i] / curve
+        a, b = factor * s[i], s[i] / curve
         c, row = Hy[i] / curve, H[i]
         for j in range(i + 1):
             row[j] += a * s[j] - (b * Hy[j] + c * s[j])

@@ -1,5 +1,5 @@
-"""A step of a sampled body (`physics.bodies.sampled_body`), compiled: history of the load, equilibrium of the modes,
-what these miss, and the terminal law of the next step."""
+"""A step of a sampled body (`physics.bodies.sampled_body`): load history, equilibrium of the modes, residual
+compliance, and the terminal law of the next step."""
 
 from typing import Annotated, NamedTuple
 
@@ -13,14 +13,14 @@ from palpate.physics.contact.terminal import LEAST_DEPTH, fit_terminal
 from palpate.physics.dot import times
 from palpate.physics.kernel import kernel
 
-LEAST_COMPLIANCE = 1e-12  # [m/N] of a patch; it keeps the law finite
+LEAST_COMPLIANCE = 1e-12  # [m/N] Lower limit for a patch; it keeps the law finite
 
 
 class SampledModel(NamedTuple):
-    """What a sampled body is made of: its basis, where the fine mesh lies on its surface, its material.
+    """Constants of a sampled body: its basis, the fine mesh on its surface, its material.
 
     residual_compliance, modes, points, bend, vertices  as in `SampledBasis`
-    corners, weights  [1] (W,3)  vertices of the triangle that a vertex of the fine mesh lies on, and its share of each
+    corners, weights  [1] (W,3)  coarse triangle of each vertex of the fine mesh, and its barycentric weights
     young [Pa], retardation [s]  E, tau
     """
 
@@ -36,16 +36,14 @@ class SampledModel(NamedTuple):
 
 
 STIFFNESS, EXPONENT, FREE, NOW, GAMMA, ENERGY, ALLOWED, LENGTH = range(8)
-"""Numbers that a body keeps: K, n, s_free and s of the law that was sent, gamma, the energy of the modes,
-and the budget of `solve.settle`: evaluations, and length of the first step to try."""
+"""Numbers of a body: K, n, s_free and s of the last law, gamma, energy of the modes, and the budget of `solve.settle`:
+evaluations, and first length of the line search."""
 
 
 @kernel(error_model="numpy")
 def gamma(square, scale, power, most):
-    """gamma [1] at `square` = w² [1], and its derivative by w over w; gamma w is constant from w = most on.
-
-    gamma = (1 + (w/scale)²)^((power - 1)/2)
-    """
+    """gamma = (1 + (w/scale)²)^((power - 1)/2) [1] at `square` = w² [1], and its derivative by w over w; gamma w is
+    constant for w > most."""
     if square > most * most:
         x = 1.0 + (most / scale) ** 2
         value = x ** (0.5 * (power - 1.0)) * most / np.sqrt(square)
@@ -56,7 +54,7 @@ def gamma(square, scale, power, most):
 
 @kernel(error_model="numpy")
 def gather(corners, weights, patch, pull, share, normal, load, measure):
-    """Add a load to that on the coarse vertices, and fill its shares of the normal force; the normal force [N]."""
+    """Add a load (k,3) to that on the coarse vertices, fill its shares in the normal force; the normal force [N]."""
     measure[:] = 0.0
     total = normal_force(pull, normal)
     for k in range(len(patch)):
@@ -72,7 +70,7 @@ def gather(corners, weights, patch, pull, share, normal, load, measure):
 
 @kernel(error_model="numpy")
 def residual_displacement(residual_compliance, x, active, count, v):
-    """R x at one vertex, x (V,3) zero but where it is active."""
+    """R x at one vertex; x (V,3) is nonzero only at active vertices."""
     row0, row1, row2 = residual_compliance[3 * v], residual_compliance[3 * v + 1], residual_compliance[3 * v + 2]
     out0 = out1 = out2 = 0.0
     for k in range(count):
@@ -86,7 +84,7 @@ def residual_displacement(residual_compliance, x, active, count, v):
 
 @kernel(error_model="numpy")
 def apply_residual_compliance(residual_compliance, x, active, count, out):
-    """R x (V,3) at the vertices where the measure or the load is."""
+    """Fill R x (V,3) at the active vertices."""
     for k in range(count):
         v = active[k]
         out[v, 0], out[v, 1], out[v, 2] = residual_displacement(residual_compliance, x, active, count, v)
@@ -94,7 +92,7 @@ def apply_residual_compliance(residual_compliance, x, active, count, out):
 
 @kernel(error_model="numpy")
 def project(modes, x, active, count, out):
-    """Phi'x (r,)."""
+    """Fill Phi'x (r,)."""
     out[:] = 0.0
     for k in range(count):
         v = active[k]
@@ -115,12 +113,12 @@ def dot(x, y, active, count):
 
 @kernel(error_model="numpy")
 def follow(model, dt, fields, active, vectors, matrices, room, numbers):
-    """Take the load into its history h (Kelvin-Voigt retardation) and bring the modes to equilibrium, dW/dq = Phi'h/E:
-    how many vertices are active, evaluations of the energy, and whether it settled. Arguments as of `step`."""
+    """Update the load history h (Kelvin-Voigt retardation) and the equilibrium of the modes, dW/dq = Phi'h/E: numbers
+    of active vertices and of evaluations of the energy, and whether it converged. Arguments as of `step`."""
     held, load, measure = fields[0], fields[1], fields[2]
     p, q, g, inverse = vectors[0], vectors[1], vectors[2], matrices[0]
     keep, take = model.retardation / (dt + model.retardation), dt / (dt + model.retardation)
-    count, holds = 0, False
+    count, loaded = 0, False
     for v in range(len(held)):
         size = touched = 0.0
         for i in range(3):
@@ -130,13 +128,13 @@ def follow(model, dt, fields, active, vectors, matrices, room, numbers):
         if size < FORGOTTEN:
             held[v] = 0.0
         else:
-            holds = True
+            loaded = True
         if size >= FORGOTTEN or touched > 0.0:
             active[count] = v
             count += 1
     budget = numbers[ALLOWED:]
     budget[0] = EACH
-    if not holds:  # at rest the tangent is known
+    if not loaded:  # at rest the tangent is known
         for k in range(len(q)):
             p[k] = q[k] = g[k] = 0.0
         at_rest(inverse)
@@ -153,15 +151,15 @@ def follow(model, dt, fields, active, vectors, matrices, room, numbers):
 
 @kernel(error_model="numpy")
 def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
-    """A step under one contact, whose load and shares are in `fields`: evaluations of the energy, and whether it
-    settled.
+    """A step under one contact, whose load and shares are in `fields`: number of evaluations of the energy, and whether
+    the step converged.
 
     force    [N]            of the load along the normal
-    fields   [N]   (4,V,3)  h, the load, shares of the normal force; R times one of them
-    active   [1]   (V,)     room for the vertices that hold load
-    vectors  (9,r)          Phi'h/E, the modes' amounts q, the gradient of W there, and room
-    matrices (3,r,r)        inverse of the tangent d2W/dq2, and room
-    room, numbers           of the energy's evaluation; by their names
+    fields   [N]   (4,V,3)  h, the load, shares in the normal force; R times one of them
+    active   [1]   (V,)     workspace, active vertices
+    vectors  (9,r)          Phi'h/E, the modal coordinates q, the gradient of W there, and workspace
+    matrices (3,r,r)        inverse of the tangent d2W/dq2, and workspace
+    room, numbers           workspace of the energy; see the names above
     """
     residual, modes, bend, young, retardation = (
         model.residual_compliance, model.modes, model.bend, model.young, model.retardation,
@@ -171,7 +169,7 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
     keep, take = retardation / (dt + retardation), dt / (dt + retardation)
     r = len(q)
     count, used, settled = follow(model, dt, fields, active, vectors, matrices, room, numbers)
-    # static correction: compliance R outside the reduced basis, scaled by gamma of its own energy h.R h
+    # static correction: compliance R outside the reduced basis, scaled by gamma of its energy h.R h
     apply_residual_compliance(residual, held, active, count, bent)
     strain = max(dot(held, bent, active, count), 0.0) / (young * young)
     gam, dgam = gamma(strain, bend[0], bend[1], bend[2])
@@ -204,7 +202,7 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
         for k in range(r):
             m_D_f += K_inv_c[k] * c[k] / young
         tangential = m_D_f - compliance * force
-    # along the ray t h from rest: its slope at rest is that of the body at rest
+    # free indentation on the ray t h from rest, whose slope at rest is that of the body at rest
     free = _ray(keep, s, modal_linear + m_R_h, m_D_h) + take * tangential
     f_n = max(force, LEAST_FORCE)
     s_next = s + take * (f_n * compliance + tangential - m_D_h)
@@ -216,7 +214,7 @@ def step(model, force, dt, fields, active, vectors, matrices, room, numbers):
 
 @kernel(error_model="numpy")
 def _ray(t, end, start_slope, end_slope):
-    """The cubic from 0 to `end` with these slopes, held where they would let it turn back, at t in [0, 1]."""
+    """The cubic from 0 to `end` with these slopes, limited to be monotonic, at t in [0, 1]."""
     if not abs(end) > 0.0:
         return 0.0
     a, b = min(max(start_slope / end, 0.0), 3.0), min(max(end_slope / end, 0.0), 3.0)
@@ -226,10 +224,8 @@ def _ray(t, end, start_slope, end_slope):
 
 @kernel(error_model="numpy")
 def field(model, feet, far, fields, active, q, more):
-    """Fill fields[3], u [m] (V,3): the modes' displacement, and what these miss near the feet [m] (c,3).
-
-    far  [m²] squared distance within which that is near
-    """
+    """Fill fields[3], u [m] (V,3): the displacement of the modes, plus that of the residual compliance near the feet
+    [m] (c,3), within the squared distance `far` [m²]."""
     points, held, u = model.vertices, fields[0], fields[3]
     scale = more / model.young
     count = 0

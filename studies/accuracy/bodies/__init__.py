@@ -1,2 +1,4 @@
-"""What the bodies that ship have to be given so that they stand for the slab: the file that is called like a body has
-`methods()`. A body without a file is taken by the settings that are called like the slab's, see `of_user`."""
+"""Settings with which the shipped bodies model the slab: `methods()` of the file with the name of the body.
+
+A body without a file gets the material of the slab in the settings of the same name, see `methods.of_user`.
+"""

@@ -1,12 +1,12 @@
-"""Beams in one layer as thick as the slab."""
+"""Beams in one layer with the thickness of the slab."""
 
 from typing import Any
 
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.nodes.deformation import BeamBundle
+from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Method
-from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.peers.continuum import POISSON, YOUNG
 
 

@@ -1,4 +1,4 @@
-"""Springs: with Hertz's law of a ball, with and without a surface, and calibrated to ReducedFE."""
+"""MassSpring: with Hertz's law of a ball, with and without a surface, and calibrated to ReducedFE."""
 
 from functools import lru_cache
 from typing import Any
@@ -8,15 +8,15 @@ import numpy as np
 from palpate.nodes.deformation import MassSpring
 from palpate.studies.accuracy import chain
 from palpate.studies.accuracy.bodies import reduced_fe
+from palpate.studies.accuracy.cases import TOUCHES, BenchCase
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, spread, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method
-from palpate.studies.accuracy.touches import TOUCHES, BenchCase
-from palpate.studies.accuracy.truth import HERTZ
+from palpate.studies.accuracy.reference import HERTZ
 from palpate.studies.fit_body import power_law
 
 
-class _Silent(MassSpring):
-    """The terminal law alone: nobody asks for the surface."""
+class _LawOnly(MassSpring):
+    """Computes the terminal law, not the surface."""
 
     wanted = chain.LAW
 
@@ -25,14 +25,14 @@ def methods() -> list[Method]:
     forms = [spread("kernel", kernel, kernel) for kernel in ("wendland", "cosine")]
     finer = (*steps(), *meshes(), *reaches(), *forms)
     return [
-        Method("series", "laws in series, no surface", of_body(_Silent, _slab), tuple(steps()), _no_nodule, law=True),
+        Method("series", "laws in series, no surface", of_body(_LawOnly, _slab), tuple(steps()), _no_nodule, law=True),
         Method("MassSpring", "MassSpring, law of a ball", of_body(MassSpring, _slab), finer, only_slab),
         Method("MassSpring-calibrated", "MassSpring, calibrated", of_body(MassSpring, _calibrated), finer, only_slab),
     ]
 
 
 def _slab(touch: BenchCase) -> dict[str, Any]:
-    """Hertz's law for the ball; its own default damping where the slab is viscous."""
+    """Hertz's law of the ball; the default damping if the slab is viscous, else none."""
     law: dict[str, Any] = {"stiffness": HERTZ, "exponent": 1.5}
     if touch.retardation == 0.0:
         law["damping"] = 0.0
@@ -40,13 +40,13 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
 
 
 def _calibrated(touch: BenchCase) -> dict[str, Any]:
-    """As `palpate fit body` does: K, n and c from ReducedFE on one test case, for all of them."""
+    """As `palpate fit body`: K, n and c from ReducedFE on one test case, used for all of them."""
     return _constants() | ({"damping": 0.0} if touch.retardation == 0.0 else {}) | (NODULE if touch.nodule else {})
 
 
 @lru_cache(maxsize=1)
 def _constants() -> dict[str, Any]:
-    """Power law through ReducedFE's indentation and force on `hold`."""
+    """Power law fitted to indentation and force of ReducedFE on `hold`."""
     compute = next(m.compute for m in reduced_fe.methods() if m.name == "ReducedFE")
     pressed = compute(TOUCHES["hold"], Fidelity("1000 Hz"), 1)
     depth, force = pressed.values["indentation"], pressed.values["force"]
@@ -56,4 +56,4 @@ def _constants() -> dict[str, Any]:
 
 
 def _no_nodule(touch: BenchCase) -> str:
-    return only_slab(touch) or ("a law knows of no nodule" if touch.nodule else "")
+    return only_slab(touch) or ("a contact law has no nodule" if touch.nodule else "")

@@ -1,5 +1,7 @@
-"""Reduced finite elements: linear and nonlinear; `sampled` is for the fingertip, which no test case here presses. A
-basis that does not ship is charged as offline time."""
+"""Reduced finite elements, linear and nonlinear. `sampled` models the fingertip, which is in no test case.
+
+The time to build a basis that does not ship counts as offline time.
+"""
 
 import json
 import time
@@ -10,9 +12,9 @@ from palpate.models.build.basis import Silent, built
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import chain
+from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
-from palpate.studies.accuracy.touches import BenchCase
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG
 
 
@@ -32,10 +34,10 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
 
 def _reducing(model: str) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
-        own = _slab(touch) | {"model": model} | fidelity.settings.get("body", {})
-        node = ReducedFE(**chain.surface_of(touch), **own)
+        body = _slab(touch) | {"model": model} | fidelity.settings.get("body", {})
+        node = ReducedFE(**chain.surface_of(touch), **body)
         offline = ready(node)
-        outcome = of_body(ReducedFE, lambda touch: own)(touch, fidelity, repeats)
+        outcome = of_body(ReducedFE, lambda touch: body)(touch, fidelity, repeats)
         outcome.offline += offline
         return outcome
 
@@ -43,7 +45,7 @@ def _reducing(model: str) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]
 
 
 def ready(node: ReducedFE) -> float:
-    """Have the basis of these settings stored; the seconds that building it took, 0 for one that ships."""
+    """Build and store the basis of these settings if it is missing; the time [s] to build it, 0 for a shipped one."""
     for folder in (SHIPPED, cache()):
         path = find(folder, node.key())
         if path is not None and node.stored(folder) is not None:
@@ -52,6 +54,6 @@ def ready(node: ReducedFE) -> float:
     basis, _ = built(node, Silent(), check=False)
     seconds = time.perf_counter() - begun
     inputs = node.inputs()
-    told = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}
-    basis.save(cache() / node.filename(), json.dumps(told))
+    content = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}
+    basis.save(cache() / node.filename(), json.dumps(content))
     return seconds

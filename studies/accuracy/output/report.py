@@ -1,4 +1,4 @@
-"""A run of the accuracy bench written down: table, pictures where matplotlib is there, page; and what it was run on."""
+"""Writes the results of the accuracy benchmark: table, page, pictures if matplotlib is installed, and provenance."""
 
 import csv
 import json
@@ -9,43 +9,45 @@ from typing import Any
 
 from palpate.engine.provenance import machine
 from palpate.studies.accuracy.cells import Cell
-from palpate.studies.accuracy.laboratory import missing
 from palpate.studies.accuracy.output import page
 from palpate.studies.accuracy.output.pareto import of_bodies, summaries
-from palpate.studies.accuracy.truth import QUANTITIES
+from palpate.studies.accuracy.reference import QUANTITIES
+from palpate.studies.accuracy.reference_solvers import missing
 
 PLAIN = [field.name for field in fields(Cell) if field.name not in ("errors", "kept")]
 MEASURES = ("rms", "worst", "band")
 
 
 def about() -> dict[str, Any]:
-    told = {**machine("numpy", "scipy", "numba"), "seeds": "none, nothing here is random"}
-    return told | ({"not installed": "; ".join(out)} if (out := missing()) else {})
+    """Machine, versions and missing solvers."""
+    versions = {**machine("numpy", "scipy", "numba"), "seeds": "none, no random numbers are used"}
+    return versions | ({"not installed": "; ".join(out)} if (out := missing()) else {})
 
 
-def written(cells: list[Cell], told: dict[str, Any], folder: Path) -> dict[str, Path]:
-    table(cells, told, folder / "accuracy.csv")
+def written(cells: list[Cell], provenance: dict[str, Any], folder: Path) -> dict[str, Path]:
+    """Write all files; their paths by name."""
+    table(cells, provenance, folder / "accuracy.csv")
     drawn = _drawn(cells, folder)
-    page.write(cells, told, drawn, folder / "accuracy.md")
+    page.write(cells, provenance, drawn, folder / "accuracy.md")
     return {"page": folder / "accuracy.md", "table": folder / "accuracy.csv", **drawn}
 
 
-def table(cells: Sequence[Cell], told: dict[str, Any], path: Path) -> None:
-    """A line of provenance as JSON behind a `#`, then a row a cell: [s], [byte], errors over the peak of the truth."""
+def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None:
+    """Write a `#` line with the provenance as JSON, then a row per cell: [s], [byte], errors over the peak."""
     names = [*PLAIN, *(f"{q} {m}" for q in QUANTITIES for m in MEASURES)]
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", newline="", encoding="utf-8") as file:
-        file.write(f"# {json.dumps(told, ensure_ascii=False, default=str)}\n")
+        file.write(f"# {json.dumps(provenance, ensure_ascii=False, default=str)}\n")
         rows = csv.DictWriter(file, names)
         rows.writeheader()
         for cell in cells:
             row: dict[str, Any] = {n: "" if getattr(cell, n) is None else getattr(cell, n) for n in PLAIN}
-            errors = {f"{q} {m}": own[m] for q, own in cell.errors.items() for m in MEASURES}
+            errors = {f"{q} {m}": error[m] for q, error in cell.errors.items() for m in MEASURES}
             rows.writerow({**row, **errors})
 
 
 def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
-    """The pictures; none where matplotlib is missing."""
+    """Paths of the pictures; none if matplotlib is missing."""
     try:
         from matplotlib import rc_context
 

@@ -10,7 +10,7 @@ from palpate.models.fe import (
     MaterialError,
     MeshError,
     Pair,
-    Rigid,
+    RigidIndenter,
     Settings,
     Solver,
     TetMesh,
@@ -23,7 +23,7 @@ from palpate.models.fe import (
     plane,
     sphere,
 )
-from palpate.models.fe.contact.bed import ElasticFoundation
+from palpate.models.fe.contact.foundation import ElasticFoundation
 from palpate.physics.materials.hyperelastic import Material
 
 SOFT = neo_hooke(1e4, 0.3)
@@ -94,7 +94,7 @@ def test_an_inverted_flat_or_bent_element_is_named_with_its_place():
         TetMesh(CUBE.points, turned)
     flat = CUBE.points.copy()
     flat[:, 2] = 0.0
-    with pytest.raises(MeshError, match="drop it if it is flat"):
+    with pytest.raises(MeshError, match="remove it if it is flat"):
         TetMesh(flat, CUBE.elements)
     bent = CUBE.points.copy()
     bent[CUBE.elements[2, 4]] += (0.6, 0.6, 0.6)
@@ -165,7 +165,7 @@ def pressed_from_above(mesh, fixed, *others):
     """A plate goes 0.05 m into the cube at the origin."""
     corner = mesh.points[mesh.faces]
     upper = mesh.faces[(corner[:, :, 2] > 1.0 - 1e-9).all(axis=1)]
-    plate = Rigid(upper, plane, (0.0, 0.0, -1.0), lambda load: np.array([0.0, 0.0, 1.0 - 0.05 * load]))
+    plate = RigidIndenter(upper, plane, (0.0, 0.0, -1.0), lambda load: np.array([0.0, 0.0, 1.0 - 0.05 * load]))
     return Solver(
         mesh, {0: SOFT}, fixed, contacts=[plate, *others], settings=Settings(step=1.0, largest=1.0, least=0.4)
     )
@@ -199,12 +199,12 @@ def test_a_bed_holds_a_body_and_plates_do_against_all_but_sliding():
     laid = pressed_from_above(CUBE, free, ElasticFoundation(below, 1e5))
     laid.advance(1.0)
     assert laid.contacts[0].force[2] < -1.0
-    floor = Rigid(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3))
+    floor = RigidIndenter(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3))
     with pytest.raises(ConvergenceError, match=r"its contacts carry a force, but not against this"):
         pressed_from_above(CUBE, free, floor).advance(1.0)
     guided = free.copy()
     guided[:, :2] = CUBE.points[:, :2] < 1e-9
-    body = pressed_from_above(CUBE, guided, Rigid(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3)))
+    body = pressed_from_above(CUBE, guided, RigidIndenter(below, plane, (0.0, 0.0, 1.0), lambda load: np.zeros(3)))
     body.advance(1.0)
     assert body.contacts[1].force[2] == approx(-body.contacts[0].force[2], rel=1e-4) and body.load == 1.0
 
@@ -213,19 +213,19 @@ def test_a_contact_that_cannot_be_is_refused():
     place = np.zeros(3)
     for wrong in (-0.1, np.nan, np.inf):
         with pytest.raises(ValueError, match=r"friction .*: expected a number >= 0"):
-            Rigid(top(CUBE), plane, (0, 0, -1), lambda load: place, friction=wrong)
+            RigidIndenter(top(CUBE), plane, (0, 0, -1), lambda load: place, friction=wrong)
         with pytest.raises(ValueError, match=r"friction .*: expected a number >= 0"):
             Pair(top(CUBE), top(CUBE), friction=wrong)
     with pytest.raises(ValueError, match="bound -1 m"):
-        Rigid(top(CUBE), plane, (0, 0, -1), lambda load: place, bound=-1)
+        RigidIndenter(top(CUBE), plane, (0, 0, -1), lambda load: place, bound=-1)
     for wrong in (np.zeros((0, 6), dtype=int), np.zeros((2, 3), dtype=int)):
-        with pytest.raises(ValueError, match=r"expected \(F, 6\) with F > 0, as `TetMesh.faces`"):
-            Rigid(wrong, plane, (0, 0, -1), lambda load: place)
+        with pytest.raises(ValueError, match=r"expected \(F, 6\) with F > 0, such as `TetMesh.faces`"):
+            RigidIndenter(wrong, plane, (0, 0, -1), lambda load: place)
     far = top(CUBE) + 99 - top(CUBE).max()
     with pytest.raises(MeshError, match=r"refers to node 99, the mesh has 27"):
-        Solver(CUBE, {0: SOFT}, clamped(CUBE), contacts=[Rigid(far, plane, (0, 0, -1), lambda load: place)])
+        Solver(CUBE, {0: SOFT}, clamped(CUBE), contacts=[RigidIndenter(far, plane, (0, 0, -1), lambda load: place)])
     with pytest.raises(TypeError, match=r"numba\.njit"):
-        Rigid(top(CUBE), lambda x, p, n, c: 0.0, (), lambda load: place)
+        RigidIndenter(top(CUBE), lambda x, p, n, c: 0.0, (), lambda load: place)
 
 
 @pytest.mark.parametrize(
@@ -233,9 +233,9 @@ def test_a_contact_that_cannot_be_is_refused():
 )
 def test_a_shape_gets_as_many_numbers_as_it_reads(shape, given, count):
     with pytest.raises(ValueError, match=rf"{shape.__name__}: .* expected {count} finite numbers"):
-        Rigid(top(CUBE), shape, given, path=lambda load: np.zeros(3))
+        RigidIndenter(top(CUBE), shape, given, path=lambda load: np.zeros(3))
     with pytest.raises(ValueError, match="finite"):
-        Rigid(top(CUBE), shape, (np.nan,) * count, path=lambda load: np.zeros(3))
+        RigidIndenter(top(CUBE), shape, (np.nan,) * count, path=lambda load: np.zeros(3))
 
 
 def test_functions_of_the_load_are_checked_at_their_load():
@@ -284,7 +284,7 @@ def pushed(pull):
     mesh = box((1.0, 1.0, 0.5), (2, 2, 1))
     x, y, z = mesh.points.T
     floor = mesh.faces[(mesh.points[mesh.faces][:, :, 2] < 1e-9).all(axis=1)]
-    touch = Rigid(floor, plane, (0, 0, 1.0), lambda load: np.zeros(3))
+    touch = RigidIndenter(floor, plane, (0, 0, 1.0), lambda load: np.zeros(3))
     up = z > 0.5 - 1e-9
     fixed = np.stack([x < 1e-9, y < 1e-9, 0 * x > 1], axis=1)
     body = Solver(mesh, {0: SOFT}, fixed, contacts=[touch], settings=Settings(least=0.01),
@@ -322,7 +322,7 @@ def test_a_state_of_another_model_or_none_is_refused(tmp_path):
         with pytest.raises(ValueError, match=rf"{name}: not a saved state .* remove it to start again"):
             other.resume(tmp_path / name)
     touched = Solver(CUBE, {0: SOFT}, clamped(CUBE),
-                     contacts=[Rigid(top(CUBE), plane, (0, 0, -1.0), lambda load: np.ones(3))])  # fmt: skip
+                     contacts=[RigidIndenter(top(CUBE), plane, (0, 0, -1.0), lambda load: np.ones(3))])  # fmt: skip
     other.save(tmp_path / "bare.npz")
     with pytest.raises(ValueError, match=r"a state of another model, with 0 contacts instead of 1"):
         touched.resume(tmp_path / "bare.npz")

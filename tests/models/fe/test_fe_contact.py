@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from pytest import approx
 
-from palpate.models.fe import Pair, Rigid, Settings, Solver, TetMesh, box, linear, neo_hooke, plane, quadratic, sphere
+from palpate.models.fe import Pair, Settings, Solver, TetMesh, box, linear, neo_hooke, plane, quadratic, sphere
 from palpate.models.fe.contact.area import contact_area
 from palpate.models.fe.contact.pressure import nodal_pressure, pressure
+from palpate.models.fe.contact.rigid import RigidIndenter
 from palpate.models.fe.element import faces as rule
 from palpate.models.fe.element.mesh import bricks, grid
 
@@ -28,7 +29,8 @@ def sliding_base(mesh, height=0.0):
 
 def test_a_rigid_plane_makes_uniform_pressure():
     mesh = box((1.0, 1.0, 1.0), (2, 2, 2))
-    touch = Rigid(top_faces(mesh, 1.0), plane, (0.0, 0.0, -1.0), lambda load: np.array([0, 0, 1.0 - 0.2 * load]))
+    down = (0.0, 0.0, -1.0)
+    touch = RigidIndenter(top_faces(mesh, 1.0), plane, down, lambda load: np.array([0, 0, 1.0 - 0.2 * load]))
     body = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, sliding_base(mesh), contacts=[touch])
     body.advance(1.0)
     x, _, z = mesh.points.T
@@ -45,7 +47,7 @@ def test_a_rigid_plane_makes_uniform_pressure():
 
 def test_without_touch_nothing_moves():
     mesh = box((1.0, 1.0, 1.0), (1, 1, 1))
-    touch = Rigid(top_faces(mesh, 1.0), sphere, (1.0,), lambda load: np.array([0.5, 0.5, 3.0 - 0.5 * load]))
+    touch = RigidIndenter(top_faces(mesh, 1.0), sphere, (1.0,), lambda load: np.array([0.5, 0.5, 3.0 - 0.5 * load]))
     body = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, sliding_base(mesh), contacts=[touch])
     body.advance(1.0)
     assert np.abs(body.displacement).max() == 0.0
@@ -59,7 +61,7 @@ def test_a_dragged_block_sticks_and_then_slides_at_the_coefficient_of_friction()
     def path(load):
         return np.array([0.4 * max(load - 1.0, 0.0), 0.0, 0.5 - 0.05 * min(load, 1.0)])
 
-    touch = Rigid(top_faces(mesh, 0.5), plane, (0.0, 0.0, -1.0), path, friction=0.3)
+    touch = RigidIndenter(top_faces(mesh, 0.5), plane, (0.0, 0.0, -1.0), path, friction=0.3)
     body = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, contacts=[touch])
     body.advance(1.0)
     assert np.abs(touch.force[:2]).max() < 0.02 * abs(touch.force[2])  # the mesh is not symmetric
@@ -82,7 +84,7 @@ def test_a_run_that_is_resumed_takes_the_steps_of_an_unbroken_one(tmp_path):
     def dragged():
         mesh = box((1.0, 1.0, 0.5), (2, 2, 1))
         fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
-        touch = Rigid(top_faces(mesh, 0.5), plane, (0.0, 0.0, -1.0),
+        touch = RigidIndenter(top_faces(mesh, 0.5), plane, (0.0, 0.0, -1.0),
                       lambda load: np.array([0.2 * load, 0.0, 0.5 - 0.05 * load]), friction=0.3)  # fmt: skip
         return Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, contacts=[touch])
 
@@ -193,7 +195,7 @@ def test_the_area_of_all_faces_and_of_none():
 def test_the_area_grows_smoothly_with_the_load():
     mesh = box((1.0, 1.0, 0.5), (6, 6, 2))
     fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
-    touch = Rigid(top_faces(mesh, 0.5), sphere, (0.8,), lambda load: np.array([0.48, 0.53, 1.3 - 0.12 * load]))
+    touch = RigidIndenter(top_faces(mesh, 0.5), sphere, (0.8,), lambda load: np.array([0.48, 0.53, 1.3 - 0.12 * load]))
     body = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, contacts=[touch], settings=Settings(largest=0.1))
     loads, areas = [], []
     body.advance(1.0, lambda load: (loads.append(load), areas.append(touch.contact_area(body.displacement))))
@@ -239,7 +241,7 @@ def pressed(poisson, faces, ball=False, ratio=1e-4, size=30.0):
     held = np.zeros_like(p)
     held[far] = boussinesq(p[far], force, young, poisson)
     indenter = (plane, (0.0, 0.0, -1.0)) if ball else (sphere, (radius,))
-    touch = Rigid(
+    touch = RigidIndenter(
         top, *indenter, lambda load: np.array([0, 0, (0 if ball else radius) - load * depth]), bound=depth / 1000
     )
     body = Solver(mesh, {0: linear(young, poisson)}, fixed, lambda load: load * held, contacts=[touch],

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.models.fe import Rigid, Settings, Solver, TetMesh, box, capsule, hencky, neo_hooke, plane, sphere
+from palpate.models.fe import RigidIndenter, Settings, Solver, TetMesh, box, capsule, hencky, neo_hooke, plane, sphere
 
 MOST = 12
 
@@ -64,7 +64,7 @@ def iterations(seed):
     mesh, materials, top, fixed, size, edge = layered(rng)
     shape, numbers, start, turn, way = indenter(rng, mesh.points[np.unique(top)], size, edge)
     depth = rng.uniform(0.05, 0.2) * size[2]
-    touch = Rigid(top, shape, numbers, lambda load: (start + load * depth * way, turn))
+    touch = RigidIndenter(top, shape, numbers, lambda load: (start + load * depth * way, turn))
     body = Solver(mesh, materials, fixed, contacts=[touch], settings=Settings(step=1 / 3, largest=1 / 3))
     counts = [0]
     body.advance(1.0, lambda load: counts.append(body.iterations))

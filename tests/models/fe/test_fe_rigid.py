@@ -6,7 +6,7 @@ from pytest import approx
 
 from palpate.models.fe import (
     ConvergenceError,
-    Rigid,
+    RigidIndenter,
     Settings,
     Solver,
     box,
@@ -31,7 +31,7 @@ def pressed(shape, parameters, path, cells=(3, 3, 2), friction=0.0, held=None):
     mesh = box((1.0, 1.0, 0.5), cells)
     fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
     top = mesh.faces[(mesh.points[mesh.faces][:, :, 2] > 0.5 - 1e-9).all(axis=1)]
-    touch = Rigid(top, shape, parameters, path, friction)
+    touch = RigidIndenter(top, shape, parameters, path, friction)
     return Solver(mesh, {0: SOFT}, fixed, held, contacts=[touch]), touch
 
 
@@ -112,7 +112,7 @@ def test_a_ball_that_rolls_is_dragged_far_less_than_one_that_slides():
 
 def test_a_path_that_is_none_is_refused_with_its_load():
     for wrong, text in (
-        (lambda load: np.zeros(2), r"expected a place"),
+        (lambda load: np.zeros(2), r"expected a position"),
         (lambda load: np.full(3, np.nan), r"path at load 0: .*all finite"),
         (lambda load: (np.zeros(3), 2.0 * np.eye(3)), "is not a rotation"),
         (lambda load: (np.zeros(3), -np.eye(3)), "is not a rotation"),
@@ -140,7 +140,7 @@ def test_steps_of_the_load_hardly_change_what_friction_gives():
 def test_a_step_does_not_carry_an_indenter_through_the_body():
     mesh = box((1.0, 1.0, 0.5), (3, 3, 2))
     fixed = np.repeat(mesh.points[:, 2:] < 1e-9, 3, axis=1)
-    touch = Rigid(mesh.faces[~(mesh.points[mesh.faces][:, :, 2] < 1e-9).all(axis=1)], sphere, (0.25,),
+    touch = RigidIndenter(mesh.faces[~(mesh.points[mesh.faces][:, :, 2] < 1e-9).all(axis=1)], sphere, (0.25,),
                   lambda load: np.array([0.5, 0.5, 0.8 - 3.0 * load]))  # fmt: skip
     body = Solver(mesh, {0: SOFT}, fixed, contacts=[touch], settings=Settings(step=0.5, largest=0.5, least=0.005))
     with pytest.raises(ConvergenceError):
@@ -157,7 +157,7 @@ def test_a_step_too_long_says_where_the_indenter_would_pass():
     top = mesh.faces[(mesh.points[mesh.faces][:, :, 2] > 0.5 - 1e-9).all(axis=1)]
     start = np.array([0.5, 0.5, 0.7])
     for end, through in (((0.5, 0.5, -1.0), True), ((0.5, 0.5, 2.0), False), ((3.0, 0.5, 0.7), False)):
-        touch = Rigid(top, sphere, (0.1,), lambda load, end=end: start + load * (np.array(end) - start))
+        touch = RigidIndenter(top, sphere, (0.1,), lambda load, end=end: start + load * (np.array(end) - start))
         body = Solver(mesh, {0: SOFT}, fixed, contacts=[touch], settings=steps)
         if through:
             with pytest.raises(ConvergenceError, match=r"passes through the surface at \(0\.\d+, 0\.\d+, 0\.5\) m"):

@@ -5,7 +5,7 @@ import pytest
 from pytest import approx
 from scipy.sparse import csr_array
 
-from palpate.models.fe import Rigid, Solver, box, neo_hooke, sphere
+from palpate.models.fe import RigidIndenter, Solver, box, neo_hooke, sphere
 from palpate.models.fe.contact.switching import Switching, joined, switched
 
 
@@ -74,7 +74,7 @@ def pressed_by_a_ball(poisson, cells):
     mesh = box((0.02, 0.02, 0.01), (cells, cells, cells // 2))
     points = mesh.points
     top = mesh.faces[(points[mesh.faces][:, :, 2] > 0.01 - 1e-9).all(axis=1)]
-    touch = Rigid(top, sphere, (0.004,), lambda load: np.array([0.01, 0.01, 0.014 - 0.004 * load]))
+    touch = RigidIndenter(top, sphere, (0.004,), lambda load: np.array([0.01, 0.01, 0.014 - 0.004 * load]))
     fixed = np.repeat(points[:, 2:] < 1e-9, 3, axis=1)
     body = Solver(mesh, {0: neo_hooke(1e4, poisson)}, fixed, contacts=[touch])
     body.advance(1.0)

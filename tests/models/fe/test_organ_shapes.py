@@ -106,7 +106,7 @@ def test_what_cannot_be_filled_is_refused(monkeypatch):
         Organ(Mesh(ring.vertices, ring.triangles[:, ::-1]))
     with pytest.raises(MeshError, match="not closed"):
         Organ(Mesh(ring.vertices, ring.triangles[3:]))
-    with pytest.raises(MeshError, match="capsule: expected a surface that one point inside sees all of"):
+    with pytest.raises(MeshError, match="capsule: found a surface that is not star-shaped"):
         Organ(ring, capsule=Capsule(1e-3))
     monkeypatch.setitem(sys.modules, "pytetwild", None)
     with pytest.raises(MeshError, match=r'pytetwild is not installed; pip install "palpate\[mesh\]"'):

@@ -129,8 +129,8 @@ def test_a_thin_organ_is_flagged_with_an_error_that_covers_the_one_it_has():
     assert body.causes() == ["thin"]
     text = body.caution("thin")
     assert "12 mm thick, expected at least 16 mm" in text
-    told = float(text.rpartition("by ")[2].rstrip("%")) / 100.0
-    assert 0.5 * told < compliance / exact - 1.0 < told
+    found = float(text.rpartition("error of ")[2].rstrip("%")) / 100.0
+    assert 0.5 * found < compliance / exact - 1.0 < found
 
 
 def test_thickness_and_curvature_of_a_ball_and_a_sheet():
@@ -188,7 +188,7 @@ def test_what_is_outside_of_the_range_is_reported_once_and_in_the_message():
     assert note.startswith("ReducedFE: the load is narrower than its mesh") and not node.notes()
     (round_tip,) = bus.publish(load(tip, round(tip, 14e-3)))
     (note,) = node.notes()
-    assert round_tip.extrapolation > 0.0 and "radius of curvature" in note and "off by" in note
+    assert round_tip.extrapolation > 0.0 and "radius of curvature" in note and "an error of" in note
 
 
 def test_a_free_surface_under_more_than_a_light_load_says_what_it_is_too_stiff_by():

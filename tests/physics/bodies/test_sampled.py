@@ -28,7 +28,7 @@ from palpate.nodes.deformation import ReducedFE
 from palpate.physics.archive import ArchiveError
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled.energy import barrier, forces, scratch, tangent
-from palpate.physics.bodies.sampled.solve import invert, settle, unhurried
+from palpate.physics.bodies.sampled.solve import invert, offline_budget, settle
 from palpate.physics.bodies.sampled.step import gamma
 from palpate.physics.bodies.sampled_body import SampledBasis
 from palpate.physics.contact.series import exponential
@@ -89,7 +89,7 @@ def test_with_all_modes_and_all_points_it_is_the_full_model():
     q, g, H, K, L = np.zeros(r), np.zeros(r), np.eye(r), np.zeros((r, r)), np.zeros((r, r))
     energy, p = 0.0, phi.reshape(-1, r).T @ load.ravel()
     for _ in range(40):
-        energy, _, done = settle(points, scratch(points), p, q, g, H, K, L, np.zeros((4, r)), energy, unhurried())
+        energy, _, done = settle(points, scratch(points), p, q, g, H, K, L, np.zeros((4, r)), energy, offline_budget())
         if done:
             break
         tangent(points, q, scratch(points), K)

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.bodies.stretch import StretchWorkspace, hold_together, neighbours
+from palpate.physics.bodies.stretch import StretchWorkspace, limit_stretch, neighbours
 
 MESH = surface_mesh("kidney", 2000)
 JOINED = neighbours(MESH)
@@ -17,7 +17,7 @@ def held(nodes, vectors, limit=0.8):
     place = np.full(SIZE, -1)
     place[nodes] = np.arange(len(nodes))
     shortened = np.ascontiguousarray(vectors, float).copy()
-    shorter = hold_together(
+    shorter = limit_stretch(
         shortened, len(nodes), limit, JOINED, place, nodes.astype(np.int32), StretchWorkspace.of(SIZE)
     )
     return shortened, shorter

@@ -18,7 +18,7 @@ from palpate.physics.bodies import true_patch as tp
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.studies.accuracy.bodies.reduced_fe import ready
-from palpate.studies.accuracy.places import stored
+from palpate.studies.accuracy.sites import stored
 
 YOUNG, POISSON, RADIUS = 19e3, 0.45, 8e-3
 UP = (0.0, 0.0, 1.0)
@@ -40,7 +40,7 @@ def potential(rho):
 
 @pytest.mark.parametrize("rho", [0.0, 0.1, 0.5, 0.97, 1.2, 2.5, 5.0, 9.0, 40.0])
 def test_the_dent_of_a_half_space_is_the_potential_of_the_pressure(rho):
-    assert tp.dent_at(tp.dent_profile(), rho * rho) == approx(potential(rho), rel=1e-4)
+    assert tp.depth_at(tp.depth_profile(), rho * rho) == approx(potential(rho), rel=1e-4)
 
 
 def test_the_compliance_of_the_half_space_is_the_mean_of_its_dent():

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from palpate.physics.geometry.closest import ClosestPoint, track
 from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.newton import newton
-from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import plane_patch, sphere
 
 
@@ -227,7 +227,7 @@ def test_a_border_that_is_one_point_is_left_in_any_direction():
     # A sphere whose poles lie at the ends of u, where no polar steps are taken, and a patch with three sides.
     ball = sphere(0.03)
     parts = (np.swapaxes(ball.points, 0, 1)[:, ::-1].copy(), ball.weights.T[:, ::-1].copy(), ball.knots_v, ball.knots_u)
-    lying = Nurbs(*parts, 2, 2, False, True)
+    lying = NurbsPatch(*parts, 2, 2, False, True)
     rng = np.random.default_rng(6)
     out = directions(rng, 500) * (0.2, 0.2, 1)
     out /= np.linalg.norm(out, axis=1)[:, None]
@@ -236,7 +236,7 @@ def test_a_border_that_is_one_point_is_left_in_any_direction():
     np.testing.assert_allclose(feet[1], out, atol=1e-7)
     x, y = np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 4), indexing="ij")
     knots = [np.repeat([0.0, 1.0], 5), np.repeat([0.0, 1.0], 4)]
-    flat = Nurbs(np.stack([x * y, y, 0 * y], -1) * 0.1, np.ones((5, 4)), *knots, 4, 3)
+    flat = NurbsPatch(np.stack([x * y, y, 0 * y], -1) * 0.1, np.ones((5, 4)), *knots, 4, 3)
     points = rng.uniform(-0.05, 0.15, (1000, 3))
     a, b = points[:, :2].T  # the triangle 0 <= x <= y <= 0.1
     tip = np.clip((a + b) / 2, 0, 0.1)

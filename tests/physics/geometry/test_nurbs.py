@@ -5,7 +5,7 @@ import pytest
 from formulas import outward_normal, torus
 from scipy.interpolate import BSpline
 
-from palpate.physics.geometry.nurbs import Nurbs
+from palpate.physics.geometry.nurbs import NurbsPatch
 from palpate.physics.geometry.nurbs_fit import interpolate, plane_patch, sphere
 
 
@@ -16,7 +16,7 @@ def random_patch(rng, p, q, weighted=True):
         for d, k in ((p, n), (q, m))
     ]
     weights = rng.uniform(0.5, 2.0, (n, m)) if weighted else np.ones((n, m))
-    return Nurbs(rng.normal(size=(n, m, 3)), weights, knots[0], knots[1], p, q)
+    return NurbsPatch(rng.normal(size=(n, m, 3)), weights, knots[0], knots[1], p, q)
 
 
 def scipy_surface(patch, u, v, du=0, dv=0):
@@ -154,7 +154,7 @@ def test_parts_that_do_not_fit_together_are_refused(change, text):
     good = plane_patch(1.0)
     parts = {name: getattr(good, name) for name in ("points", "weights", "knots_u", "knots_v", "degree_u", "degree_v")}
     with pytest.raises(ValueError, match=text):
-        Nurbs(**{**parts, **change})
+        NurbsPatch(**{**parts, **change})
 
 
 def test_bad_data_points_are_refused():

@@ -7,7 +7,7 @@ from pytest import approx
 from scipy.linalg import expm
 
 from palpate.models import fe
-from palpate.models.fe import MaterialError, Rigid, Settings, Solver, box, plane
+from palpate.models.fe import MaterialError, RigidIndenter, Settings, Solver, box, plane
 from palpate.models.fe.reduce.reducible import Reducible
 from palpate.models.fe.reduce.sampling import points_of
 from palpate.physics import materials
@@ -118,7 +118,7 @@ def test_a_block_of_a_law_of_one_file_is_pressed(gent):
     for material in (fe.gent(2e4, 0.4, 1.0), fe.neo_hooke(2e4, 0.4)):
         mesh, fixed, given = block(material)
         top = mesh.faces[(mesh.points[mesh.faces][:, :, 2] > 1e-2 - 1e-9).all(axis=1)]
-        touch = Rigid(top, plane, (0.0, 0.0, -1.0), lambda load: np.array([0.0, 0.0, 1e-2 - load]))
+        touch = RigidIndenter(top, plane, (0.0, 0.0, -1.0), lambda load: np.array([0.0, 0.0, 1e-2 - load]))
         body = Solver(mesh, given, fixed, contacts=[touch], settings=Settings(step=1e-3, largest=1e-3))
         own = []
         for depth in (1e-5, 2e-3):

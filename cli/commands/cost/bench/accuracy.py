@@ -38,10 +38,10 @@ def accuracy(
     from palpate.launch.load.classes import find_class
     from palpate.physics.writable import check_folder
     from palpate.studies.accuracy import methods as known
+    from palpate.studies.accuracy.cases import chosen
     from palpate.studies.accuracy.cells import compute, matrix
     from palpate.studies.accuracy.output.report import about as versions
     from palpate.studies.accuracy.output.report import written
-    from palpate.studies.accuracy.touches import chosen
 
     about, wanted = versions(), chosen(touches)
     methods = known.chosen(only, {name: find_class(name) for name in body or ()})
@@ -65,9 +65,9 @@ def accuracy(
 def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     from palpate.launch.run.busy import busy
     from palpate.physics import extras
-    from palpate.studies.accuracy.laboratory import missing
     from palpate.studies.accuracy.output.page import LEGEND
     from palpate.studies.accuracy.output.pareto import advice, best, duration, elsewhere, of_bodies, summaries, unable
+    from palpate.studies.accuracy.reference_solvers import missing
 
     summary = summaries(of_bodies(cells))
     heads = ("", ">force error\nRMS, median [%]", ">worst\ntouch [%]", ">step\np50", ">\np99", ">touches\ncomputed",

@@ -62,7 +62,7 @@ def tissue(
     from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
     from palpate.models.fit.tissue.rigs import Rig
     from palpate.physics.writable import check_folder
-    from palpate.studies.presses import Presses, length
+    from palpate.studies.presses import PressReader, length
 
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
@@ -80,7 +80,7 @@ def tissue(
         check_folder(out)
     except OSError as error:
         raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
-    read = Presses(columns.split(","), unit or [], rig == "fingertip")
+    read = PressReader(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
     with steps(f"fit tissue: {law}", 1, silent=as_json, timed=False) as done:

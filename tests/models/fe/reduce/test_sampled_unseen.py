@@ -15,7 +15,7 @@ from palpate.models.fe.reduce.sampling import modes, points_of
 from palpate.models.fe.reduce.snapshots import MILD, press_from_rest, scatter
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.sampled.energy import forces, scratch, tangent
-from palpate.physics.bodies.sampled.solve import invert, settle, unhurried
+from palpate.physics.bodies.sampled.solve import invert, offline_budget, settle
 
 RADIUS, UNBOUND = 12e-3, 1e300
 
@@ -79,7 +79,7 @@ def least(points, p):
     r = len(p)
     q, g, H, K, L, energy = np.zeros(r), np.zeros(r), np.eye(r), np.zeros((r, r)), np.zeros((r, r)), 0.0
     for _ in range(20):
-        energy, _, done = settle(points, scratch(points), p, q, g, H, K, L, np.zeros((4, r)), energy, unhurried())
+        energy, _, done = settle(points, scratch(points), p, q, g, H, K, L, np.zeros((4, r)), energy, offline_budget())
         if done:
             return energy - p @ q
         tangent(points, q, scratch(points), K)

@@ -1,4 +1,4 @@
-"""What a graph's tissue model is itself off by: a difference from a reference is no error without it."""
+"""The known error of a tissue model, to be added to differences from it when it serves as the reference."""
 
 from palpate.engine.graph import Graph
 from palpate.messages import Surface
@@ -8,12 +8,12 @@ from palpate.nodes.deformation.basis_store import shipped
 from palpate.physics.errors import ArgumentError
 
 KNOWN = 0.01
-"""[1] Force error (RMS) of ReducedFE against two full solvers on meshes that follow the patch, on the test cases of
-`palpate bench accuracy` but the tap and the nodule (docs/accuracy.md)."""
+"""[1] RMS force error of ReducedFE against two full solvers on meshes that follow the patch, on the test cases of
+`palpate bench accuracy` except the tap and the nodule (docs/accuracy.md)."""
 
 
 def body_of(graph: Graph) -> str:
-    """Name of the node that sends `Surface`. ArgumentError: there is none."""
+    """Name of the node that sends `Surface`. ArgumentError: not exactly one node does."""
     names = [name for name, spec in graph.nodes.items() if Surface in spec.streams.values()]
     if len(names) != 1:
         raise ArgumentError(
@@ -24,8 +24,8 @@ def body_of(graph: Graph) -> str:
 
 
 def known_error(graph: Graph) -> float:
-    """What the graph's body is off by [1]: `KNOWN`, and what its stored basis says of itself, its nonlinear table
-    against the full model; 0 where nothing is known."""
+    """Known force error [1] of the body of a graph: `KNOWN` plus the error of its nonlinear table against the full
+    model, from the stored basis; 0 if unknown."""
     spec = graph.nodes[body_of(graph)]
     if spec.cls is not ReducedFE:
         return 0.0
@@ -34,13 +34,13 @@ def known_error(graph: Graph) -> float:
         key = node.key()
     except SettingError:
         return 0.0
-    told = [about["error"] for about in shipped().values() if about["key"] == key]
+    stored = [about["error"] for about in shipped().values() if about["key"] == key]
     known = 0.0 if node.model == "sampled" else KNOWN
-    return known + (float(told[0].get("mean", 0.0)) if told else 0.0)
+    return known + (float(stored[0].get("mean", 0.0)) if stored else 0.0)
 
 
-def own_error(graph: Graph) -> str:
-    """A sentence on it; "" for a graph without a body."""
+def error_sentence(graph: Graph) -> str:
+    """A sentence on the known error of the body; "" for a graph without a body."""
     try:
         name = graph.nodes[body_of(graph)].cls.__name__
         known = known_error(graph)

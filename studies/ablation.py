@@ -5,24 +5,24 @@ from collections.abc import Sequence
 from palpate.launch.load.effect_costs import EffectCost
 from palpate.records.compare import Variant
 from palpate.records.reader import Recording
-from palpate.studies.search import Show, compared, off_by
+from palpate.studies.search import Show, compared, relative_error
 
-NONE = 1e-12  # [N] below this, a force is the same
-RESOLUTION = 0.13  # of a duration: a bin of its histogram
+NONE = 1e-12  # [N] A smaller difference counts as no difference
+RESOLUTION = 0.13  # [1] Relative width of a histogram bin of the step times
 
 
-def prove(
+def ablate(
     recording: Recording, items: Sequence[EffectCost], overrides: Sequence[str] = (), show: Show = lambda effect: None
 ) -> None:
     """Record for each item how the force and the time of a tick change with the effect toggled.
 
-    overrides  of the plan that the items are of
+    overrides  overrides of the plan of the items
 
-    RecordingError: the recording holds no touch that can be computed again. What cannot be tried says why.
+    An effect that cannot be toggled gets the reason. RecordingError: the recording cannot be replayed.
     """
     for item in items:
         show(item.effect)
-        if item.beside:
+        if item.observed:
             item.proof = "no message depends on it"
             continue
         if not item.on and item.setting:
@@ -33,10 +33,10 @@ def prove(
             why = both.splitlines()[0].split(": ", 1)[-1]
             item.proof = f"cannot be switched {'off' if item.on else 'on'}: {why}"
         else:
-            item.proof = _told(item, *both)
+            item.proof = _change(item, *both)
 
 
-def _told(item: EffectCost, base: Variant, variant: Variant) -> str:
+def _change(item: EffectCost, base: Variant, variant: Variant) -> str:
     if not variant.force.count:
         return "no force is computed"
     now, then = base.whole.report()["p50"] * 1e6, variant.whole.report()["p50"] * 1e6
@@ -51,4 +51,4 @@ def _told(item: EffectCost, base: Variant, variant: Variant) -> str:
     if scale <= 0.0:
         return f"{word}: up to {variant.force.peak:.2g} N, where there was no force; {cost}"
     peak = variant.force.peak / scale
-    return f"{word}: force differs by {off_by(variant):.2%} of its peak (RMS), {peak:.2%} at most; {cost}"
+    return f"{word}: force differs by {relative_error(variant):.2%} of its peak (RMS), {peak:.2%} at most; {cost}"

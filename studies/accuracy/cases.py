@@ -1,4 +1,4 @@
-"""The standard touches, as data: how far a finger comes to a body over time, and where on it."""
+"""The standard test cases as data: approach and position of a finger on a body over time."""
 
 from dataclasses import dataclass
 
@@ -7,22 +7,22 @@ import numpy as np
 from palpate.physics.errors import ArgumentError
 from palpate.studies.peers.continuum import RADIUS
 
-RETARDATION = 0.02  # [s] Of the viscous touches: that of deformation.ReducedFE
+RETARDATION = 0.02  # [s] Of the viscous test cases: that of deformation.ReducedFE
 
 
 @dataclass(frozen=True)
 class BenchCase:
-    """One touch.
+    """One test case.
 
     body         "half-space", "plate", "slab" or "kidney"
     finger       "ball": rigid, of radius `RADIUS`; "soft": the exponential fingertip of contact.Series
-    knots        (time [s], approach [m], place [m]) ..., joined by half cosines, so that the speed has no jumps; the
-                 place is x, or on the kidney the way along its top, see `kidney.along`
-    place        of the stored reference, or of a path of them (`accuracy.places`); empty where there is a closed form
-    retardation  [s] Kelvin-Voigt, of the slab
+    knots        (time [s], approach [m], place [m]) ..., joined by half cosines, so the speed is continuous; the place
+                 is x, or on the kidney the distance along its top, see `kidney.along`
+    place        name of the stored reference or of a path of references (`accuracy.sites`); "": a closed form
+    retardation  [s] Kelvin-Voigt retardation time of the slab
     friction     whether the finger slides with friction
     nodule       whether the slab has the nodule of `continuum` below (0, 0)
-    sticks       whether the surface under the patch is held along itself
+    sticks       whether the surface under the patch cannot slide
     """
 
     name: str
@@ -38,24 +38,24 @@ class BenchCase:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Duration [s]."""
         return self.knots[-1][0]
 
     def at(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Approach [m], its rate [m/s], place [m] and its rate at these times [s] (T,)."""
+        """Approach [m], its rate [m/s], place [m] and its rate [m/s] at these times [s] (T,)."""
         knots = np.array(self.knots)
         k = np.clip(np.searchsorted(knots[:, 0], times, side="right") - 1, 0, len(knots) - 2)
         length = knots[k + 1, 0] - knots[k, 0]
         q = np.clip((times - knots[k, 0]) / length, 0.0, 1.0)
         share, speed = 0.5 - 0.5 * np.cos(np.pi * q), 0.5 * np.pi * np.sin(np.pi * q) / length
-        way = knots[k + 1, 1:] - knots[k, 1:]
-        place = knots[k, 1:] + way * share[:, None]
-        rate = way * speed[:, None]
+        change = knots[k + 1, 1:] - knots[k, 1:]
+        place = knots[k, 1:] + change * share[:, None]
+        rate = change * speed[:, None]
         return place[:, 0], rate[:, 0], place[:, 1], rate[:, 1]
 
 
 TISSUE = ("slab", "kidney")
-"""Bodies of the test cases that a tissue has to be able to do: a fingertip's patch on something soft."""
+"""Bodies of the test cases on tissue: the patch of a fingertip on a soft body."""
 APART = -1e-4
 _PRESS = ((0.0, APART, 0.0), (0.3, 5.5e-3, 0.0))
 
@@ -79,7 +79,7 @@ TOUCHES: dict[str, BenchCase] = {
         ),
         BenchCase("indent", "a fingertip pressed into a slab", "slab", "soft", (*_PRESS, (0.4, 5.5e-3, 0.0)), "middle"),
         BenchCase(
-            "hold", "pressed, held and let go, viscous", "slab", "soft",
+            "hold", "pressed, held and released, viscous", "slab", "soft",
             ((0.0, APART, 0.0), (0.1, 5.5e-3, 0.0), (0.4, 5.5e-3, 0.0), (0.5, APART, 0.0), (0.6, APART, 0.0)),
             "middle", RETARDATION,
         ),
@@ -101,9 +101,9 @@ TOUCHES: dict[str, BenchCase] = {
             ((0.0, APART, -5e-3), (0.2, 5e-3, -5e-3), (0.3, 5e-3, -5e-3), (0.6, 5e-3, 5e-3), (0.7, 5e-3, 5e-3)),
             "middle", friction=True,
         ),
-        BenchCase("nodule-over", "pressed over a nodule", "slab", "soft", _PRESSED, "nodule-00", nodule=True),
+        BenchCase("nodule-centre", "pressed over a nodule", "slab", "soft", _PRESSED, "nodule-00", nodule=True),
         BenchCase(
-            "nodule-beside", "pressed 10 mm beside a nodule", "slab", "soft", _placed(_PRESSED, 10e-3), "nodule-10",
+            "nodule-offset", "pressed 10 mm from a nodule", "slab", "soft", _placed(_PRESSED, 10e-3), "nodule-10",
             nodule=True,
         ),
         BenchCase(
@@ -118,7 +118,7 @@ TOUCHES: dict[str, BenchCase] = {
 
 
 def chosen(names: list[str] | None) -> list[BenchCase]:
-    """The touches of these names, all where none is given. ArgumentError: one that there is not."""
+    """The test cases of these names, by default all. ArgumentError: an unknown name."""
     for name in names or ():
         if name not in TOUCHES:
             raise ArgumentError(f"touch: found {name!r}, expected one of {', '.join(TOUCHES)}")

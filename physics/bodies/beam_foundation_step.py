@@ -1,21 +1,21 @@
-"""One step of a bed of beams under all its loads, compiled, and the law of the next one, see `beam_bed`."""
+"""One step of an elastic foundation of beams under all loads, and the law of the next step, see `beam_foundation`."""
 
 import math
 
-from palpate.physics.bodies.stretch import hold_together
+from palpate.physics.bodies.stretch import limit_stretch
 from palpate.physics.contact.terminal import LEAST_FORCE, fit_terminal
 from palpate.physics.dot import dot
 from palpate.physics.kernel import kernel
 from palpate.physics.materials.voigt import STRAIN_LIMIT, chain_stress_step
 
-NO_FORCE = 1e-9  # [N] A force below this is none: how it is spread says nothing
-LARGEST_FORCE = 1e6  # [N] On a node; a larger one counts as this, so that sums stay finite
+NO_FORCE = 1e-9  # [N] Smaller forces count as zero: their distribution is not significant
+LARGEST_FORCE = 1e6  # [N] Limit of the force on a node, so that sums are finite
 STILL = 1e-9  # [1] An unloaded beam whose strains are all below this is at rest
 MOST_APART = 0.8  # [1] Largest difference of displacement between neighbours, over the length of their edge
 MOST_SIDEWAYS = 0.5
-"""[1] The same for the part along the surface. A triangle is turned over where that changes by 1 over its height; in a
-right-angled one that is sqrt(2) of what its edges show, and the dent of a round body takes some of it."""
-LEAST_COMPLIANCE = 1e-9  # [m/N] of a patch whose layers all stand at their limit; it keeps the law finite
+"""[1] The same for the part along the surface. A triangle inverts when this part changes by its height; in a
+right-angled one that is sqrt(2) times the change along its edges, and the indentation of a round body adds to it."""
+LEAST_COMPLIANCE = 1e-9  # [m/N] Lower limit for a patch whose layers are all at their limit; it keeps the law finite
 
 
 @kernel
@@ -26,8 +26,8 @@ def held_force(force):
 
 @kernel
 def loaded_patch(nodes, forces, normal, patch, weight):
-    """Fill the patch with the shares of a load in its normal force; its length. 0, and the patch as it was, where there
-    is no such force; -1 where the surface does not have a node."""
+    """Fill the patch with the shares of nodes in the normal force of a load; its length. 0 if there is no normal force,
+    with the patch unchanged; -1 for a node that the surface does not have."""
     total = 0.0
     for k in range(nodes.shape[0]):
         if not 0 <= nodes[k] < weight.shape[0]:
@@ -50,7 +50,7 @@ def _push(force, normal):
 
 @kernel
 def patch_between(last, last_count, share, nodes, weights, patch, weight):
-    """Fill the patch between the one that bore the last load, of this share, and another; its length."""
+    """Blend the patch of the last load, with the weight `share`, and another one; the length of the result."""
     for k in range(last_count):
         weight[last.nodes[k]] += share * last.shares[k]
     for k in range(nodes.shape[0]):
@@ -74,7 +74,7 @@ def _collect(j, scale, patch, weight, count):
 
 @kernel
 def add_forces(nodes, forces, normal, count, moving):
-    """Let the beams bear a load; how many vertices are displaced then, and the load's normal force [N]."""
+    """Add a load to the forces of the beams; the number of displaced vertices, and the load's normal force [N]."""
     total = 0.0
     for k in range(nodes.shape[0]):
         j = nodes[k]
@@ -89,9 +89,9 @@ def add_forces(nodes, forces, normal, count, moving):
 
 
 @kernel
-def bed_step(dt, count, beams, moving, contacts):
-    """Step the beams under all loads and take the law on the patch of each contact; how many vertices are displaced,
-    and how many beams are at a limit."""
+def foundation_step(dt, count, beams, moving, contacts):
+    """Step the beams under all loads and fit the law on the patch of each contact; the numbers of displaced vertices
+    and of beams at a limit."""
     active, place, displacement = moving.nodes, moving.place, moving.displacement
     limited = 0.0
     for k in range(count):
@@ -117,8 +117,8 @@ def bed_step(dt, count, beams, moving, contacts):
 
 
 @kernel
-def held_together(count, beams, moving, skin):
-    """Limit the displacement that is sent: along the surface, then as a whole; how many vertices were limited."""
+def limit_displacement(count, beams, moving, skin):
+    """Limit the displacement that is sent: along the surface, then as a whole; the number of limited vertices."""
     moved, sideways = moving.moved, skin.sideways
     for k in range(count):
         normal = beams.normals[moving.nodes[k]]
@@ -126,16 +126,16 @@ def held_together(count, beams, moving, skin):
         for a in range(3):
             sideways[k, a] = moved[k, a] - along * normal[a]
             moved[k, a] -= sideways[k, a]
-    held = hold_together(sideways, count, MOST_SIDEWAYS, skin.edges, moving.place, moving.nodes, skin.room)
+    limited = limit_stretch(sideways, count, MOST_SIDEWAYS, skin.edges, moving.place, moving.nodes, skin.room)
     for k in range(count):
         for a in range(3):
             moved[k, a] += sideways[k, a]
-    return max(held, hold_together(moved, count, MOST_APART, skin.edges, moving.place, moving.nodes, skin.room))
+    return max(limited, limit_stretch(moved, count, MOST_APART, skin.edges, moving.place, moving.nodes, skin.room))
 
 
 @kernel
 def _beam(j, dt, beams, moving):
-    """Step one beam under its force; 1 where an element is at its limit."""
+    """Step one beam under its force; returns 1 if an element or the shear is at its limit, else 0."""
     force, strains, displacement, normal = moving.force[j], moving.strains[j], moving.displacement[j], beams.normals[j]
     along = dot(force, normal)
     push = max(-along, 0.0)
@@ -148,16 +148,16 @@ def _beam(j, dt, beams, moving):
         strains[:] = 0.0
         displacement[:] = 0.0
         return 0.0
-    held = _shear_left(force, along, beams.softness / beams.areas[j], beams.length)
+    factor = _shear_factor(force, along, beams.softness / beams.areas[j], beams.length)
     for a in range(3):
         tangent = force[a] - along * normal[a]
-        displacement[a] = held * beams.softness * tangent / beams.areas[j] - strain * beams.length * normal[a]
-    return 1.0 if most >= STRAIN_LIMIT or held < 1.0 else 0.0
+        displacement[a] = factor * beams.softness * tangent / beams.areas[j] - strain * beams.length * normal[a]
+    return 1.0 if most >= STRAIN_LIMIT or factor < 1.0 else 0.0
 
 
 @kernel
-def _shear_left(force, along, softness, length):
-    """The share [1] of the free sideways displacement softness |f_t| [m] that the limit of the shear leaves."""
+def _shear_factor(force, along, softness, length):
+    """Factor [1] <= 1 on the lateral displacement softness |f_t| [m] that limits the shear."""
     sideways = softness * math.sqrt(max(dot(force, force) - along * along, 0.0))
     limit = STRAIN_LIMIT * length
     return 1.0 if sideways <= limit else limit / sideways
@@ -165,7 +165,7 @@ def _shear_left(force, along, softness, length):
 
 @kernel
 def _shared(i, j, dt, beams, moving, contacts):
-    """Compliance [m/N] >= 0 between the patches of two contacts, by the beams that both have."""
+    """Compliance c_ij [m/N] >= 0 between the patches of two contacts, summed over their common beams."""
     n, m, weight = contacts.normals[i], contacts.normals[j], moving.weight
     first, second = contacts.which[i], contacts.which[j]
     for k in range(contacts.counts[j]):
@@ -182,7 +182,7 @@ def _shared(i, j, dt, beams, moving, contacts):
             moving.chain[a] = moving.strains[v, a]
         chain_stress_step(moving.chain, beams.moduli, beams.viscosities, beams.shares, max(-along, 0.0) / area, dt)
         axial = beams.length * _chain_compliance(moving.chain, beams, dt)
-        side = _shear_left(force, along, beams.softness / area, beams.length) * beams.softness
+        side = _shear_factor(force, along, beams.softness / area, beams.length) * beams.softness
         total += w / area * (max(here, 0.0) * max(there, 0.0) * axial + side * (dot(n, m) - here * there))
     for k in range(contacts.counts[j]):
         weight[contacts.nodes[second, j, k]] = 0.0
@@ -191,7 +191,7 @@ def _shared(i, j, dt, beams, moving, contacts):
 
 @kernel
 def _chain_compliance(strains, beams, dt):
-    """d strain / d stress [1/Pa] of a step that ends at these strains; elements at their limit give no more."""
+    """d strain / d stress [1/Pa] of a step that ends at these strains, without the elements at their limit."""
     total = 0.0
     for a in range(beams.moduli.shape[0]):
         if beams.shares[a] > 0.0 and strains[a] < STRAIN_LIMIT:
@@ -201,8 +201,8 @@ def _chain_compliance(strains, beams, dt):
 
 @kernel
 def _response(i, dt, beams, moving, contacts):
-    """The law of the next step, of the same length, at the present forces: K, n, free and present indentation; and what
-    the others are at this contact."""
+    """Fit the law of the next step, of the same length, at the current forces (K, n, free and current indentation), and
+    fill the coupling to the other contacts."""
     normal, which, total = contacts.normals[i], contacts.which[i], contacts.forces[i]
     others = 0.0
     for j in range(len(contacts.forces)):
@@ -216,6 +216,7 @@ def _response(i, dt, beams, moving, contacts):
         area, beam, strains, force = beams.areas[j], beams.normals[j], moving.strains[j], moving.force[j]
         face = dot(beam, normal)
         previous -= w * dot(moving.displacement[j], normal)
+        # next step of the beam without load, and under its current load (if none, the least force of the law)
         for a in range(len(chain)):
             chain[a] = strains[a]
         free += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, 0.0, dt)
@@ -224,10 +225,11 @@ def _response(i, dt, beams, moving, contacts):
         along = dot(force, beam)
         push = max(-along, 0.0) if loaded else max(face, 0.0) * w * LEAST_FORCE
         deep += w * face * length * chain_stress_step(chain, moduli, viscosities, shares, push / area, dt)
-        held = _shear_left(force, along, beams.softness / area, length)
-        side = held * w * beams.softness / area * (1.0 - face * face)
+        # shear, and the compliance of both
+        factor = _shear_factor(force, along, beams.softness / area, length)
+        side = factor * w * beams.softness / area * (1.0 - face * face)
         if loaded:
-            deep -= held * w * beams.softness / area * (dot(force, normal) - along * face)
+            deep -= factor * w * beams.softness / area * (dot(force, normal) - along * face)
         else:
             deep += w * LEAST_FORCE * side
         compliance += w * side
@@ -235,11 +237,11 @@ def _response(i, dt, beams, moving, contacts):
             if shares[a] > 0.0 and chain[a] < STRAIN_LIMIT:
                 rate = viscosities[a] / dt
                 compliance += w * w * face * max(face, 0.0) * length * shares[a] / (moduli[a] + rate) / area
+    # the law at the effective force; below the least force the response is extrapolated linearly to it
     compliance = max(compliance, LEAST_COMPLIANCE)
     acting = total + others / compliance
     least = max(acting, LEAST_FORCE)
     if loaded and acting < least:
-        # Lighter than the least force: the linear response, carried up to it.
         deep = free + (deep - free) * least / acting
     slope = 1.0 / compliance
     law = contacts.laws[i]

@@ -1,4 +1,4 @@
-"""An elastic bed under some faces: a spring per area that resists displacement in all directions."""
+"""An elastic foundation under some faces: springs per area that resist displacement in all directions."""
 
 import numpy as np
 
@@ -8,15 +8,12 @@ from palpate.models.fe.sparse.pattern import Pattern
 
 
 class ElasticFoundation(ContactPair):
-    """Springs between faces and their undeformed position, for `fe.Solver` among its contacts.
-
-    faces      (F,6) boundary faces that lie on the bed
-    stiffness  [Pa/m] > 0
-    """
+    """Springs of a stiffness > 0 [Pa/m] between boundary faces (F,6) and their undeformed position; one of the contacts
+    of an `fe.Solver`."""
 
     def __init__(self, faces: np.ndarray, stiffness: float) -> None:
         if not stiffness > 0:
-            raise ValueError(f"bed: found {stiffness} Pa/m, expected a positive number")
+            raise ValueError(f"elastic foundation: found {stiffness} Pa/m, expected a positive number")
         self.faces, self.stiffness = faces, stiffness
 
     def bind(self, points: np.ndarray, pattern: Pattern, stiffness: np.ndarray) -> None:
@@ -28,7 +25,7 @@ class ElasticFoundation(ContactPair):
         self._where = pattern.where(self.faces)
 
     def nodes(self) -> np.ndarray:
-        """Nodes that it holds (F,6)."""
+        """Nodes on which it acts (F,6)."""
         return self.faces
 
     def add(self, displacement: np.ndarray, load: float, tangent: bool, force: np.ndarray, data: np.ndarray) -> None:

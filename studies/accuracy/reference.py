@@ -1,19 +1,19 @@
-"""What is held for true of a touch, over time.
+"""Reference solutions of the test cases over time.
 
-A closed form where there is one:
+Closed forms:
 
     ball on a half-space       f = 4/3 E/(1-nu²) sqrt(R) e^1.5            K. L. Johnson, Contact Mechanics (1985), ch. 4
     fingertip on a plate       f = (b/m)(exp(m e) - 1) <1 + c e'>          docs/equations/contact.md
 
-On the slab the stored static curve s = S(h) of its place (`places`) is solved in series with the fingertip, the
-slab a Kelvin-Voigt solid whose elastic force is h:
+On the slab the stored static curve s = S(h) of the site (`sites`) is solved in series with the fingertip; the slab is a
+Kelvin-Voigt solid with the elastic force h:
 
     e = s1 + s,   f = g(s1) <1 + c s1'>,   s = S(h),   tau h' + h = f
 
-by implicit Euler at `RATE` and at half of it; 2 fine - coarse is kept, their difference is part of the band. Friction
-is the law of friction.LuGre over the true normal force, its rate taken from the differential equation. None of this
-shares code with the nodes. On the kidney the curve changes along the path: S(h, x) is the parabola in x through those
-of three stored places, and what a polygon through them differs by is part of the band.
+by implicit Euler at `RATE` and half of it; the solution is 2 fine - coarse, and the uncertainty band includes their
+difference. Friction is the law of friction.LuGre with the reference normal force, by its differential equation. None of
+this shares code with the nodes. On the kidney the curve changes along the path: S(h, x) is the parabola in x through
+the curves of three stored sites, and the band includes the difference to linear interpolation.
 """
 
 import math
@@ -26,27 +26,27 @@ from scipy.interpolate import CubicSpline, RectBivariateSpline
 from palpate.nodes.contact import Series
 from palpate.physics.friction.lugre import LuGre
 from palpate.physics.kernel import kernel
-from palpate.studies.accuracy.places import PLACES, ReferenceSite, on_path, stored
-from palpate.studies.accuracy.touches import BenchCase
+from palpate.studies.accuracy.cases import BenchCase
+from palpate.studies.accuracy.sites import SITES, ReferenceSite, on_path, stored
 from palpate.studies.peers.continuum import POISSON, RADIUS, YOUNG
 
 RATE = 32000  # [Hz]
 QUANTITIES = {
     "force": "N", "friction": "N", "indentation": "m", "shape": "m", "area": "m²", "traction": "Pa", "energy": "J",
 }  # fmt: skip
-"""What is compared, with its unit."""
+"""Compared quantities with their units."""
 EXACT = 1e-9
-"""[1] What a closed form may be off by: rounding, and parts of the set-up that are rigid but for 1e-12 m/N."""
+"""[1] Uncertainty of a closed form: rounding, and a compliance of 1e-12 m/N of the rigid parts."""
 HERTZ = 4.0 / 3.0 * YOUNG / (1.0 - POISSON**2) * math.sqrt(RADIUS)  # [N/m^1.5] Of the ball on the half-space
 SLIDING = LuGre(0.5, 0.7, 0.02, bristle_stiffness=500.0, bristle_damping=1.0, viscous=0.4, rescale=False)
-"""Friction of the kidney scene, by the plain differential equation."""
+"""Friction of the kidney scene, by the unmodified differential equation."""
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Over time [s] (T,): what is known, by quantity (T,); the bands are what it may be off by.
+class ReferenceSolution:
+    """Values and uncertainty bands over time [s] (T,), by quantity (T,).
 
-    elastic  [N] (T,) force that the shape of the surface belongs to
+    elastic  [N] (T,) elastic force, which determines the shape of the surface
     """
 
     times: np.ndarray
@@ -63,7 +63,7 @@ class Truth:
         return np.interp(times, self.times, self.bands[name])
 
     def depth(self, points: np.ndarray, time: float) -> np.ndarray:
-        """How deep the surface is [m] at points (k,2) of it [m]."""
+        """Depth of the surface [m] (k,) at points [m] (k,2)."""
         h = float(np.interp(time, self.times, self.elastic))
         _, _, x, _ = self.touch.at(np.array([time]))
         if self.touch.body == "half-space":
@@ -71,10 +71,10 @@ class Truth:
             return _hertz_shape(np.hypot(points[:, 0] - x[0], points[:, 1]), deep)
         assert self.place is not None
         there = points - (x[0] - self.place.about["place"]["place"], 0.0)
-        return _dent(self.touch.place)(there, h)
+        return _surface_shape(self.touch.place)(there, h)
 
     def shape_band(self, time: float) -> float:
-        """[m] rms that the shape may be off by."""
+        """RMS uncertainty [m] of the shape."""
         if self.place is None:
             return 0.0
         h = float(np.interp(time, self.times, self.elastic))
@@ -82,8 +82,9 @@ class Truth:
 
 
 @lru_cache(maxsize=16)
-def truth(touch: BenchCase) -> Truth:
-    """The truth of a touch. MissingError: its reference is not stored."""
+def reference_solution(touch: BenchCase) -> ReferenceSolution:
+    """The reference solution of a test case. MissingError: its reference is not stored."""
+    # Closed forms: ball on a half-space, fingertip on a plate.
     times = np.arange(round(touch.duration * RATE) + 1) / RATE
     approach, rate, _, slip = touch.at(times)
     near = np.maximum(approach, 0.0)
@@ -92,13 +93,14 @@ def truth(touch: BenchCase) -> Truth:
         area = math.pi * RADIUS * near
         traction = np.divide(1.5 * force, area, out=np.zeros_like(force), where=area > 0.0)
         values = {"force": force, "indentation": near, "area": area, "traction": traction, "energy": 0.4 * force * near}
-        return Truth(times, values, {k: EXACT * np.abs(v) for k, v in values.items()}, force, touch, None)
+        return ReferenceSolution(times, values, {k: EXACT * np.abs(v) for k, v in values.items()}, force, touch, None)
     finger = Series()
     b, m, c = finger.finger_stiffness, finger.finger_hardening, finger.finger_damping
     if touch.body == "plate":
         force = b / m * np.expm1(m * near) * np.maximum(1.0 + c * rate, 0.0)
         values = {"force": force}
-        return Truth(times, values, {"force": EXACT * force}, force, touch, None)
+        return ReferenceSolution(times, values, {"force": EXACT * force}, force, touch, None)
+    # Slab and kidney: extrapolate the time step, and add up the uncertainties of curve, path interpolation and step.
     places, at = [stored(name) for name in on_path(touch.place)], path_of(touch)
     levels = places[0].force
     depth, band = (np.array([getattr(p, name) for p in places]) for name in ("indentation", "band"))
@@ -112,17 +114,16 @@ def truth(touch: BenchCase) -> Truth:
     values = derived(touch, slip, *refined[:2])
     above = derived(touch, slip, *(a + d for a, d in zip(refined[:2], spread[:2], strict=True)))
     bands = {name: np.abs(above[name] - value) for name, value in values.items()}
-    return Truth(times, values, bands, refined[2], touch, places[0] if touch.body == "slab" else None)
+    return ReferenceSolution(times, values, bands, refined[2], touch, places[0] if touch.body == "slab" else None)
 
 
 def path_of(touch: BenchCase) -> np.ndarray:
-    """Places [m] (K,) of a touch's references along its path."""
-    return np.array([PLACES[name].place for name in on_path(touch.place)])
+    """Positions [m] (K,) of the reference sites along the path."""
+    return np.array([SITES[name].place for name in on_path(touch.place)])
 
 
 def derived(touch: BenchCase, slip: np.ndarray, force: np.ndarray, depth: np.ndarray) -> dict[str, np.ndarray]:
-    """What is compared, from force [N] and indentation [m] (T,) of a body under the patch; area and traction on what is
-    flat."""
+    """Compared quantities from force [N] and indentation [m] (T,); area and traction on the flat slab only."""
     patch = math.pi * RADIUS**2
     values = {"force": force, "indentation": depth, "energy": worked(force, depth)}
     if touch.body == "slab":
@@ -145,9 +146,11 @@ def in_time(
     at: np.ndarray | None = None,
     smooth: bool = True,
 ) -> list[np.ndarray]:
-    """Force [N], indentation [m] and elastic force [N] at each `every`-th instant, of a body whose static curve goes
-    through these forces [N] and indentations [m] (L,) or, at the places `at` [m] (K,) of its path, (K,L). Between them
-    it is a polynomial in the place, or a polygon where it is not to be smooth."""
+    """Force [N], indentation [m] and elastic force [N] at every `every`-th instant.
+
+    levels, indentation  [N] (L,), [m] (L,) of the static curve, or (K,L) at the positions `at` [m] (K,) of the path
+    smooth               polynomial interpolation along the path; otherwise linear
+    """
     times = np.arange(0, round(touch.duration * RATE) + 1, every) / RATE
     approach, _, place, _ = touch.at(times)
     finger = Series()
@@ -162,7 +165,7 @@ def in_time(
 
 
 def _shares(place: np.ndarray, at: np.ndarray, smooth: bool) -> np.ndarray:
-    """What the curve of each place `at` [m] (K,) counts (T,K) at these places [m] (T,)."""
+    """Weights (T,K) of the curves of the sites `at` [m] (K,) at these positions [m] (T,)."""
     if not smooth:
         return np.stack([np.interp(place, at, one) for one in np.eye(len(at))], axis=1)
     others = [np.delete(at, k) for k in range(len(at))]
@@ -171,7 +174,7 @@ def _shares(place: np.ndarray, at: np.ndarray, smooth: bool) -> np.ndarray:
 
 @kernel
 def _at(x, c, h):
-    """A cubic spline, straight on beyond its last point."""
+    """A cubic spline, continued linearly after its last point."""
     k = min(max(np.searchsorted(x, h) - 1, 0), len(x) - 2)
     d = min(h, x[-1]) - x[k]
     value = ((c[0, k] * d + c[1, k]) * d + c[2, k]) * d + c[3, k]
@@ -181,17 +184,24 @@ def _at(x, c, h):
 
 
 @kernel
-def _kelvin_voigt(approach, dt, tau, b, m, c, x, of_places, shares):
+def _kelvin_voigt(approach, dt, tau, b, m, c, x, of_sites, shares):
+    """Fingertip in series with a Kelvin-Voigt slab, by implicit Euler: force [N], indentation [m], elastic force [N].
+
+    approach [m] (T,);  dt, tau [s];  b [N/m], m [1/m], c [s/m] of the fingertip;  x [N] (L+1,) knots and
+    of_sites (K,4,L) coefficients of the static curves;  shares (T,K) their weights
+    """
     force, depth, elastic = np.zeros(len(approach)), np.zeros(len(approach)), np.zeros(len(approach))
     h = s1 = 0.0
     for i in range(len(approach)):
-        coefficients = shares[i, 0] * of_places[0]
-        for k in range(1, len(of_places)):
-            coefficients += shares[i, k] * of_places[k]
+        # Static curve at this position, and the implicit step of the slab: h' = keep h + take f.
+        coefficients = shares[i, 0] * of_sites[0]
+        for k in range(1, len(of_sites)):
+            coefficients += shares[i, k] * of_sites[k]
         keep, take = tau / (tau + dt), dt / (tau + dt)
         s = _at(x, coefficients, keep * h)
         rest = max(s1 - dt / c, 0.0) if c > 0.0 else 0.0
         f = 0.0
+        # In contact: bisect the force at which fingertip and slab agree.
         if approach[i] - s > rest:
             low, high = 0.0, 1.0
             while _finger(approach[i] - _at(x, coefficients, keep * h + take * high), s1, dt, b, m, c) > high:
@@ -211,6 +221,7 @@ def _kelvin_voigt(approach, dt, tau, b, m, c, x, of_places, shares):
 
 @kernel
 def _finger(s, before, dt, b, m, c):
+    """Force [N] of the fingertip at compression s [m]: b/m (exp(m s) - 1) <1 + c s'>."""
     if s <= 0.0:
         return 0.0
     return b / m * math.expm1(m * s) * max(1.0 + c * (s - before) / dt, 0.0)
@@ -218,7 +229,7 @@ def _finger(s, before, dt, b, m, c):
 
 @kernel
 def _lugre(force, slip, dt, mu_slide, mu_static, stribeck, stiffness, damping, viscous):
-    """Size of the friction force [N] of a finger that slides along a line; bristles grow exactly at constant speed."""
+    """Friction force [N] (T,) along a line, by the exact solution of the bristle at constant speed in each step."""
     friction = np.zeros(len(force))
     z = 0.0
     for i in range(len(force)):
@@ -233,34 +244,34 @@ def _lugre(force, slip, dt, mu_slide, mu_static, stribeck, stiffness, damping, v
     return friction
 
 
-class Dent:
-    """The surface of a slab over place and force, from its shapes at some forces."""
+class SurfaceShape:
+    """Surface of a slab as a function of position and force, interpolated between shapes at some forces."""
 
     def __init__(self, levels: np.ndarray, x: np.ndarray, y: np.ndarray, shapes: np.ndarray) -> None:
         self._levels = np.append(0.0, levels)
         self._splines = [RectBivariateSpline(x, y, s) for s in shapes]
 
     def __call__(self, points: np.ndarray, force: float) -> np.ndarray:
-        """Depth [m] at points (k,2) under a force [N]; symmetric about y = 0. Cubic through four levels."""
+        """Depth [m] at points (k,2) under a force [N], symmetric about y = 0; cubic through four levels."""
         levels = self._levels
         k = min(max(int(np.searchsorted(levels, force)) - 1, 1), len(levels) - 3)
-        own = range(k - 1, k + 3)
+        near = range(k - 1, k + 3)
         shape = np.zeros(len(points))
-        for i in own:
+        for i in near:
             if i > 0:  # at rest the surface is flat
-                share = math.prod((force - levels[j]) / (levels[i] - levels[j]) for j in own if j != i)
+                share = math.prod((force - levels[j]) / (levels[i] - levels[j]) for j in near if j != i)
                 shape += share * self._splines[i - 1].ev(points[:, 0], np.abs(points[:, 1]))
         return shape
 
 
 @lru_cache(maxsize=16)
-def _dent(name: str) -> Dent:
-    place = stored(name)
-    return Dent(place.force, place.x, place.y, place.shape)
+def _surface_shape(name: str) -> SurfaceShape:
+    site = stored(name)
+    return SurfaceShape(site.force, site.x, site.y, site.shape)
 
 
 def _hertz_shape(r: np.ndarray, depth: float) -> np.ndarray:
-    """Depth [m] of a half-space at distances [m] from a ball that is this deep [m]. Johnson, eq. 3.42."""
+    """Depth [m] of a half-space at distances r [m] from the axis of a ball at this depth [m] (Johnson, eq. 3.42)."""
     if not depth > 0.0:
         return np.zeros_like(r)
     a = math.sqrt(RADIUS * depth)

@@ -1,7 +1,4 @@
-"""Places whose static curves are references: solved by two solvers, each on two meshes, and stored.
-
-`benchmarks/references.py` makes them.
-"""
+"""Test sites with stored static curves, computed by two solvers, each on two meshes (`benchmarks/references.py`)."""
 
 import json
 from collections.abc import Callable
@@ -20,15 +17,15 @@ from palpate.studies.peers import MissingError, calculix, continuum, felupe, muj
 from palpate.studies.peers.continuum import LEVELS, LIGHT, Block, ContinuumCurve
 
 SHIPPED = Path(__file__).parent / "references"
-PLACES: dict[str, Block | Kidney] = {
+SITES: dict[str, Block | Kidney] = {
     "middle": Block(0.0),
     "slip": Block(0.0, sticks=False),
     "edge": Block(0.04),
     **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=True) for mm in (0, 10)},
     **{f"kidney{mm:+03d}": Kidney(1e-3 * mm) for mm in (-12, 0, 12)},
 }
-"""[m] `slip` is the middle, free to slide under the patch; `edge` is 10 mm from the border of the block; `nodule-NN` is
-NN mm beside a nodule; `kidney+NN` is NN mm from the middle of the kidney's top towards its upper pole."""
+"""[m] `slip` is the middle, with a surface free to slide under the patch; `edge` is 10 mm from the border of the block;
+`nodule-NN` is NN mm from a nodule; `kidney+NN` is NN mm from the middle of the top towards the upper pole."""
 SOLVERS: dict[str, Callable[[Block, np.ndarray], ContinuumCurve]] = {
     "fe": continuum.press,
     "felupe": felupe.press,
@@ -36,14 +33,14 @@ SOLVERS: dict[str, Callable[[Block, np.ndarray], ContinuumCurve]] = {
     "mujoco": mujoco.press,
     "mujoco, its own material": partial(mujoco.press, material="Saint Venant-Kirchhoff"),
 }
-"""The first two make the references; the others are held against them."""
+"""The first two compute the references; the others are compared with them."""
 ON_KIDNEY: dict[str, Callable[[Kidney], ContinuumCurve]] = {"fe": kidney.press, "felupe": kidney.press_felupe}
 PATHS = {"kidney": ("kidney-12", "kidney+00", "kidney+12")}
-"""Places between which a touch moves, where its curve changes on the way."""
+"""Sites along a path on which the static curve changes."""
 
 
 def on_path(name: str) -> tuple[str, ...]:
-    """The places of a touch's reference: those of its path, or the one of this name."""
+    """The sites of a reference: those of the path of this name, or the site itself."""
     return PATHS.get(name, (name,))
 
 
@@ -52,7 +49,7 @@ def cells_text(cells: int) -> str:
 
 
 def cache() -> Path:
-    """Folder of what has been computed on this machine."""
+    """Folder of results computed on this machine."""
     return basis_store.cache().with_name("bench")
 
 
@@ -61,7 +58,7 @@ class ReferenceSite:
     """A stored reference.
 
     force, indentation, work  [N], [m], [J] (L,);  band [m] (L,) of the indentation
-    x, y, shape               as of `Curve`;  shape_band [m] (L,) rms near the place; none of a kidney
+    x, y, shape               as in `ContinuumCurve`;  shape_band [m] (L,) RMS near the site; empty for a kidney
     about                     provenance
     """
 
@@ -78,7 +75,7 @@ class ReferenceSite:
 
 @lru_cache(maxsize=32)
 def stored(name: str) -> ReferenceSite:
-    """The reference of this name. MissingError: it is not stored; ArgumentError: its file is damaged."""
+    """The reference of this name. MissingError: it is not stored. ArgumentError: its file is damaged."""
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
         raise MissingError(
@@ -87,15 +84,15 @@ def stored(name: str) -> ReferenceSite:
         )
     try:
         with np.load(path) as file:
-            own = {f.name: file[f.name] for f in fields(ReferenceSite) if f.name != "about"}
-            return ReferenceSite(**own, about=json.loads(str(file["about"])))
+            arrays = {f.name: file[f.name] for f in fields(ReferenceSite) if f.name != "about"}
+            return ReferenceSite(**arrays, about=json.loads(str(file["about"])))
     except (OSError, KeyError, ValueError, EOFError) as error:
-        raise ArgumentError(f"{path}: damaged ({error}). Build it anew: python benchmarks/references.py") from None
+        raise ArgumentError(f"{path}: damaged ({error}). Build it again: python benchmarks/references.py") from None
 
 
 @lru_cache(maxsize=64)
 def computed(block: Block | Kidney, solver: str) -> ContinuumCurve:
-    """The curve of a place by a solver."""
+    """The curve of a site by a solver."""
     if isinstance(block, Kidney):
         return ON_KIDNEY[solver](block)
     return SOLVERS[solver](block, LEVELS if block.sticks else LIGHT)
