@@ -1,13 +1,14 @@
-"""The ticks at which a node runs, and the message that it uses at a tick.
+"""Which message a node uses at which tick, and which ticks a node runs at.
 
-Tick k of a graph is at time k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
+Tick k of a graph is at k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
 """
 
 
 def needed(tick: int, every: int, loop: bool) -> int:
-    """Tick of the message that a consumer uses at `tick` from a producer with the divisor `every`.
+    """Tick of the message that a consumer running at `tick` uses from a producer that runs each `every` ticks.
 
-    A forward edge takes the latest tick up to `tick`, a loop edge the latest one before it. -1: no message yet.
+    A forward edge takes the latest tick up to `tick`; a loop edge, which closes a loop, the latest before it.
+    Returns -1 where there is none yet.
     """
     last = tick - 1 if loop else tick
     return last - last % every if last >= 0 else -1

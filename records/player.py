@@ -147,7 +147,7 @@ class Player:
 
     def _deliver(self, stream: str, message: Message) -> None:
         for port in self._readers.get(stream, ()):
-            port.put(message)
+            port.put(message, 0)
             if len(port.queue) > MOST:
                 port.queue.popleft()
 

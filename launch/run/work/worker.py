@@ -231,8 +231,9 @@ class Worker:
         except Exception:
             self._refuse(feed, payload)
             return
+        arrived = now() if self._real else 0
         for port in feed.ports:
-            port.put(message)
+            port.put(message, arrived)
 
     def _refuse(self, feed: RemoteStream, payload: bytes) -> None:
         """Handle a message that is not of the stream's type."""
@@ -276,7 +277,7 @@ class Worker:
         if self.bus is None:
             return
         while (order := self.bus.order(wait)) is not None:
-            self._launcher.reset()
+            self._launcher.heard()
             wait = 0
             match order:
                 case Stop():  # observers continue until all senders have ended
@@ -292,7 +293,7 @@ class Worker:
                     raise EndedError
                 case Beat():
                     pass
-        if self._alone and self._launcher.poll() > ORPHANED:
+        if self._alone and self._launcher.look() > ORPHANED:
             raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 
     def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:
