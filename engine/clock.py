@@ -1,4 +1,4 @@
-"""Keeping time, and asking the operating system for the means to keep it."""
+"""The monotonic clock, precise waiting, and real-time settings of the process."""
 
 import contextlib
 import ctypes
@@ -6,20 +6,21 @@ import os
 import threading
 import time
 
-SPIN = 100_000  # [ns] wait actively for this long before a deadline: a plain sleep wakes up about 90 us late
-POLL_INTERVAL = 20  # [ms] after which those who wait look round: for orders, and what else has come
+SPIN = 100_000  # [ns] of busy waiting before a deadline: a plain sleep wakes up about 90 us late
+POLL_INTERVAL = 20  # [ms] after which a waiting process polls for orders and other messages
+LONGEST_GAP = 200_000_000  # [ns] that count at most between two polls
 _PR_SET_TIMERSLACK = 29
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
-now = time.monotonic_ns  # [ns] of the machine's monotonic clock, the same in all processes of one machine
+now = time.monotonic_ns  # [ns] the machine's monotonic clock, the same in all of its processes
 
 
 def sleep_until(deadline: int) -> int:
-    """Return at `deadline` [ns], or at once when it has passed; sleeps first, spins the last 0.1 ms, or a quarter of a
-    shorter wait: a process that never sleeps is stopped by the kernel for 50 ms of each second.
+    """Return at `deadline` [ns], or immediately if it has passed. Returns the delay [ns].
 
-    Returns by how much it is late [ns].
+    It sleeps first and spins for the last 0.1 ms, or for a quarter of a shorter wait: the kernel stops a process that
+    never sleeps for 50 ms of each second.
     """
     left = deadline - now()
     if left > 0:
@@ -29,38 +30,34 @@ def sleep_until(deadline: int) -> int:
     return left
 
 
-GLANCE = 200_000_000  # [ns] of silence that count at most between two looks
-
-
 class Silence:
-    """How long nobody has said anything to one who looks again and again. A machine that stands still is no silence: it
-    keeps everybody from speaking."""
+    """Time without a message, measured by repeated polls. Time during which this process was not scheduled does not
+    count, because the sender may not have been scheduled either."""
 
     def __init__(self) -> None:
-        self.heard()
+        self.reset()
 
-    def heard(self) -> None:
-        """Somebody has said something."""
-        self._lasted, self._looked = 0, now()
+    def reset(self) -> None:
+        """A message has arrived."""
+        self._duration, self._polled = 0, now()
 
-    def look(self) -> int:
-        """[ns] for which it has lasted."""
+    def poll(self) -> int:
+        """Duration of the silence [ns]."""
         moment = now()
-        self._lasted, self._looked = self._lasted + min(moment - self._looked, GLANCE), moment
-        return self._lasted
+        self._duration, self._polled = self._duration + min(moment - self._polled, LONGEST_GAP), moment
+        return self._duration
 
 
 def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
-    """Pin this process, raise its priority, lock its memory and sharpen its timers, as far as that is permitted.
+    """Pin this process, raise its priority, lock its memory and set fine timer slack, as far as permitted. Returns the
+    settings that the system refused, one line each.
 
-    It holds for all threads that exist: ZeroMQ's own thread has to be woken for every message, and would otherwise
-    be woken on another core.
+    All existing threads get the settings: ZeroMQ's thread wakes up for every message, and could otherwise wake up on
+    another core.
 
-    core      the cores that it may run on, None: leave it
-    priority  of the round-robin real-time scheduler, 1 to 99, None: leave it. A node that computes without end then
-              shares the core with its equals. Without pinning it does more harm than good.
-
-    Returns what was refused, a line each.
+    core      cores that the process may run on; None: unchanged
+    priority  1 to 99 of the round-robin real-time scheduler, so that a busy node shares its core with nodes of equal
+              priority; None: unchanged. Without pinning it does more harm than good.
     """
     refused: list[str] = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -78,17 +75,17 @@ def real_time(core: tuple[int, ...] | None, priority: int | None) -> list[str]:
                 refused.append("SCHED_RR: not permitted (needs CAP_SYS_NICE, or an rtprio line in limits.conf)")
     if priority is not None:
         _free_memory_last()
-    # On fault: what a process has used stays; what it shares with the fork server and never writes is not copied.
+    # On fault: only used pages are locked, so pages shared with the fork server and never written are not copied.
     if priority is not None and libc.mlockall(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT) != 0:
         refused.append("locked memory: not permitted (needs CAP_IPC_LOCK, or a memlock line in limits.conf)")
     return sorted(set(refused))
 
 
 def _free_memory_last() -> None:
-    """Start a thread that waits without end at the lowest real-time priority.
+    """Start a thread that waits forever at the lowest real-time priority.
 
-    When a process dies, its last thread frees the memory, with that thread's priority. At that of the force path this
-    kept the other nodes of the core from running for 5 to 15 ms.
+    When a process dies, its last thread frees the memory. At the priority of the force path, this blocked the other
+    nodes of the core for 5 to 15 ms.
     """
     thread = threading.Thread(target=threading.Event().wait, daemon=True)
     thread.start()

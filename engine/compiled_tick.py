@@ -1,7 +1,7 @@
-"""One tick of a segment in compiled code.
+"""One tick of a segment, in compiled code.
 
-The rules are those of `engine.schedule` and of the loops on either clock (launch/run/work); here they hold for messages
-that pass between two nodes of one segment. What comes from elsewhere a host gathers; the table is handed the result.
+The rules for messages between two nodes of the segment are those of `engine.schedule` and of the loops on both clocks
+(launch/run/work). A host gathers messages from other senders and writes them into the table.
 """
 
 import numpy as np
@@ -22,7 +22,8 @@ LANE_SIZE, TAP_SIZE = LANE.itemsize, TAP.itemsize
 
 @kernel
 def gathered(row, now, at, clock):
-    """Find the inputs of a step: whether it has what it needs, which inputs are there as a bit mask, and its time."""
+    """Select the inputs of a step. Returns whether the required ones are available, a bit mask of the available ones,
+    and the time of the step [ns]."""
     present = 0
     for j in range(row.inputs):
         line = input_at(row.input + j * INPUT_SIZE)
@@ -49,7 +50,7 @@ def gathered(row, now, at, clock):
 
 @kernel
 def finite(row):
-    """Whether the numbers of its outputs are."""
+    """Whether all numbers of a node's outputs are finite."""
     total = 0.0
     for j in range(row.numbered):
         total += number(word(row.numbers + 8 * j)) * 0.0
@@ -58,8 +59,9 @@ def finite(row):
 
 @kernel
 def stepped(row, at):
-    """One step of a node at `at` [ns]: 0, or why it failed."""
-    if row.begun and at <= row.time:  # its driving message came twice or late: the last answers stand
+    """Run one step of a node at time `at` [ns]. Returns 0, or the cause of the failure (`RAISED`, `FAULT`,
+    `INFINITE`)."""
+    if row.begun and at <= row.time:  # the driving message is a duplicate or late: the outputs stay
         return 0
     dt = (at - row.time) * 1e-9 if row.begun else row.nominal
     row.time = at
@@ -80,8 +82,8 @@ def stepped(row, at):
 
 
 @kernel
-def taken_down(row, now, clock):
-    """Write what somebody takes of a node's answers to the journal; False where it has no room for all of it."""
+def journalled(row, now, clock):
+    """Write the outputs of a node that have listeners to the journal. False: they do not fit."""
     size = count = 0
     for j in range(row.outputs):
         line = output_at(row.output + j * OUTPUT_SIZE)
@@ -104,9 +106,9 @@ def taken_down(row, now, clock):
 
 @kernel
 def run_table(rows, clock_address, tick, ticks):
-    """Run the nodes of a table from `tick` on, for `ticks` ticks.
+    """Run the nodes of a table for `ticks` ticks, starting at `tick`.
 
-    rows, clock_address  addresses of `ROW`s and of a `CLOCK`
+    rows, clock_address  addresses of the `ROW`s and of the `CLOCK`
     """
     clock = clock_at(clock_address)
     clock.failed = -1
@@ -119,30 +121,30 @@ def run_table(rows, clock_address, tick, ticks):
                 row.stepped = False
                 if now < row.due or row.blocked or row.skip:
                     continue
-                whole, present, own = gathered(row, now, at, clock)
-                if not whole:
+                complete, present, time = gathered(row, now, at, clock)
+                if not complete:
                     row.lost += now // row.every != row.missed
                     row.missed = now // row.every
                     continue
-                why = stepped(row, own)
+                why = stepped(row, time)
                 if why != 0:
                     clock.failed, clock.why, clock.tick = i, why, now
                     return
                 for j in range(row.outputs):
                     head = head_at(word(row.records + 8 * (row.count - row.outputs + j)))
-                    head.there, head.tick, head.time, head.present = True, now, own, present
+                    head.there, head.tick, head.time, head.present = True, now, time, present
                 row.begun, row.stepped, row.last, row.due = True, True, now, now - now % row.every + row.every
             clock.resume = -1
-            if row.stepped and not taken_down(row, now, clock):
+            if row.stepped and not journalled(row, now, clock):
                 clock.resume, clock.tick = i, now
                 return
 
 
 @kernel(nogil=True)
 def run_lanes(lanes, count, ticks):
-    """Run `ticks` ticks of each of `count` lanes, one lane after the other; one that has failed stays where it is.
+    """Run `ticks` ticks of each of `count` lanes, one lane after the other. A failed lane does not advance.
 
-    lanes  address of `LANE`s
+    lanes  address of the `LANE`s
     """
     for i in range(count):
         lane = lane_at(lanes + i * LANE_SIZE)

@@ -1,4 +1,4 @@
-"""From records to the wire form, in compiled code, by a plan (`wire_plan`): the bytes are those of `messages.pack`."""
+"""Compiled encoder from records to the wire format, driven by a plan (`wire_plan`); same bytes as `messages.pack`."""
 
 import numpy as np
 
@@ -19,7 +19,7 @@ def _put(at, value):
 
 @kernel
 def _big(at, value, count):
-    """Write a whole number of `count` bytes, the highest first."""
+    """Write an integer of `count` bytes, big-endian."""
     for i in range(count):
         byte(at + i).value = (value >> (8 * (count - 1 - i))) & 0xFF
     return at + count
@@ -27,7 +27,7 @@ def _big(at, value, count):
 
 @kernel
 def _integer(at, value):
-    """A whole number in its shortest form."""
+    """Write an integer in its shortest msgpack form."""
     if value >= 0:
         if value < 0x80:
             return _put(at, value)
@@ -51,7 +51,7 @@ def _integer(at, value):
 
 @kernel
 def _header(at, count, short, long):
-    """The header of a map or an array with `count` entries."""
+    """Write the header of a map or an array with `count` entries."""
     return _put(at, short | count) if count < 16 else _big(_put(at, long), count, 2)
 
 
@@ -64,7 +64,7 @@ def _floats(at, source, count):
 
 @kernel
 def _array(at, handle, axes, size):
-    """The shape and the bytes of an array."""
+    """Write the shape and the bytes of an array."""
     at, count = _header(at, axes, 0x90, 0xDC), size
     for i in range(axes):
         length = word(handle + 8 + 8 * i)
@@ -91,7 +91,7 @@ def _empty(handle, axes):
 
 @kernel
 def encoded_size(steps, count, record, most):
-    """[bytes] At most, of a message with its arrays."""
+    """Upper bound [bytes] of an encoded message with its arrays."""
     for k in range(count):
         step = step_at(steps + k * STEP_SIZE)
         if step.kind == ARRAY:
@@ -104,10 +104,11 @@ def encoded_size(steps, count, record, most):
 
 @kernel
 def encode(steps, count, literals, record, used, inputs, at):
-    """Write a message to the address `at`; the address after it.
+    """Write a message to the address `at`. Returns the address after it.
 
-    steps, literals  addresses of a `WirePlan`'s;  count  of steps
-    record           address of the message;  used, inputs  address and number of the ticks of its inputs
+    steps, count, literals  address and number of the steps of a `WirePlan`, address of its literal bytes
+    record                  address of the message
+    used, inputs            address and number of the ticks of its inputs
     """
     for k in range(count):
         step = step_at(steps + k * STEP_SIZE)

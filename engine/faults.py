@@ -1,4 +1,4 @@
-"""What is wrong with a graph: all faults at once, each with its place, what was found and what would work."""
+"""Faults of a graph: all are reported at once, each with its place, the value found, and a remedy."""
 
 import difflib
 import os
@@ -13,8 +13,8 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, order=True)
 class Location:
-    """Where something is written: a file with line and column counted from 1, or a command line option. `before`: where
-    the line of a node says it, into which another class was put at this place."""
+    """A place in a file, with line and column counted from 1, or a command line option. Where an override replaced the
+    class of a node, `before` is the place of the original one."""
 
     file: str = ""
     line: int = 0
@@ -30,12 +30,12 @@ NOWHERE = Location()
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing that is wrong.
+    """One fault.
 
     text   what was found and what was expected
-    cure   what would work: the nearest valid name, the valid names, or what to do
+    cure   remedy: the nearest valid name, the valid names, or an instruction
     place  file and line
-    node, port, setting  what it is about, where it is about one; unit: that of the setting
+    node, port, setting, unit  the node, input or setting concerned, and its unit; empty if none
     """
 
     text: str
@@ -47,15 +47,9 @@ class Fault:
     unit: str = ""
 
     def __str__(self) -> str:
-        about = []
-        if self.node:
-            about.append(f"node {self.node!r}")
-        if self.port:
-            about.append(f"input {self.port!r}")
-        if self.setting:
-            about.append(f"setting {self.setting!r}" + (f" [{self.unit}]" if self.unit else ""))
-        head = ", ".join(about)
-        line = ": ".join(part for part in (str(self.place), head, self.text) if part)
+        named = (("node", self.node, ""), ("input", self.port, ""), ("setting", self.setting, self.unit))
+        about = ", ".join(f"{kind} {name!r}" + (f" [{unit}]" if unit else "") for kind, name, unit in named if name)
+        line = ": ".join(part for part in (str(self.place), about, self.text) if part)
         return f"{line}\n  {self.cure}" if self.cure else line
 
     def to_spec(self) -> dict[str, Any]:
@@ -64,7 +58,7 @@ class Fault:
 
 
 class GraphError(PalpateError, ValueError):
-    """A graph, scene, placement or launch file that cannot be run. `faults` holds all that is wrong with it."""
+    """A graph, scene, placement or launch file cannot be run. `faults` lists all reasons."""
 
     exit_code = MISUSE
 
@@ -82,16 +76,16 @@ class GraphError(PalpateError, ValueError):
 
 @dataclass
 class Faults:
-    """Collects faults, so that all of them are reported at once."""
+    """Collected faults, reported together."""
 
     entries: list[Fault] = field(default_factory=list)
 
     def add(self, text: str, cure: str = "", place: Location = NOWHERE, **about: str) -> None:
-        """Note one fault; `about` names node, port or setting."""
+        """Add a fault; `about` names node, port or setting."""
         self.entries.append(Fault(text, cure, place, **about))
 
     def keep(self, read: Callable[..., T], *given: Any) -> T | None:
-        """What `read(*given)` gives; None if it raises a GraphError, whose faults are noted."""
+        """Return `read(*given)`, or None if it raises a GraphError, whose faults are added."""
         try:
             return read(*given)
         except GraphError as error:
@@ -105,16 +99,16 @@ class Faults:
 
 
 def nearest(name: str, known: Iterable[str], count: int = 3, likeness: float = 0.6) -> list[str]:
-    """The known names that are most like `name`, best first, upper and lower case alike.
+    """The known names most similar to `name`, ignoring case, best first.
 
-    likeness  0 to 1, how like they must be: 0.6 for a hint, 0.8 where only a slip of the pen counts
+    likeness  least similarity, 0 to 1: 0.6 for a hint, 0.8 for typing errors only
     """
     by_lower = {str(k).lower(): str(k) for k in known}
     return [by_lower[k] for k in difflib.get_close_matches(name.lower(), by_lower, n=count, cutoff=likeness)]
 
 
 def choices(label: str, name: str, known: Iterable[str]) -> str:
-    """A cure that lists the valid names, the nearest first: "Did you mean 'a'? Settings: a, b."."""
+    """A remedy that suggests the nearest valid name and lists all: "Did you mean 'a'? Settings: a, b."."""
     names = [str(k) for k in known]
     close = nearest(name, names, 1)
     listed = f"{label}: {', '.join(names[:30])}{', ...' if len(names) > 30 else ''}." if names else f"{label}: none."
@@ -122,7 +116,7 @@ def choices(label: str, name: str, known: Iterable[str]) -> str:
 
 
 def short(file: str) -> str:
-    """A file as seen from the working directory, where that is shorter."""
+    """The path of a file relative to the working directory, if that is shorter."""
     if not os.path.isabs(file):
         return file
     relative = os.path.relpath(file)

@@ -1,9 +1,9 @@
-"""A checked graph as data: its nodes, its edges, and what was said of its effects."""
+"""A checked graph as data: nodes, edges and chosen effects."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from palpate.engine.faults import NOWHERE, Location
 from palpate.messages import Message
@@ -16,8 +16,8 @@ class Edge:
 
     port      name of the input
     producer  name of the sending node
-    stream    what it sends: "node", or "node.Message" where the node has several outputs
-    loop      closes a loop, or feeds a source: holds the message of the latest tick before this one
+    stream    "node", or "node.Message" if the node has several outputs
+    loop      closes a loop, or feeds a source: carries the message of the latest tick before this one
     """
 
     port: str
@@ -26,34 +26,28 @@ class Edge:
     loop: bool
 
 
-class _Connected(Protocol):
-    @property
-    def port(self) -> str: ...
-
-
-C = TypeVar("C", bound=_Connected)
+C = TypeVar("C")
 
 
 def places(cls: type[Node], connected: Sequence[C]) -> list[tuple[Port, C | None]]:
-    """The inputs of a node as the header's `used` lists them: each port in order, None where nothing is connected; one
-    that takes many has a place for each of its senders."""
+    """The inputs of a node in the order of the header's `used`, each with its connection (an `Edge`, or anything else
+    with a `port`), or None. A port that takes many senders appears once per sender."""
     found: list[tuple[Port, C | None]] = []
     for port in inputs(cls):
-        own = [(port, each) for each in connected if each.port == port.name]
-        found += own or ([] if port.many else [(port, None)])
+        edges = [(port, each) for each in connected if each.port == port.name]  # type: ignore[attr-defined]
+        found += edges or ([] if port.many else [(port, None)])
     return found
 
 
 @dataclass(frozen=True)
 class EffectChoice:
-    """What was said of one effect, and where."""
+    """Whether the user switched an effect on or off, and where."""
 
     on: bool
     place: Location
 
     @property
     def word(self) -> str:
-        """As it is written."""
         return "on" if self.on else "off"
 
 
@@ -61,15 +55,15 @@ class EffectChoice:
 class NodeSpec:
     """One node of a graph.
 
-    use       the name of the class as written
-    settings  all of them, plain data in SI units
-    every     runs at each tick that this divides
-    restart   whether it is started again when it dies
-    when      its condition as written
-    off       why the condition does not hold; None where the node may run
+    use       name of the class as written
+    settings  all settings as plain data in SI units
+    every     divisor: the node runs at the ticks that this divides
+    restart   whether the launcher restarts the node after its death
+    when      condition as written
+    off       why the condition is false; None: the node may run
     edges     connected inputs in port order
-    listen    streams that an observer asks for, None for all of them; () for other nodes
-    place     where it is written
+    listen    streams that an observer requests, None: all; () for other nodes
+    place     where the node is written
     """
 
     name: str
@@ -86,20 +80,25 @@ class NodeSpec:
 
     @property
     def observer(self) -> bool:
-        """Whether it listens instead of taking part."""
+        """Whether the node only listens to streams."""
         return issubclass(self.cls, Observer)
 
     @property
     def streams(self) -> dict[str, type[Message]]:
-        """The streams that it sends and their message types, in order."""
+        """The streams of the node and their message types, in order."""
         return streams_of(self.name, self.cls)
 
 
 @dataclass
 class Graph:
-    """A checked graph. `rate` [Hz]; `wanted` are streams that must be computed, None where nothing is said; `effects`
-    what was said of these; `source` is what the graph's file says beside the scene, with all that was set from
-    outside; `notes` are lines on what of the scene no class in use takes."""
+    """A checked graph.
+
+    rate     [Hz]
+    wanted   streams that must be computed; None: unspecified
+    effects  effects that the user switched on or off
+    source   content of the graph file without the scene, after all overrides
+    notes    one line for each part of the scene that no class in use reads
+    """
 
     path: Path
     rate: float

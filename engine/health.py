@@ -1,4 +1,4 @@
-"""What a worker counts for each of its nodes, without allocation in the steady state."""
+"""Counters and durations of each node of a worker, without allocation in the steady state."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _BITS = 48  # up to 2^48 ns, three days
 
 
 class Histogram:
-    """Counts of durations in bins of an eighth of an octave, evenly filled each: quantiles within 12 %, of
-    smooth distributions within 1 %."""
+    """Histogram of durations with eight bins per octave, interpolated within a bin: quantiles within 12 %, within 1 %
+    for smooth distributions."""
 
     __slots__ = ("bins", "longest", "total")
 
@@ -23,17 +23,17 @@ class Histogram:
         self.total = self.longest = 0
 
     def add(self, nanoseconds: int, count: int = 1) -> None:
-        """Count a duration [ns], or so many of it."""
+        """Count a duration [ns] `count` times."""
         self.total += nanoseconds * count
         if nanoseconds > self.longest:
             self.longest = nanoseconds
-        # Octave by bit length, place in the octave by the bits after the first: no logarithm, no array.
+        # The bit length gives the octave, the bits after the first one the bin within it: no logarithm, no array.
         bits = nanoseconds.bit_length()
         self.bins[8 * bits + (nanoseconds >> bits - 4) if bits > 3 else 0] += count
 
     @property
     def count(self) -> int:
-        """How many durations were counted."""
+        """Number of durations."""
         return sum(self.bins)
 
     def report(self) -> dict[str, float]:
@@ -53,14 +53,14 @@ class Histogram:
 class HealthCounters:
     """Counters of one node.
 
-    step  durations of the step itself
-    age   real clock: from the time of the tick to the answer, which for the last node is the latency of the force
-          path; simulated clock: for the paced node, the duration of a whole tick
-    late  ticks that the clock had to leave out, because a whole period had passed
-    overdue  real clock: answers that came when the next tick had begun
-    lost  driving messages that were skipped or did not come within the period
-    held  inputs older than the tick asks for
-    asleep  steps at which the node was at rest, and its last answer was sent again
+    step     durations of the step itself
+    age      real clock: from the time of the tick to the output, which for the last node is the latency of the force
+             path; simulated clock: for the paced node, the duration of a whole tick
+    late     ticks left out by the clock because a whole period had passed
+    overdue  real clock: outputs sent after the next tick had begun
+    lost     driving messages that were skipped or did not arrive within the period
+    held     inputs older than the tick requires
+    asleep   steps at which the node was at rest and its last output was sent again
     counted  steps that were not timed one by one
     """
 
@@ -73,7 +73,7 @@ class HealthCounters:
         self.state = "ready"
 
     def report(self, forces: dict[str, float] | None = None) -> Counters:
-        """The counters as they travel, with the forces that the node sent last."""
+        """The counters for transmission, with the forces of the node's last output."""
         return Counters(
             self.tick, self.step.count + self.counted + self.asleep, self.late, self.lost, self.held, self.asleep,
             self.state, self.step.report(), self.age.report(), forces or {}, self.overdue,
@@ -81,7 +81,7 @@ class HealthCounters:
 
 
 class Counters(msgspec.Struct, frozen=True):
-    """What the counters hold; step and age with mean, quantiles and longest [s], forces [N] by `stream.field`."""
+    """Report of the counters: step and age with mean, quantiles and longest [s], forces [N] by `stream.field`."""
 
     tick: int
     steps: int
@@ -97,7 +97,7 @@ class Counters(msgspec.Struct, frozen=True):
 
 
 def message(node: str, time: int, since: int, counters: Counters) -> messages.Health:
-    """A report as observers get it. `time` [ns] on the graph's clock; `since`: tick at which its worker began."""
+    """The report as a message to observers. `time` [ns] on the graph's clock; `since`: first tick of its worker."""
     return messages.Health(
         tick=counters.tick, time=time, source=node, since=since, steps=counters.steps, late=counters.late,
         lost=counters.lost, held=counters.held, asleep=counters.asleep, state=counters.state,

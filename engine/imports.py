@@ -1,5 +1,4 @@
-"""Classes by their full name, the user's own included: of a graph or job all of them, of a recording those that are
-trusted."""
+"""Import of classes by their full name: any class for a graph or a job, only trusted code for a recording."""
 
 import importlib
 import os
@@ -12,22 +11,22 @@ _trusted: set[str] = set()
 
 
 class UntrustedError(ImportError):
-    """Code that a recording names and that is not imported for its sake."""
+    """A recording names code that is not trusted."""
 
 
 def trust(*packages: str) -> None:
-    """Let recordings import modules of these packages from now on, the working directory included."""
+    """Let recordings import modules of these packages, which may be in the working directory."""
     _trusted.update(packages)
 
 
 def trust_only(packages: Iterable[str]) -> None:
-    """Let recordings import modules of these packages and of no others."""
+    """Let recordings import modules of these packages only."""
     _trusted.clear()
     trust(*packages)
 
 
 def search_here() -> str:
-    """Let modules of the working directory be found, after all others; gives that directory."""
+    """Append the working directory to the search path of modules. Returns the directory."""
     here = os.getcwd()
     if here not in sys.path:
         sys.path.append(here)
@@ -35,10 +34,9 @@ def search_here() -> str:
 
 
 def load_class(name: str) -> Any:
-    """The class of this full dotted name, or of `Carrier[Message]`, both full names; the working directory is searched,
-    too.
+    """The class of this full dotted name, or of `Carrier[Message]`, also from the working directory.
 
-    ImportError, AttributeError: no such module, no such class.
+    ImportError, AttributeError: the module or the class does not exist.
     """
     carrier, bracket, carried = name.removesuffix("]").partition("[")
     if bracket:
@@ -50,21 +48,21 @@ def load_class(name: str) -> Any:
 
 
 def recorded_class(name: str, kind: type) -> Any:
-    """The class of this full dotted name, a subclass of `kind`, that a recording names. A file is data: it imports
-    palpate's own modules, those of packages that the user trusts, and finds what this program has imported already,
-    which is what a graph given next to it names.
+    """The subclass of `kind` with this full dotted name in a recording. A file is data: it may name palpate's modules,
+    modules of trusted packages, and modules that the program has already imported.
 
-    UntrustedError: another module. ImportError, AttributeError: no such module, no such class, or of another kind.
+    UntrustedError: the module is none of these. ImportError, AttributeError: the module or the class does not exist,
+    or is no subclass.
     """
     check_trusted(*(part.rpartition(".")[0] for part in name.removesuffix("]").split("[")))
     cls = load_class(name)
     if not (isinstance(cls, type) and issubclass(cls, kind)):
-        raise ImportError(f"{name} is no {kind.__name__}")
+        raise ImportError(f"{name} is not a {kind.__name__}")
     return cls
 
 
 def check_trusted(*modules: str) -> None:
-    """UntrustedError: modules that a recording may not import; says how the user allows it."""
+    """UntrustedError: a recording may not import these modules; the text explains how to allow it."""
     others = [m for m in modules if m not in sys.modules and not any(_within(m, p) for p in (PALPATE, *_trusted))]
     if others:
         packages = sorted({module.partition(".")[0] for module in others})
@@ -81,5 +79,5 @@ def _within(module: str, package: str) -> bool:
 
 
 def full_name(cls: type) -> str:
-    """The name by which `load_class` finds a class."""
+    """The name of a class for `load_class`."""
     return f"{cls.__module__}.{cls.__qualname__}"

@@ -1,4 +1,4 @@
-"""What a worker process is told: its nodes, their wiring, the clock. Plain typed data that travels as JSON."""
+"""The job of a worker process: nodes, wiring, clock. Plain typed data, sent as JSON."""
 
 import msgspec
 
@@ -8,12 +8,12 @@ from palpate.nodes.base import inputs
 
 
 class InputJob(msgspec.Struct, frozen=True):
-    """One connected input: whose stream it reads and by which rule; a port that takes many has several.
+    """One connected input; a port that takes many senders has several.
 
     every     divisor of the producer
     loop      true for an edge that closes a loop
-    optional  the node does without it when its sender is gone
-    rank      place of the producer in the order in which the nodes run; of a loop edge before all others
+    optional  the node runs without it after the death of the sender
+    rank      position of the producer in the order of execution; -1 for a loop edge
     waits     on the real clock, wait up to one period for this tick's message, because the sender is on the force path
     """
 
@@ -28,7 +28,7 @@ class InputJob(msgspec.Struct, frozen=True):
 
 
 class NodeJob(msgspec.Struct, frozen=True):
-    """One node: full name of its class, settings, inputs, and its output streams with their wanted fields."""
+    """One node: full name of its class, settings, inputs, output streams and their wanted fields."""
 
     name: str
     cls: str
@@ -40,7 +40,7 @@ class NodeJob(msgspec.Struct, frozen=True):
 
 
 class StreamJob(msgspec.Struct, frozen=True):
-    """One stream that an observer listens to: full name of its message type, sender and its divisor."""
+    """One stream of an observer: full name of the message type, sender and its divisor."""
 
     type: str
     producer: str
@@ -48,7 +48,7 @@ class StreamJob(msgspec.Struct, frozen=True):
 
 
 class ObserverJob(msgspec.Struct, frozen=True):
-    """One observer and the streams that it listens to."""
+    """One observer and its streams."""
 
     name: str
     cls: str
@@ -57,17 +57,17 @@ class ObserverJob(msgspec.Struct, frozen=True):
 
 
 class Job(msgspec.Struct, frozen=True):
-    """All that one worker process runs.
+    """The job of one worker process.
 
     rate      [Hz] base rate
-    ticks     number of ticks of the run, None: until stopped
-    pace      simulated time passes at this multiple of real time, None: as fast as the machine allows
-    links     number of inputs on the force path, in all groups, that are held and cannot be done without: who holds one
-              falls silent when it is too old, and the next one holds what it sent last. They share the time for that
-    phase     tells the workers apart, so that they do not all send their bursts to the observers in the same tick
-    leads     true where a paced node is among the nodes
-    external  streams of this group that nodes of other groups read, with the names of those groups
-    about     what a recording says of the run: graph, settings, versions, machine
+    ticks     number of ticks of the run; None: until stopped
+    pace      simulated time over real time; None: as fast as possible
+    links     number of held, required inputs on the force path in all groups. After a death each of them may expire in
+              turn, so they share the time limit
+    phase     number of the worker, so that workers send their bursts to the observers at different ticks
+    leads     true if one of the nodes is paced
+    external  streams of this group that other groups read, with the names of those groups
+    about     provenance of the run for a recording: graph, settings, versions, machine
     """
 
     group: str
@@ -93,7 +93,7 @@ def members(job: Job) -> tuple[NodeJob | ObserverJob, ...]:
 
 
 def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
-    """What a worker is told of one node. `path`: the nodes of the force path."""
+    """The job of one node. `path`: the nodes of the force path."""
     spec = plan.graph.nodes[name]
     optional = {port.name: port.optional for port in inputs(spec.cls)}
     return NodeJob(
@@ -120,7 +120,7 @@ def node_job(plan: Plan, name: str, path: set[str]) -> NodeJob:
 
 
 def observer_job(plan: Plan, name: str) -> ObserverJob:
-    """What a worker is told of one observer."""
+    """The job of one observer."""
     spec = plan.graph.nodes[name]
     senders = {stream: plan.graph.nodes[node] for node in plan.order for stream in plan.graph.nodes[node].streams}
     streams = {

@@ -1,11 +1,12 @@
-"""Many runs of one segment side by side: a lane is a copy of the segment's table and of the state of its nodes.
+"""Many independent runs of one segment. A lane is a copy of the segment's table and of the state of its nodes.
 
-A lane lies in one block of memory: the table first, then for each node its record and the arrays that its kernel
-writes. Arrays that no kernel writes (`CompiledNode.shared`) are shared by all lanes.
+Each lane is one block of memory: the table, then for each node its record and the arrays that its kernel writes. All
+lanes share the arrays that no kernel writes (`CompiledNode.shared`).
 """
 
 import hashlib
 import weakref
+from bisect import bisect_right
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,16 +17,16 @@ from palpate.engine.segment import Segment, failure, view
 from palpate.engine.slot import NodeError, RecordOutput, make
 from palpate.engine.table import CLOCK, LANE, TAP
 
-LINE, PAGE = 64, 4096  # [bytes] to which parts of a block are aligned; in which images are copied
+LINE, PAGE = 64, 4096  # [bytes] alignment of the parts of a block; unit in which images are copied
 Pool = weakref.WeakValueDictionary[Any, np.ndarray]
-"""Shared arrays by their content, as long as a node uses them."""
+"""Shared arrays by their content, while a node uses them."""
 
 
 class NodeImage:
-    """A node after its start, as lanes copy it.
+    """The memory of a started node, which lanes copy.
 
-    size   [bytes] of its part of a block
-    links  (n,2) where in it an address stands, and the place in it that this is of
+    size    [bytes] of its part of a block
+    links   (n,2) offset of each address in this part, and the offset to which it points
     shared  arrays that all lanes read
 
     NodeError: the node does not start with these settings.
@@ -35,6 +36,7 @@ class NodeImage:
         self.job, self.counts = job, counts
         node = self.started()
         record, held = node._record, node._held
+        # Arrays that no kernel writes: point the record to the pooled array with the same content.
         private, self.shared = {}, list[np.ndarray]()
         for path, array in held.items():
             if any(f"{path}.".startswith(f"{name}.") for name in node.shared):
@@ -44,6 +46,7 @@ class NodeImage:
                 record.view(np.int64)[_offset(record.dtype, path) // 8] = _address(same)
             else:
                 private[path] = array
+        # The image: the record, then the memory of the private arrays without overlaps.
         spans = _spans([array for array in private.values() if array.nbytes])
         at, places = _aligned(record.nbytes), list[int]()
         for begin, end in spans:
@@ -54,21 +57,19 @@ class NodeImage:
         image[: record.nbytes] = record.view(np.uint8)
         for place, (begin, end) in zip(places, spans, strict=True):
             image[place : place + end - begin] = view(begin, np.dtype(np.uint8), end - begin)
-        self.links = np.zeros((0, 2), np.int64)
-        if private:
-            begins = np.array([begin for begin, _ in spans] or [0])
-            links = []
-            for path, array in private.items():
-                if array.nbytes:
-                    span = int(np.searchsorted(begins, _address(array), side="right")) - 1
-                    links.append((_offset(record.dtype, path), places[span] + _address(array) - int(begins[span])))
-            self.links = np.array(links or self.links, np.int64).reshape(-1, 2)
-        # Memory of zeros takes no room before it is written to, so pages of zeros are not copied.
+        # The addresses in the record, as offsets in the image.
+        begins, links = [begin for begin, _ in spans], []
+        for path, array in private.items():
+            if array.nbytes:
+                span = bisect_right(begins, _address(array)) - 1
+                links.append((_offset(record.dtype, path), places[span] + _address(array) - begins[span]))
+        self.links = np.array(links, np.int64).reshape(-1, 2)
+        # New memory is zero and takes no physical memory before it is written, so pages of zeros are not copied.
         used = np.flatnonzero(np.diff(image.reshape(-1, PAGE).any(axis=1), prepend=False, append=False)) * PAGE
         self.pieces = [(b, image[b : min(e, at)].copy()) for b, e in used.reshape(-1, 2).tolist()]
 
     def started(self) -> Any:
-        """The node, started. NodeError: it does not."""
+        """The node after its start. NodeError: the start failed."""
         node: Any = make(self.job)
         try:
             node.start()
@@ -79,10 +80,10 @@ class NodeImage:
 
 
 class Lanes:
-    """Runs side by side.
+    """Independent runs of a graph.
 
-    segment  of the graph, whose nodes are at their beginning
-    count    of lanes; each has to be placed before it runs
+    segment  of the graph, with its nodes just started
+    count    number of lanes; `place` each one before it runs
     """
 
     def __init__(self, segment: Segment, count: int) -> None:
@@ -100,19 +101,19 @@ class Lanes:
         self._image_table()
 
     def _image_table(self) -> None:
-        """Take down the segment's table, and where addresses stand in it.
+        """Copy the segment's table and find the addresses in it.
 
-        Its words are addresses, whole numbers below 2^32 and floating-point numbers of at least 1e-9, so that a word
-        that lies in one of the arrays is the address of a place in it.
+        The words of a table are addresses, integers below 2^32 and floating-point numbers of at least 1e-9, so a word
+        that falls into the memory of one of the arrays is an address.
         """
         arrays = [array for array in self.segment.tables() if array.nbytes]
-        own = [slot.node._record for slot in self.segment.slots]  # type: ignore[attr-defined]
+        records = [slot.node._record for slot in self.segment.slots]  # type: ignore[attr-defined]
         places = np.cumsum([0, *(_aligned(array.nbytes) for array in arrays)])
         image = np.zeros(int(places[-1]), np.uint8)
         for place, array in zip(places.tolist(), arrays, strict=False):
             image[place : place + array.nbytes] = array.view(np.uint8).ravel()
         words, self._image = image.view(np.int64), image
-        spans = np.array([(_address(a), _address(a) + a.nbytes) for a in (*arrays, *own)])
+        spans = np.array([(_address(a), _address(a) + a.nbytes) for a in (*arrays, *records)])
         order = np.argsort(spans[:, 0])
         found = order[np.maximum(np.searchsorted(spans[order, 0], words, side="right") - 1, 0)]
         inside = np.flatnonzero((spans[found, 0] <= words) & (words < spans[found, 1]))
@@ -125,8 +126,8 @@ class Lanes:
         words[(self._clock + CLOCK.fields["failed"][1]) // 8] = -1  # type: ignore[index]
 
     def keep(self, fields: Sequence[tuple[RecordOutput, str]], rows: int, every: int = 1) -> None:
-        """Take down these fields of messages at the ticks that `every` divides, the last `rows` of them; they are in
-        `columns`, (lanes, rows, ...) each. Called before lanes are placed."""
+        """Keep these message fields at the ticks that `every` divides, the last `rows` of them, in `columns`, each of
+        shape (lanes, rows, ...). Call it before `place`."""
         forms = [output.record.dtype.fields[name][:2] for output, name in fields]  # type: ignore[index]
         self.columns = [np.zeros((self.count, rows), dtype) for dtype, _ in forms]
         self._sources = np.array(
@@ -141,7 +142,7 @@ class Lanes:
         self._lanes["every"], self._lanes["tapped"], self._lanes["room"] = every, len(forms), rows
 
     def place(self, lane: int, nodes: Sequence[NodeImage]) -> None:
-        """Put a lane at its beginning, with these nodes."""
+        """Reset a lane to the start of the run, with these nodes."""
         parts = np.cumsum([len(self._image), *(_aligned(node.size) for node in nodes)])
         block = self._blocks[lane] = np.zeros(int(parts[-1]) + LINE, np.uint8)
         base = self._bases[lane] = -(-_address(block) // LINE) * LINE
@@ -163,25 +164,25 @@ class Lanes:
         given["rows"], given["clock"], given["tick"], given["taps"] = base, base + self._clock, 0, _address(taps)
 
     def own(self, lane: int, place: int) -> np.ndarray:
-        """The record (1,) of the node at a place in the order of the segment."""
+        """The record (1,) of the node with index `place` in the segment."""
         part = len(self._image) + sum(_aligned(node.size) for node in self._nodes[lane][:place])
         return view(int(self._bases[lane]) + part, self.segment.slots[place].node._record.dtype)  # type: ignore[attr-defined]
 
     def run(self, first: int, count: int, ticks: int) -> None:
-        """Run so many ticks of lanes; other threads run meanwhile."""
+        """Run `ticks` ticks of `count` lanes from lane `first` on, without the interpreter lock."""
         self._run(_address(self._lanes) + first * LANE.itemsize, count, ticks)
 
     @property
     def ticks(self) -> np.ndarray:
-        """(lanes,) The next tick of each lane; of one that failed the tick at which it did."""
+        """(lanes,) The next tick of each lane, or the tick at which it failed."""
         return self._lanes["tick"]
 
     def record(self, lane: int, output: RecordOutput) -> np.ndarray:
-        """The record (1,) of an output's last message in a lane."""
+        """The record (1,) of the last message of an output in a lane."""
         return view(int(self._bases[lane]) + self._places[_address(output.record)], output.record.dtype)
 
     def failure(self, lane: int) -> NodeError | None:
-        """Why a lane failed; None: it did not."""
+        """Cause of the failure of a lane; None: it has not failed."""
         base = int(self._bases[lane])
         place = int(view(base + self._clock, CLOCK)["failed"][0])
         if place < 0:
@@ -192,8 +193,7 @@ class Lanes:
 
     @property
     def memory(self) -> tuple[int, int]:
-        """[bytes] of all lanes, without pages that nothing was written to when they were placed, and of what they
-        share."""
+        """Size [bytes] of all lanes without pages of zeros, and of the shared arrays."""
         images = {id(node): node for nodes in self._nodes for node in nodes}
         table = self.count * len(self._image)
         private = table + sum(len(piece) for nodes in self._nodes for node in nodes for _, piece in node.pieces)
@@ -202,7 +202,7 @@ class Lanes:
 
 
 def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
-    """Begin and end of the memory of arrays, those that overlap joined."""
+    """Begin and end of the memory of arrays; overlapping ones are merged."""
     joined: list[tuple[int, int]] = []
     for begin, end in sorted((_address(array), _address(array) + array.nbytes) for array in arrays):
         if joined and begin < joined[-1][1]:
@@ -213,7 +213,7 @@ def _spans(arrays: Sequence[np.ndarray]) -> list[tuple[int, int]]:
 
 
 def _offset(dtype: np.dtype, path: str) -> int:
-    """Where in a record the address of an array stands."""
+    """Offset of an array's address in a record."""
     at = 0
     for name in path.split("."):
         dtype, offset = dtype.fields[name][:2]  # type: ignore[index]

@@ -3,28 +3,28 @@
 from collections import Counter
 from collections.abc import Iterable
 
-Link = tuple[str, str, str]  # the node that hears, its input, and the node that sends
+Link = tuple[str, str, str]  # receiving node, its input, sending node
 
 
 def parts(links: Iterable[Link]) -> dict[str, int]:
-    """A number for each node: those of one number hang together.
+    """The number of the finger of each node.
 
-    Fingers meet in nodes with an input that several send to: in the body, in what solves their contacts together. With
-    these left out, which get no number, a finger is what hangs together.
+    Fingers meet in nodes with several senders at one input: the body, and the node that solves their contacts. These
+    nodes get no number. Without them, each finger is a connected component of the graph.
     """
     links = list(links)
-    count = Counter((hears, port) for hears, port, _ in links)
-    shared = {hears for (hears, _), senders in count.items() if senders > 1}
-    near: dict[str, list[str]] = {}
-    for hears, _, sends in links:
-        for one, other in ((hears, sends), (sends, hears)):
+    senders = Counter((receiver, port) for receiver, port, _ in links)
+    shared = {receiver for (receiver, _), count in senders.items() if count > 1}
+    neighbours: dict[str, list[str]] = {}
+    for receiver, _, sender in links:
+        for one, other in ((receiver, sender), (sender, receiver)):
             if one not in shared:
-                near.setdefault(one, []).extend([other] if other not in shared else [])
-    found: dict[str, int] = {}
-    for number, begin in enumerate(near):
-        reached = [] if begin in found else [begin]
+                neighbours.setdefault(one, []).extend([other] if other not in shared else [])
+    component: dict[str, int] = {}
+    for number, begin in enumerate(neighbours):
+        reached = [] if begin in component else [begin]
         for node in reached:
-            if node not in found:
-                found[node] = number
-                reached += near[node]
-    return found
+            if node not in component:
+                component[node] = number
+                reached += neighbours[node]
+    return component

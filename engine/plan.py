@@ -1,4 +1,4 @@
-"""What of a graph runs: the plan that every way of running follows, and its form in a recording."""
+"""The plan: the part of a graph that runs, for runs, replays and tests, and its form in a recording."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ class Plan:
     """The part of a graph that runs.
 
     order      running nodes, each after the senders of its direct edges
-    skipped    the others and the reason
+    skipped    the other nodes and the reason
     edges      connected inputs of each running node, in port order
-    wanted     body fields of each stream that somebody reads
-    observers  running loggers and viewers and the streams that they hear
+    wanted     fields of each stream that a node reads
+    observers  running loggers and viewers and their streams
     """
 
     graph: Graph
@@ -34,11 +34,11 @@ class Plan:
     observers: dict[str, tuple[str, ...]]
 
     def fields(self, name: str) -> frozenset[str]:
-        """Names of the output fields of a running node that somebody reads."""
+        """Names of the output fields of a running node that other nodes read."""
         return frozenset().union(*(self.wanted[s] for s in self.graph.nodes[name].streams))
 
     def make(self, name: str) -> Node:
-        """A new node of the plan with its settings and `wanted`, not yet started."""
+        """Create a node of the plan with its settings and `wanted`, without starting it."""
         spec = self.graph.nodes[name]
         node = spec.cls(**spec.settings)
         if name in self.edges:
@@ -46,7 +46,7 @@ class Plan:
         return node
 
     def to_spec(self) -> dict[str, Any]:
-        """The plan as data that JSON can hold."""
+        """The plan as data for JSON."""
         graph = self.graph
         return {
             "path": short(str(graph.path)),
@@ -65,7 +65,7 @@ class Plan:
 
     @classmethod
     def from_spec(cls, spec: dict[str, Any], load: Callable[[str], Any] = load_class) -> Plan:
-        """The plan that `to_spec` wrote; `load` gives a class by its full name. GraphError: one cannot be imported."""
+        """The plan written by `to_spec`; `load` returns the class of a full name. GraphError: an import failed."""
         nodes = {}
         faults = []
         for form in msgspec.convert(spec["nodes"], list[_NodeForm]):
@@ -76,8 +76,8 @@ class Plan:
         if faults:
             raise GraphError(faults)
         wanted = None if spec["streams"] is None else tuple(spec["streams"])
-        said = {name: EffectChoice(on, Location(*spot)) for name, (on, *spot) in spec.get("effects", {}).items()}
-        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}), said)
+        effects = {name: EffectChoice(on, Location(*spot)) for name, (on, *spot) in spec.get("effects", {}).items()}
+        graph = Graph(Path(spec["path"]), spec["rate"], spec["scene"], nodes, wanted, spec.get("source", {}), effects)
         return cls(
             graph,
             list(spec["order"]),
@@ -89,7 +89,7 @@ class Plan:
 
 
 class _NodeForm(msgspec.Struct, rename={"cls": "class"}):
-    """A `NodeSpec` as JSON holds it: the full name of its class, and file, line and column."""
+    """A `NodeSpec` for JSON: with the full name of its class, and file, line and column."""
 
     name: str
     use: str
@@ -119,7 +119,7 @@ def _spot(place: Location) -> tuple[str, int, int]:
 
 
 def force_path(plan: Plan) -> set[str]:
-    """The nodes between the paced nodes' outputs and their inputs: what the hand has to wait for."""
+    """The nodes between the outputs and the inputs of the paced nodes, which determine the latency for the hand."""
     after: dict[str, set[str]] = {name: set() for name in plan.order}
     for name in plan.order:
         for edge in plan.edges[name]:
@@ -129,11 +129,11 @@ def force_path(plan: Plan) -> set[str]:
     return _reach(paced, after) & _reach(paced, before) | set(paced)
 
 
-def _reach(start: Iterable[str], ways: dict[str, set[str]]) -> set[str]:
+def _reach(start: Iterable[str], neighbours: dict[str, set[str]]) -> set[str]:
     reached: set[str] = set()
     left = list(start)
     while left:
-        for name in ways[left.pop()] - reached:
+        for name in neighbours[left.pop()] - reached:
             reached.add(name)
             left.append(name)
     return reached

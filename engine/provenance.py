@@ -1,4 +1,4 @@
-"""What a recording says of its run: graph as resolved, versions, machine, commit."""
+"""Provenance of a run in its recording: resolved graph, versions, machine, commit."""
 
 import datetime
 import os
@@ -15,11 +15,11 @@ PACKAGES = ("palpate", "pyzmq", "msgspec", "mcap")
 
 
 def about(plan: Plan, *, here: bool = True, **more: object) -> dict[str, object]:
-    """Provenance of a run as plain data; `more` is added. `here`: this process computes, not workers of its own."""
+    """Provenance of a run as plain data; `more` is added. `here`: this process computes, not worker processes."""
     spec = plan.to_spec()
     for node in spec["nodes"]:
         if node["name"] in plan.observers and "path" in node["settings"]:
-            # Where the recording lies is no property of the run.
+            # The folder of the recording is not a property of the run.
             node["settings"] = {**node["settings"], "path": Path(node["settings"]["path"]).name}
     return {
         "plan": spec,
@@ -40,16 +40,16 @@ def _moment() -> dict[str, Any]:
 
 
 def machine(*packages: str) -> dict[str, Any]:
-    """What a measurement says of where it was made: versions, processor, cores, commit, date."""
+    """Provenance of a measurement: versions, processor, cores, commit, date."""
     return {**_versions(("palpate", *packages)), "arithmetic": in_force(), **_machine(), **_moment()}
 
 
 def rounding(recorded: dict[str, Any]) -> list[str]:
-    """How this process differs from what made a recording, of which `told` is the provenance, in what decides on the
-    last bits of results: empty where the same bytes are to be expected."""
+    """Differences between this process and the provenance `recorded` that can change the last bits of results; empty:
+    the same bytes are expected."""
     then, here = recorded.get("arithmetic"), in_force()
     if not isinstance(then, dict):
-        return ["the recording does not say what its numbers were computed with"]
+        return ["the recording does not contain the versions of its arithmetic"]
     return [
         f"{name} {then.get(name, 'unknown')}, here {here.get(name, 'unknown')}"
         for name in {**then, **here}
@@ -58,7 +58,7 @@ def rounding(recorded: dict[str, Any]) -> list[str]:
 
 
 def made_by(recorded: dict[str, Any] | None) -> str:
-    """Version and commit of palpate that made a recording; None: of this process."""
+    """Version and commit of palpate that wrote a recording with this provenance; None: of this process."""
     if recorded is None:
         version, of = package_version("palpate"), commit()
     else:
@@ -79,8 +79,8 @@ def _processor() -> str:
 
 
 def commit() -> str | None:
-    """The commit of palpate's own source, wherever it is called; None where git does not keep this file, as that of an
-    installed package inside another repository."""
+    """The commit of palpate's source; None if git does not track this file, as in an installed package inside another
+    repository."""
     source = Path(__file__).resolve()
     if not _git("ls-files", source.name, folder=source.parent):
         return None
@@ -90,10 +90,11 @@ def commit() -> str | None:
 def _git(*what: str, folder: Path) -> str:
     import subprocess
 
-    own = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}  # a hook's repository
+    # A git hook sets variables that name another repository.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
     try:
         completed = subprocess.run(
-            ["git", *what], cwd=folder, env=own, capture_output=True, text=True, timeout=2, check=False,
+            ["git", *what], cwd=folder, env=environment, capture_output=True, text=True, timeout=2, check=False,
             stdin=subprocess.DEVNULL,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired):

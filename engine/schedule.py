@@ -1,14 +1,13 @@
-"""Which message a node uses at which tick, and which ticks a node runs at.
+"""The ticks at which a node runs, and the message that it uses at a tick.
 
-Tick k of a graph is at k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
+Tick k of a graph is at time k/rate on its clock. A node runs at the ticks that its divisor `every` divides.
 """
 
 
 def needed(tick: int, every: int, loop: bool) -> int:
-    """Tick of the message that a consumer running at `tick` uses from a producer that runs each `every` ticks.
+    """Tick of the message that a consumer uses at `tick` from a producer with the divisor `every`.
 
-    A forward edge takes the latest tick up to `tick`; a loop edge, which closes a loop, the latest before it.
-    Returns -1 where there is none yet.
+    A forward edge takes the latest tick up to `tick`, a loop edge the latest one before it. -1: no message yet.
     """
     last = tick - 1 if loop else tick
     return last - last % every if last >= 0 else -1

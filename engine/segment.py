@@ -1,7 +1,7 @@
-"""Compiled nodes that follow one another in a worker, run by one call of compiled code (engine/table.py).
+"""Consecutive compiled nodes of a worker, run by one call of compiled code (engine/table.py).
 
-Between them messages stay records. A message is made where somebody takes it: a node in Python, another process, an
-observer, the live view. What comes from elsewhere the host gathers, as for any node.
+Messages between them stay records. A record becomes a message object only for a node in Python, another process, an
+observer or the live view. The host gathers messages from other senders, as for any node.
 """
 
 import ctypes
@@ -21,14 +21,14 @@ from palpate.messages.record import blank, layout, reader, writer
 from palpate.nodes.base import InputError, inputs
 from palpate.nodes.base.compiled import CompiledNode, code, several
 
-SAMPLE = 61  # ticks between two at which the nodes are timed one by one; no divisor that somebody uses
+SAMPLE = 61  # ticks between two measurements of each node's duration; a prime, so that no usual divisor shares it
 
 
 class Segment:
-    """Slots of compiled nodes, in their order.
+    """Slots of compiled nodes, in the order of execution.
 
     permitted  age [s] up to which a slot may hold an input on the real clock
-    deliver    takes an output, a tick and the wire form of the message, for outputs that somebody listens to
+    deliver    called with an output that has listeners, a tick and the message in wire format
     """
 
     def __init__(
@@ -72,15 +72,16 @@ class Segment:
         self.listen()
 
     def _fill(self, place: int, slot: Slot, rate: float, permitted: Callable[[Slot, Input], float]) -> np.ndarray:
-        """The row of a slot, and the lines of its inputs."""
+        """Fill the row of a slot. Returns the lines of its inputs."""
         row, node = self._rows[place], slot.node
         assert isinstance(node, CompiledNode)
         kind: Any = type(node)
         node.resize([abs(count) for count in slot.counts])
         lines = self._keep(np.zeros(len(slot.inputs), INPUT))
         used = self._keep(np.full(max(len(slot.inputs), 1), -1, np.int64))
+        # Arguments of the kernel: the node's record, then a record or a table of records for each port, then outputs.
         ports: list[np.ndarray | None] = []
-        at: list[tuple[int, int]] = []  # of each input the argument that it is in, and its place in a list
+        at: list[tuple[int, int]] = []  # for each input the number of its argument, and its index in a list
         for form, count in zip(inputs(kind), slot.counts, strict=True):
             table = self._keep(np.zeros(1, several(form.type))) if form.many else None
             if table is not None:
@@ -94,6 +95,7 @@ class Segment:
             if table is not None:
                 records[1 + n] = table.ctypes.data
         records[1 + len(ports) :] = [record.ctypes.data for record in outputs]
+        # Inputs: the record of the sender, or a record that the host fills.
         inlets: list[tuple[Any, Any, Any] | None] = []
         for n, (port, (argument, nth)) in enumerate(zip(slot.inputs, at, strict=True)):
             line, absent = lines[n], self._keep(blank(port.kind))
@@ -126,7 +128,7 @@ class Segment:
         return lines
 
     def _lines_of(self, slot: Slot) -> np.ndarray:
-        """Lines of a slot's outputs."""
+        """The lines of a slot's outputs."""
         lines = self._keep(np.zeros(len(slot.outputs), OUTPUT))
         for line, output in zip(lines, slot.outputs, strict=True):
             assert isinstance(output, RecordOutput)
@@ -139,12 +141,12 @@ class Segment:
         return lines
 
     def _keep(self, array: np.ndarray) -> np.ndarray:
-        """Hold memory whose address is in the table."""
+        """Keep memory alive whose address is in the table."""
         self._kept.append(array)
         return array
 
     def refresh(self) -> None:
-        """Take over which nodes are blocked, which senders are gone, and which node has been started anew."""
+        """Copy from the slots which nodes are blocked, which senders are dead, and which node was restarted."""
         for place, (slot, lines) in enumerate(zip(self.slots, self._lines, strict=True)):
             row = self._rows[place]
             row["blocked"], row["skip"] = slot.blocked, False
@@ -156,7 +158,7 @@ class Segment:
         self.listen()
 
     def listen(self) -> None:
-        """Take over which outputs somebody listens to."""
+        """Copy from the slots which outputs have listeners."""
         for slot, lines in zip(self.slots, self._out_lines, strict=True):
             lines["period"] = [
                 output.period if output.external or output.observed or output.listeners else 0
@@ -183,12 +185,11 @@ class Segment:
                 host.sent(slot, tick)
 
     def alone(self) -> bool:
-        """Whether nothing comes from elsewhere, so that many ticks can be run at once."""
+        """Whether all messages come from the segment itself, so that one call can run many ticks."""
         return not self._border
 
     def run_many(self, tick: int, ticks: int) -> None:
-        """Run ticks of the simulated clock in a row, where no node needs a message from elsewhere (`alone`). NodeError:
-        a node failed."""
+        """Run `ticks` ticks of the simulated clock, if the segment is `alone`. NodeError: a node failed."""
         self._timed(tick)
         if ticks > 1:
             self._call(tick + 1, ticks - 1)
@@ -196,7 +197,8 @@ class Segment:
             slot.health.tick, slot.time = last, time
 
     def advance(self, tick: int) -> None:
-        """Run one tick of the simulated clock in one call (`alone`), durations unmeasured. NodeError: a node failed."""
+        """Run one tick of the simulated clock without measuring durations, if the segment is `alone`. NodeError: a node
+        failed."""
         self._call(tick, 1)
 
     def _take(self, place: int, messages: Sequence[Message | None]) -> None:
@@ -217,23 +219,24 @@ class Segment:
             if emptied:
                 self._hand_over()
             if self._failed[0] >= 0:
-                self._fail(int(self._failed[0]))
+                slot = self.slots[int(self._failed[0])]
+                raise failure(slot, slot.node, *self._where)
             if self._clock["resume"][0] < 0:
                 return
             tick = int(self._clock["tick"][0])
-            if not emptied:  # one message alone has no room
+            if not emptied:  # the journal is too small for one message
                 self._journal = np.zeros(2 * len(self._journal), np.uint8)
                 self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
 
     def _hand_over(self) -> None:
-        """Deliver what is in the journal, and empty it."""
+        """Deliver the messages in the journal, and empty it."""
         memory, outputs, deliver = self._journal.data, self._outputs, self._deliver
         for number, tick, begin, end in self._entries[: int(self._clock["entries"][0])].tolist():
             deliver(outputs[number], tick, bytes(memory[begin:end]))
         self._clock["entries"] = self._clock["length"] = 0
 
     def _timed(self, tick: int) -> None:
-        """One tick, node by node, for the durations of their steps."""
+        """Run one tick node by node and record the duration of each step."""
         clock = self._clock
         for place, slot in enumerate(self.slots):
             before = self._rows["steps"][place]
@@ -246,19 +249,14 @@ class Segment:
                 self._rows["steps"][place] -= 1
         clock["first"], clock["last"] = 0, len(self.slots)
 
-    def _fail(self, place: int) -> None:
-        """NodeError of a row that failed."""
-        slot = self.slots[place]
-        raise failure(slot, slot.node, *self._where)
-
     def tables(self) -> list[np.ndarray]:
-        """All arrays that a run writes but those of the nodes, and those that lead to them: the rows, the clock, then
-        the others."""
+        """All arrays that a run writes or reads addresses from, except those of the nodes: the rows, the clock, the
+        others."""
         records = [_record(output) for slot in self.slots for output in slot.outputs]
         return [self._rows, self._clock, *self._kept, *records]
 
     def count(self) -> None:
-        """Add to the nodes' health what was counted since the last time."""
+        """Add the counts since the last call to the health of the nodes."""
         for row, slot in zip(self._rows, self.slots, strict=True):
             health = slot.health
             health.counted += int(row["steps"])
@@ -269,7 +267,7 @@ class Segment:
 
 
 def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:
-    """Why a node failed; its row is in the table at these addresses."""
+    """The error of the failed node in the table at these addresses."""
     at = view(clock, CLOCK)[0]
     tick, row = int(at["tick"]), view(rows, ROW, int(at["failed"]) + 1)[-1]
     lines = view(row["input"], INPUT, row["inputs"])
@@ -280,7 +278,7 @@ def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:
             given = _grouped(messages, slot.counts)
             if fault:
                 raise node.explain(fault, *given)
-            node.step(*given, dt=1.0 / float(at["rate"]))  # raises as compiled code did
+            node.step(*given, dt=1.0 / float(at["rate"]))  # raises the exception of the compiled code, with its text
             raise ArithmeticError("compiled code raised")
         records = view(row["records"], np.dtype(np.int64), row["count"])[-int(row["outputs"]) :]
         for output, record in zip(slot.outputs, records.tolist(), strict=True):
@@ -296,7 +294,7 @@ def failure(slot: Slot, node: Any, rows: int, clock: int) -> NodeError:
 
 
 def view(address: int, dtype: np.dtype, count: int = 1) -> np.ndarray:
-    """The array that lies at an address."""
+    """The memory at an address as an array."""
     memory: Any = (ctypes.c_char * (int(count) * dtype.itemsize)).from_address(int(address))
     return np.frombuffer(memory, dtype)
 
@@ -306,7 +304,7 @@ def _memory(address: int, kind: type[Message]) -> memoryview:
 
 
 def _seen(record: int, port: Input) -> Message | None:
-    """The message of an input, whose record lies at an address."""
+    """The message of an input from the record at an address."""
     memory = _memory(record, port.kind)
     message = reader(port.kind)(memory) if memory[0] else None
     if message is not None:
@@ -315,7 +313,7 @@ def _seen(record: int, port: Input) -> Message | None:
 
 
 def _record(output: Output | None) -> np.ndarray:
-    """The record of an output of a compiled node."""
+    """The record of a compiled node's output."""
     assert isinstance(output, RecordOutput)
     return output.record
 
@@ -333,8 +331,8 @@ def _numbers(record: np.ndarray) -> list[int]:
 
 
 def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], Segment]) -> list[Slot | Segment]:
-    """The slots of a worker with compiled ones that follow one another joined. A node that waits for a message of
-    another process begins a segment of its own: what it waits for may be an answer to a node before it."""
+    """Join consecutive compiled slots of a worker into segments. A node that waits for a message of another process
+    begins a new segment, because this message may be the response to an earlier node."""
     parts: list[Slot | list[Slot]] = []
     for slot in slots:
         compiled = isinstance(slot.node, CompiledNode) and type(slot.node).step is CompiledNode.step
@@ -347,7 +345,7 @@ def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], Segment]) -> li
 
 
 def _grouped(messages: list[Any], counts: Sequence[int]) -> list[Any]:
-    """Messages as the ports of a node take them."""
+    """Group messages by port: one message, or a list of them."""
     given, at = [], 0
     for count in counts:
         given.append(messages[at] if count < 0 else messages[at : at + count])

@@ -1,12 +1,13 @@
-"""One node inside a worker: its inputs, its outputs, and one step with all that surrounds it."""
+"""A node in a worker: its inputs, its outputs, and its step with checks, errors and counters."""
 
 import inspect
 import math
 import signal
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from time import perf_counter_ns
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -28,10 +29,10 @@ _set = msgspec.structs.force_setattr
 
 
 class NodeError(PalpateError):
-    """A node of the user's failed; the cause is its own error, `sys.exit` included: a node does not end a run.
+    """A node failed; `cause` is its exception. This includes SystemExit: a node cannot end a run.
 
-    KeyboardInterrupt: it is the cause, and the user's, not the node's: no run has taken Ctrl-C over, or it is a kind of
-    its own, as that of SIGTERM.
+    A KeyboardInterrupt as cause is raised as it is if it comes from the user: no run handles Ctrl-C, or it is a
+    subclass, as for SIGTERM.
     """
 
     def __init__(self, node: str, where: str, cause: BaseException | str) -> None:
@@ -47,11 +48,11 @@ class NodeError(PalpateError):
 
 
 class Output:
-    """One output stream: its last two messages, and how it leaves this worker.
+    """One output stream: its last two messages and its receivers outside this worker.
 
-    external  nodes of other groups read it
-    send      takes the payload for them, once the run has begun
-    period    where all observers are here, they take the messages of the ticks that this divides
+    external  whether nodes of other groups read it
+    send      sends a payload to them, after the start of the run
+    period    divisor of the ticks whose messages are observed, if all observers are in this process
     """
 
     __slots__ = (
@@ -71,9 +72,11 @@ class Output:
 
 
 class RecordOutput(Output):
-    """An output of a compiled node. While a segment runs the node, its last message is made when somebody asks.
+    """An output of a compiled node. While a segment runs the node, reading `last` converts the record to a message.
 
-    record  the message as the node writes it;  used  ticks of the inputs that it was computed from;  source  the node
+    record  the message, written by the kernel
+    used    ticks of the inputs that it was computed from
+    source  name of the node
     """
 
     __slots__ = ("_made", "_memory", "_read", "_there", "_tick", "record", "source", "used")
@@ -103,34 +106,26 @@ class RecordOutput(Output):
             self._there[0] = False
 
 
-class Inlet(Protocol):
-    """Where the payloads of a stream come in."""
-
-    def wait(self) -> list[bytes]: ...
-
-    def wait_until(self, deadline: int) -> list[bytes]: ...
-
-
 class RemoteStream:
-    """One stream of another group: where it comes in, its type, and the ports that read it."""
+    """One stream of another group: its inlet (`launch.run.wire.inlet`), its type, and the ports that read it."""
 
     __slots__ = ("decode", "inlet", "kind", "ports", "producer", "stream")
 
-    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Inlet) -> None:
+    def __init__(self, stream: str, kind: type[Message], producer: str, inlet: Any) -> None:
         self.stream, self.kind, self.producer, self.inlet = stream, kind, producer, inlet
         self.decode = decoder(kind).decode
         self.ports: list[Input] = []
 
 
 class Input:
-    """One input port: the rule by which it picks a message, and the messages that wait.
+    """One input port: its rule for choosing a message, and the queue of messages.
 
-    An edge inside the worker reads the producer's output; one from outside has a feed, which fills its queue.
+    An edge inside the worker reads the producer's output; one from another worker has a feed, which fills the queue.
     """
 
     __slots__ = (
-        "arrived", "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue",
-        "rank", "stream", "waits",
+        "dead", "every", "feed", "inside", "kind", "loop", "message", "output", "port", "producer", "queue", "rank",
+        "stream", "waits",
     )  # fmt: skip
 
     def __init__(self, job: InputJob | None, port: Port, output: Output | None) -> None:
@@ -138,25 +133,23 @@ class Input:
         given = job or InputJob("", "", "", waits=False)
         self.stream, self.producer, self.every, self.rank = given.stream, given.producer, given.every, given.rank
         self.loop, self.waits, self.dead = given.loop, given.waits, job is None
-        self.inside = False  # whether the sender is of the same segment, whose table knows where the message is
+        self.inside = False  # whether the sender is in the same segment
         self.feed: RemoteStream | None = None
         self.queue: deque[Message] = deque()
         self.message: Message | None = None
-        self.arrived = 0
 
-    def put(self, message: Message, arrived: int) -> None:
-        """Take a message that has come. One that came before, or is older than one that has come, is dropped."""
+    def put(self, message: Message) -> None:
+        """Append a new message to the queue. Duplicates, and messages older than the last one, are dropped."""
         last = self.queue[-1] if self.queue else self.message
         if last is None or last.tick < message.tick:
             self.queue.append(message)
-            self.arrived = arrived
 
     def need(self, tick: int) -> int:
-        """Tick of the message that a step at `tick` of the simulated clock uses; -1 in the first ticks of a loop."""
+        """Tick of the message for a step at `tick` of the simulated clock; -1 in the first ticks of a loop."""
         return tick - self.loop if self.every == 1 else needed(tick, self.every, self.loop)
 
     def of(self, need: int) -> Message | None:
-        """The message of tick `need`, if it is here. Older ones are dropped."""
+        """The message of tick `need`, if it has arrived. Older messages are dropped."""
         queue = self.queue
         if queue and queue[0].tick == need:
             self.message = queue.popleft()
@@ -165,7 +158,7 @@ class Input:
         return message if message is not None and message.tick == need else None
 
     def lost(self, need: int) -> bool:
-        """Whether the message of tick `need` will not come: a later one has, and frames come in order."""
+        """Whether the message of tick `need` is lost: a later one has arrived, and frames arrive in order."""
         return bool(self.queue) and self.queue[0].tick > need
 
     def newest(self, limit: int) -> Message | None:
@@ -183,7 +176,7 @@ class Slot:
     """A node in a worker."""
 
     sleeps = True
-    """Whether nodes at rest sleep; False to measure what that saves."""
+    """Whether nodes at rest sleep; False to measure the gain."""
 
     def __init__(self, job: NodeJob, node: Node, external: Collection[str]) -> None:
         self.name, self.node, self.every, self.job = job.name, node, job.every, job
@@ -194,24 +187,24 @@ class Slot:
         self.outputs = [form(stream, kind, stream in external) for stream, kind in zip(job.streams, kinds, strict=True)]
         self.inputs: list[Input] = []
         self.awaited: list[tuple[int, Input]] = []
-        """The inputs by their place, those first that come last: while a step waits for them the others come."""
+        """The inputs with their index, the last to arrive first: the others arrive during the wait for it."""
         self.near = False  # whether all inputs come from nodes of this worker that run at each tick
-        self.follows = False  # whether the time of a step is that of its driving message, else that of the tick
-        self.blocked = False  # whether it cannot do without a node that has died
+        self.follows = False  # whether the time of a step is that of its driving message, not of the tick
+        self.blocked = False  # whether a required sender has died
         self.health = HealthCounters()
-        self.due = 0  # the first tick of its next step
+        self.due = 0  # first tick of the next step
         self.missed = -1  # number of the last run, tick // every, that lacked an input
         self.period = 1
-        """Where all observers are here, they take what it sends at the ticks that this divides; 0: nobody takes it."""
-        self.sends = 0  # tick from which on somebody takes what it sends next
-        self.time: int | None = None  # [ns] of the last step; None: there was none since the start
-        self.joined = False  # whether a segment runs it, and delivers what it sends
-        self.renewed: Callable[[], None] | None = None  # called when it has been started anew
+        """If all observers are in this process: divisor of the ticks whose outputs they take; 0: they take none."""
+        self.sends = 0  # next tick whose output has a receiver
+        self.time: int | None = None  # [ns] of the last step; None: none since the start
+        self.joined = False  # whether a segment runs the node and delivers its outputs
+        self.renewed: Callable[[], None] | None = None  # called after a restart
         self._single = len(self.outputs) == 1
         self.takes(counts(type(node), [port.name for port in inputs(type(node))]))
 
     def wire(self, known: dict[str, Output]) -> None:
-        """Connect the inputs; `known` holds the outputs of this worker by stream."""
+        """Connect the inputs; `known`: the outputs of this worker by stream."""
         for port, job in places(type(self.node), self.job.inputs):
             self.inputs.append(Input(job, port, known.get(job.stream) if job else None))
         self.takes(counts(type(self.node), [given.port for given in self.job.inputs]))
@@ -220,8 +213,7 @@ class Slot:
         self.near = all(port.dead or (port.output is not None and port.every == 1) for port in self.inputs)
 
     def ready(self, tick: int) -> list[Message | None] | None:
-        """The messages that a step of a `near` node at `tick` of the simulated clock uses; None where one is not
-        there."""
+        """The messages for a step of a `near` node at `tick` of the simulated clock; None: one is missing."""
         messages: list[Message | None] = []
         for port in self.inputs:
             if port.dead:
@@ -234,8 +226,8 @@ class Slot:
         return messages
 
     def takes(self, counts: tuple[int, ...]) -> None:
-        """Each port of the node gets so many messages, see `counts`. Calls of it are written out: to unpack a list for
-        each takes four times as long."""
+        """Set the number of messages of each port, see `counts`. Calls are generated with all arguments written out,
+        which takes 25 % of the time of unpacking lists."""
         self.counts = counts
         node, dt = self.node, ["dt=dt"] if "dt" in inspect.signature(type(self.node).step).parameters else []
         self._step = _call(node.step, counts, dt)
@@ -243,11 +235,11 @@ class Slot:
 
     @property
     def driver(self) -> Input | None:
-        """The input whose arrival runs the step; None where the clock does."""
+        """The input whose arrival runs the step; None: the clock runs it."""
         return None if self.node.paced or not self.inputs else self.inputs[0]
 
     def forces(self) -> dict[str, float]:
-        """Magnitude [N] of each force in the last outputs, for the live view, by `stream.field`."""
+        """Magnitude [N] of each force in the last outputs by `stream.field`, for the live view."""
         forces: dict[str, float] = {}
         for output in self.outputs:
             if output.last is not None:
@@ -255,8 +247,8 @@ class Slot:
         return forces
 
     def start(self) -> None:
-        """Start the node and warm it, so that no step compiles. What touches the world, a device or a file, is not
-        stepped before its time. NodeError: it raised."""
+        """Start the node and warm it up, so that no step of the run compiles. Nodes that act on a device or a file are
+        not stepped. NodeError: the node raised."""
         self.begin()
         if not (self.node.hardware or self.node.sink):
             ports = zip(inputs(type(self.node)), self.counts, strict=True)
@@ -264,38 +256,34 @@ class Slot:
             self.restart()
 
     def restart(self) -> None:
-        """Stop the node and start it anew. NodeError: it raised."""
-        try:
+        """Stop the node and start it again. NodeError: it raised."""
+        with _blamed(self.name, "stop"):
             self.node.stop()
-        except BaseException as error:
-            raise NodeError(self.name, "stop", error) from error
         self.begin()
 
     def begin(self) -> None:
-        """Start the node as a new process would: without a step before. NodeError: it raised."""
+        """Start the node, with no earlier step and no last outputs. NodeError: it raised."""
         self.due = 0
         for output in self.outputs:
             output.previous = output.last = None
-        try:
+        with _blamed(self.name, "start"):
             self.node.start()
-        except BaseException as error:
-            raise NodeError(self.name, "start", error) from error
         self.forget()
 
     def forget(self) -> None:
-        """The next step is the first one."""
+        """Treat the next step as the first one."""
         self.time = None
         if self.renewed is not None:
             self.renewed()
 
     def step(self, tick: int, at: int, messages: list[Message | None], nominal: float) -> None:
-        """Run the node on these inputs and set its outputs. Where no time has passed since its last step, because the
-        driving message came twice or late, the last answers stand.
+        """Run the node on these inputs and set its outputs. If no time has passed since its last step, because the
+        driving message is a duplicate or late, the outputs stay.
 
         at       [ns] time of the tick on the graph's clock
         nominal  [s]  dt of the first step
 
-        NodeError: the step raised, or sent what its type does not allow.
+        NodeError: the step raised, or its output does not fit its type.
         """
         before, health = self.time, self.health
         answer: object = None
@@ -316,6 +304,7 @@ class Slot:
             except BaseException as error:
                 raise NodeError(self.name, f"step at tick {tick}", error) from error
         health.tick = tick
+        # Outputs: a new message, or a copy of the last one, with a new header.
         answers = (answer,) if self._single else self._several(answer, tick)
         ticks = []
         for given in messages:
@@ -324,12 +313,15 @@ class Slot:
         for place, output in enumerate(self.outputs):
             message = answers[place]
             if message is None and output.last is not None:
-                message = output.last.__copy__()  # was checked when it was made
+                message = output.last.__copy__()  # was checked when it was first sent
             else:
                 if type(message) is not output.kind or message.tick != -1:
                     message = self._other(output, message, tick)
                 if not output.finite(message):
-                    self._check(message, tick)
+                    try:
+                        check_finite(message)
+                    except MessageError as error:
+                        raise NodeError(self.name, f"step at tick {tick}", error) from None
             _set(message, "tick", tick)
             _set(message, "time", at)
             _set(message, "source", self.name)
@@ -346,28 +338,32 @@ class Slot:
         return answer
 
     def _other(self, output: Output, message: object, tick: int) -> Message:
-        """A message to send where the answer is not a new one of the right type: a copy."""
-        if isinstance(message, output.kind):  # it has been sent before, as a node's input, say
+        """A copy of a message that was sent before, for example by another node. NodeError: the type is wrong."""
+        if isinstance(message, output.kind):
             return msgspec.structs.replace(message)
         description = "None before it had sent a message" if message is None else f"a {type(message).__name__}"
         raise NodeError(self.name, f"step at tick {tick}", f"answered {description}, expected a {output.kind.__name__}")
 
-    def _check(self, message: Message, tick: int) -> None:
-        try:
-            check_finite(message)
-        except MessageError as error:
-            raise NodeError(self.name, f"step at tick {tick}", error) from None
+
+@contextmanager
+def _blamed(node: str, where: str) -> Iterator[None]:
+    """Turn any exception into the NodeError of a node."""
+    try:
+        yield
+    except BaseException as error:
+        raise NodeError(node, where, error) from error
 
 
 def counts(cls: type[Node], connected: Sequence[str]) -> tuple[int, ...]:
-    """How many messages each port of a node gets, -1 where it takes one; `connected`: the ports"""
+    """Number of messages of each port of a node, -1 for a port that takes one; `connected`: names of the connected
+    ports, one per sender."""
     return tuple([connected.count(port.name) if port.many else -1 for port in inputs(cls)])
 
 
 def _call(
     function: Callable[..., Any], counts: tuple[int, ...], more: list[str]
 ) -> Callable[[list[Message | None], float], Any]:
-    """A call of `function` with the items of a list of messages, those of a port that takes many as a list."""
+    """A call of `function` with the items of a list of messages; a port that takes many gets a list."""
     arguments, at = [], 0
     for count in counts:
         arguments.append(f"messages[{at}]" if count < 0 else f"messages[{at}:{at + count}]")
@@ -390,7 +386,7 @@ def _forces(message: Message) -> dict[str, float]:
 
 
 class ObserverSlot:
-    """An observer in a worker: takes the payloads of its streams as they come."""
+    """An observer in a worker, with the payloads of its streams that it has yet to take."""
 
     def __init__(self, job: ObserverJob, node: Observer) -> None:
         self.name, self.node, self.streams = job.name, node, job.streams
@@ -399,13 +395,13 @@ class ObserverSlot:
         self.pending: list[tuple[str, int, bytes]] = []
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
-        """Hand over one message. NodeError: the observer raised."""
+        """Pass one message. NodeError: the observer raised."""
         self.pending.append((stream, tick, payload))
         self.take()
 
     def take(self) -> None:
-        """Hand over all pending messages, which costs half as much as one at a time; they count with the mean of their
-        durations. NodeError: the observer raised."""
+        """Pass all pending messages, which takes half of the time of one call per message, and count each with the
+        mean duration. NodeError: the observer raised."""
         if not self.pending:
             return
         observe, last, stream, tick = self.node.observe, self.last, "", -1
@@ -424,11 +420,9 @@ class ObserverSlot:
 
 
 def make(job: NodeJob | ObserverJob) -> Node:
-    """The node that a job describes. NodeError: its class or its settings are wrong."""
-    try:
+    """Create the node of a job. NodeError: its class or its settings are wrong."""
+    with _blamed(job.name, "settings"):
         node = load_class(job.cls)(**job.settings)
-    except BaseException as error:
-        raise NodeError(job.name, "settings", error) from error
     if isinstance(job, NodeJob) and job.wanted is not None:
         node.wanted = frozenset(job.wanted)
     return node

@@ -1,11 +1,11 @@
-"""The table by which compiled code runs the nodes of a segment: a row for each node, a line for each of its inputs
-and outputs. `compiled_tick` reads it."""
+"""The table of a segment, which `compiled_tick` executes: a row for each node, a line for each of its inputs and
+outputs."""
 
 import numpy as np
 
 ROW = np.dtype([
     ("compute", "<i8"), ("idle", "<i8"),  # addresses of machine code; idle 0: the node does not sleep
-    ("records", "<i8"), ("count", "<i8"),  # address of the table of its records' addresses, and how many
+    ("records", "<i8"), ("count", "<i8"),  # address and length of the list of addresses of its records
     ("inputs", "<i8"), ("input", "<i8"), ("used", "<i8"),  # number of inputs, address of their lines and of their ticks
     ("outputs", "<i8"), ("output", "<i8"), ("numbers", "<i8"), ("numbered", "<i8"),
     ("every", "<i8"), ("due", "<i8"), ("missed", "<i8"), ("last", "<i8"),
@@ -14,13 +14,14 @@ ROW = np.dtype([
     ("steps", "<i8"), ("asleep", "<i8"), ("held", "<i8"), ("lost", "<i8"),
 ], align=True)  # fmt: skip
 """
-output   address of the lines of its outputs;  numbers, numbered  addresses of those that have to be finite, how many
-every    divisor;  due, missed, last  as in a `Slot`: the first tick of its next step, the number of the last run that
-         lacked an input, the tick of its last step
-begun    whether it has stepped;  time [ns] of its last step;  nominal [s] dt of the first
+output   address of the lines of its outputs;  numbers, numbered  address and length of the list of addresses of the
+         numbers that must be finite
+every    divisor;  due, missed, last  first tick of its next step, number of the last run that lacked an input, tick of
+         its last step
+begun    whether it has stepped;  time [ns] of its last step;  nominal [s] dt of the first step
 follows  the time of a step is that of its driving message
-hardware, blocked  as in a `Slot`;  skip  a host found no inputs for it;  stepped  in this tick
-steps, asleep, held, lost  what was counted since somebody asked
+hardware, blocked  as in a `Slot`;  skip  the host has no inputs for it;  stepped  in this tick
+steps, asleep, held, lost  counts since the last `Segment.count`
 """
 INPUT = np.dtype([
     ("record", "<i8"), ("absent", "<i8"), ("put", "<i8"),
@@ -28,35 +29,36 @@ INPUT = np.dtype([
     ("given", "?"), ("dead", "?"), ("optional", "?"), ("drives", "?"),
 ], align=True)  # fmt: skip
 """
-record, absent  addresses of the sender's record, and of one for "no message"
-put       where the address of the one that is used goes
+record, absent  addresses of the sender's record, and of a record that means "no message"
+put       address to which the address of the chosen record is written
 every     divisor of the sender;  loop  1 for an edge that closes a loop
 permitted [s] age up to which it is held on the real clock
-given     a host has filled the record
+given     the host fills the record
 """
 OUTPUT = np.dtype([(name, "<i8") for name in ("record", "steps", "count", "literals", "most", "period", "number")])
 """
 record, steps, count, literals, most  for `engine.encode`
-period   its messages of the ticks that this divides are taken down; 0: none
-number   of it in the journal
+period   divisor of the ticks whose messages are written to the journal; 0: none
+number   of the output in the journal
 """
 ENTRY = np.dtype([(name, "<i8") for name in ("number", "tick", "begin", "end")])
-"""A message in the journal: of which output, and where its bytes are."""
+"""A message in the journal: number of its output, tick, begin and end of its bytes."""
 CLOCK = np.dtype([
     ("rate", "<f8"), ("at", "<i8"), ("real", "?"), ("first", "<i8"), ("last", "<i8"), ("failed", "<i8"), ("why", "<i8"),
     ("tick", "<i8"), ("resume", "<i8"),
     ("journal", "<i8"), ("room", "<i8"), ("length", "<i8"), ("entry", "<i8"), ("entries", "<i8"), ("most", "<i8"),
 ], align=True)  # fmt: skip
 """
-rate    [Hz];  at [ns] of the tick on the real clock;  real  which clock
-first, last  rows to run, the last one not included
-failed  row of the node that failed, -1 for none;  why (`RAISED` ...);  tick  at which
-resume  row at which the journal was full, -1 for none;  tick  at which
-journal, room, length  address, size and used part of the bytes of the journal;  entry, most, entries  of its `ENTRY`s
+rate    [Hz];  at [ns] time of the tick on the real clock;  real  whether the clock is real
+first, last  rows to run, the last one excluded
+failed  row of the node that failed, -1 for none;  why  cause (`RAISED` ...)
+resume  row at which the journal was full, -1 for none
+tick    of the failure, or at which the journal was full
+journal, room, length  address, size and used size of the bytes of the journal;  entry, most, entries  of its `ENTRY`s
 """
 LANE = np.dtype([(name, "<i8") for name in ("rows", "clock", "tick", "taps", "tapped", "every", "room")])
-"""One of several runs side by side: its table, its next tick, its `TAP`s and how many, the divisor of the ticks at
-which they are taken down, and how many of these have room; later ones overwrite the first."""
+"""One of several runs: its table, its next tick, its `TAP`s and their number, the divisor of the ticks at which they
+are kept, and the number of rows for them; later rows overwrite the first."""
 TAP = np.dtype([(name, "<i8") for name in ("source", "size", "column")])
-"""A field of a message that is kept: where it is, its bytes, and where those of tick 0 go; the others follow."""
+"""A message field to keep: its address, its size [bytes], and the address of the row of tick 0; other rows follow."""
 RAISED, FAULT, INFINITE = 1, 2, 3

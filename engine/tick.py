@@ -1,7 +1,7 @@
-"""One tick of a graph: the only place where nodes are stepped, whoever runs them.
+"""One tick of a graph: the only code that steps nodes.
 
-A run on either clock, a replay, `palpate.steps`, the test bus and the accuracy bench differ in where the inputs of a
-node come from, in the time of a step and in what happens to its answers. Each is a `Host` that says so.
+Runs on both clocks, replays, `palpate.steps`, the test bus and the accuracy bench differ in the source of a node's
+inputs, in the time of a step and in the use of its outputs. Each of them implements `Host`.
 """
 
 from collections.abc import Iterable
@@ -15,24 +15,24 @@ S = TypeVar("S", bound=Slot, contravariant=True)
 
 
 class Host(Protocol[S]):
-    """What runs nodes.
+    """Environment in which nodes are stepped.
 
     rate  [Hz] base rate
-    at    [ns] time of the tick on the graph's clock; `gather` may set it anew for its node
+    at    [ns] time of the tick on the graph's clock; `gather` may change it for its node
     """
 
     rate: float
     at: int
 
     def gather(self, slot: S, tick: int) -> list[Message | None] | None:
-        """The inputs of a step where the nodes of this process do not have them ready; None: the node does not step."""
+        """The inputs of a step that are not available in this process; None: the node does not step."""
 
     def sent(self, slot: S, tick: int) -> None:
-        """Take the answers of a node, which are in its outputs."""
+        """Handle the outputs of a node after its step."""
 
 
 def run_tick(parts: Iterable[S | Segment], tick: int, host: Host[S]) -> None:
-    """Step the nodes that are due at a tick, in their order: one by one, or as a segment. NodeError: one failed."""
+    """Step the nodes that are due at a tick, in order, one by one or as a segment. NodeError: a node failed."""
     rate = host.rate
     for slot in parts:
         if isinstance(slot, Segment):

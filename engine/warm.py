@@ -1,4 +1,4 @@
-"""Warming a node: what its step compiles, or loads from the cache of kernels, is there before the run begins."""
+"""Warm-up of a node: its kernels are compiled, or loaded from the cache, before the run begins."""
 
 import warnings
 from collections.abc import Callable, Sequence
@@ -14,13 +14,12 @@ STEP = 1e-3  # [s]
 
 
 def warm(step: Callable[[list[Message | None], float], Any], ports: Sequence[Port]) -> None:
-    """Step a started node on examples of its inputs: at rest, under a light load, and with optional inputs absent. Its
-    state is that of no run afterwards: start it anew.
+    """Step a started node on examples of its inputs: at rest, under a light load, and without optional inputs. This
+    leaves an arbitrary state: start the node again afterwards. Exceptions are ignored, because an example need not
+    fit the node.
 
-    step   of the node, which takes its messages and dt [s]
-    ports  of these messages
-
-    An example that a node refuses tells nothing of the run: it is passed over.
+    step   the node's step: messages, dt [s]
+    ports  the ports of these messages
     """
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
@@ -32,7 +31,7 @@ def warm(step: Callable[[list[Message | None], float], Any], ports: Sequence[Por
 
 
 def _example(port: Port, tick: int, loaded: bool, absent: bool) -> Message | None:
-    """As it comes from the wire: its arrays cannot be written, which to a compiler is a type of its own."""
+    """An example as received from the wire: its arrays are read-only, which is a separate type for the compiler."""
     if absent and port.optional:
         return None
     made = msgspec.structs.replace(port.type.example(loaded), tick=tick, time=round(tick * STEP * 1e9))

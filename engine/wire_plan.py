@@ -1,5 +1,5 @@
-"""How a message's record becomes its wire form: a plan lists what stands in it one after the other, literal bytes,
-which hold keys and headers, and values. `encode` follows it in compiled code."""
+"""Plan of a message's wire format: a sequence of literal bytes (keys and headers) and values of its record, which
+`encode` executes in compiled code."""
 
 import functools
 import math
@@ -15,19 +15,20 @@ MAP, FLOATS, INTEGER, FLAG, VECTOR, ARRAY, WORD, SOURCE, USED = range(9)
 STEP = np.dtype([(name, "<i8") for name in ("kind", "at", "count", "first", "length", "size", "more")])
 """One part of a message.
 
-kind    of its value;  at  offset of that in the record
-first, length  of the literal bytes before it;  more  where further literals are
+kind    of its value (`MAP`, `FLOATS` ...);  at  offset of the value in the record
+first, length  of the literal bytes before it
+more    offset of the table of words; for an array 1 if an empty one is omitted
 count   of numbers, axes of an array, words, or fields of the map;  size [bytes] of an element
 """
 _pack = msgspec.msgpack.encode
 
 
 class WirePlan:
-    """How the messages of one output are encoded.
+    """Encoding of the messages of one output.
 
     steps     (k,) of `STEP`
-    literals  bytes that they take from
-    most      [bytes] of a message without its arrays
+    literals  literal bytes of all steps
+    most      upper bound [bytes] of a message without its arrays
     """
 
     def __init__(self, kind: type[Message], source: str) -> None:
@@ -36,7 +37,8 @@ class WirePlan:
         given = {field.name: field for field in fields(kind)}
         defaults = {field.name: field.default for field in msgspec.structs.fields(kind)}
         names = kind.__struct_fields__
-        rare = [n for n in names if n in given and isinstance(defaults[n], np.ndarray) and _omits(kind)]
+        omits = kind.__struct_config__.omit_defaults  # then empty arrays are left out
+        rare = [n for n in names if n in given and isinstance(defaults[n], np.ndarray) and omits]
         steps = [self._step(MAP, 0, len(names) - len(rare), b"")]
         for name in names:
             key = _pack(name)
@@ -63,8 +65,7 @@ class WirePlan:
         dtype, at = record.fields[field.name][:2]  # type: ignore[index]
         if field.dtype is not None:
             literal = key + b"\x83" + _pack("dtype") + _pack(field.dtype.str) + _pack("shape")
-            more = -1 if not rare else 1
-            return self._step(ARRAY, at, len(field.shape), literal, field.dtype.itemsize, more)
+            return self._step(ARRAY, at, len(field.shape), literal, field.dtype.itemsize, 1 if rare else -1)
         if field.words:
             words = [_pack(word) for word in field.words]
             table = b"".join(len(w).to_bytes(1, "little") + w.ljust(31) for w in words)
@@ -75,11 +76,6 @@ class WirePlan:
         kind = {"f": FLOATS, "i": INTEGER, "b": FLAG}[base.kind]
         header = bytes([0x90 | math.prod(shape)]) if shape else b""
         return self._step(kind, at, math.prod(shape), key + header)
-
-
-def _omits(kind: type[Message]) -> bool:
-    """Whether plain defaults of a message type are left out on the wire."""
-    return bool(kind.__struct_config__.omit_defaults)
 
 
 @functools.cache

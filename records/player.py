@@ -147,7 +147,7 @@ class Player:
 
     def _deliver(self, stream: str, message: Message) -> None:
         for port in self._readers.get(stream, ()):
-            port.put(message, 0)
+            port.put(message)
             if len(port.queue) > MOST:
                 port.queue.popleft()
 

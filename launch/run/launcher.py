@@ -329,7 +329,7 @@ class Launcher:
         # later. A process with one of these exit codes has certainly sent it.
         silence = Silence()
         limit = LAST_REPORT if answer.status in (0, reports.REPORTED) else 0.5 if answer.status > 0 else 0.002
-        while member.alive and silence.look() < limit * 1e9:
+        while member.alive and silence.poll() < limit * 1e9:
             self._next_report(1)
         if member.alive:
             status = answer.status

@@ -12,7 +12,7 @@ from palpate.engine.job import Job, members
 from palpate.launch.run.reports import Ready
 
 ALIVE = ("starting", "ready", "linked", "running")
-LONGEST_GAP = 1e-9 * clock.GLANCE  # [s] counted at most between two checks
+LONGEST_GAP = 1e-9 * clock.LONGEST_GAP  # [s] counted at most between two checks
 DISK_PATIENCE = 120.0  # [s] of waiting for a disk that do not count as silence
 QUIET = 0.3  # [s] of silence after which the kernel is asked what a worker waits for
 

@@ -140,7 +140,7 @@ def test_in_python_it_is_imported_first_or_trusted(here):
     ],
 )
 def test_what_is_no_node_or_message_is_not_taken_for_one(name, kind):
-    with pytest.raises(ImportError, match=r"is no (Node|Message)"):
+    with pytest.raises(ImportError, match=r"is not a (Node|Message)"):
         imports.recorded_class(name, kind)
 
 

@@ -90,7 +90,7 @@ class Chain:
     def _arrive(self) -> None:
         while self.way and self.way[0][0] <= self.tick:
             _, _, port, message = heappop(self.way)
-            port.put(message, 0)
+            port.put(message)
 
     def _send(self, stream: str, message: Message) -> None:
         for slot in self.slots:

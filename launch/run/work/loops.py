@@ -63,12 +63,12 @@ def observe(worker: Worker, senders: set[str]) -> None:
     audience, silence = worker.audience, Silence()
     while not audience.has_all(worker.last):
         if worker.overhear(wait=True):
-            silence.heard()
-        elif silence.look() > QUIET and worker.slots and worker.job.clock == "real":
+            silence.reset()
+        elif silence.poll() > QUIET and worker.slots and worker.job.clock == "real":
             return  # other groups may wait for the end of the nodes here, and so send no marker
         elif worker.stopping or audience.ended >= senders:
             left = senders - audience.ended
-            if left <= audience.lost and (not left or silence.look() > QUIET):
+            if left <= audience.lost and (not left or silence.poll() > QUIET):
                 return
         worker.drain()
         worker.check_orders()

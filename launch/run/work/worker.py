@@ -231,9 +231,8 @@ class Worker:
         except Exception:
             self._refuse(feed, payload)
             return
-        arrived = now() if self._real else 0
         for port in feed.ports:
-            port.put(message, arrived)
+            port.put(message)
 
     def _refuse(self, feed: RemoteStream, payload: bytes) -> None:
         """Handle a message that is not of the stream's type."""
@@ -277,7 +276,7 @@ class Worker:
         if self.bus is None:
             return
         while (order := self.bus.order(wait)) is not None:
-            self._launcher.heard()
+            self._launcher.reset()
             wait = 0
             match order:
                 case Stop():  # observers continue until all senders have ended
@@ -293,7 +292,7 @@ class Worker:
                     raise EndedError
                 case Beat():
                     pass
-        if self._alone and self._launcher.look() > ORPHANED:
+        if self._alone and self._launcher.poll() > ORPHANED:
             raise NodeError("", "launcher", "nothing was heard of it for 5 s")
 
     def _handle_deaths(self, nodes: set[str], blocked: set[str], back: bool) -> None:

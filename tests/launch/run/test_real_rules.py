@@ -29,7 +29,7 @@ def slot(cls: str, *ports: tuple[str, dict]) -> Slot:
 
 
 def put(made: Slot, port: int, message: Message, tick: int) -> None:
-    made.inputs[port].put(msgspec.structs.replace(message, tick=tick, time=tick * MS), 0)
+    made.inputs[port].put(msgspec.structs.replace(message, tick=tick, time=tick * MS))
 
 
 def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: None) -> SimpleNamespace:

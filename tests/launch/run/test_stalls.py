@@ -30,16 +30,16 @@ def time(monkeypatch):
     return moment
 
 
-def test_silence_lasts_while_somebody_looks(time):
+def test_silence_adds_up_over_polls(time):
     silence = clock.Silence()
     for _ in range(10):
         time.ns += 20 * MS
-        silence.look()
-    assert silence.look() == 200 * MS
+        silence.poll()
+    assert silence.poll() == 200 * MS
     time.ns += 5000 * MS
-    assert silence.look() == 400 * MS
-    silence.heard()
-    assert silence.look() == 0
+    assert silence.poll() == 400 * MS
+    silence.reset()
+    assert silence.poll() == 0
 
 
 def test_an_observer_next_to_a_node_takes_what_was_under_way_when_the_machine_stood_still(time):

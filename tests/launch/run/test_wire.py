@@ -453,10 +453,10 @@ def pose(tick: int) -> Pose:
 def test_an_input_drops_a_second_copy_and_what_is_older():
     port = Input(InputJob("pose", "source", "source"), inputs(Spring)[0], None)
     for tick in (0, 2, 2, 1, 4):
-        port.put(pose(tick), 0)
+        port.put(pose(tick))
     assert [m.tick for m in port.queue] == [0, 2, 4]
     assert port.of(1) is None and port.of(2).tick == 2 and port.newest(3).tick == 2
-    port.put(pose(3), 0)
+    port.put(pose(3))
     assert [m.tick for m in port.queue] == [4]
 
 
