@@ -63,11 +63,12 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
 
 
 def _running(frame: FrameType | None) -> object:
-    """The running node and the number of its call; None between two calls."""
+    """The running node, the number of its call and, in an observer, the message; None between two calls."""
     while frame is not None:
         if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__):
             slot = frame.f_locals["self"]
-            return id(slot), slot.health.step.count
+            # an observer takes many messages in one call: a starved process may need seconds for all of them
+            return id(slot), slot.health.step.count, frame.f_locals.get("stream"), frame.f_locals.get("tick")
         if frame.f_code in (Worker.start.__code__, Worker.stop.__code__):
             return frame.f_code, frame.f_locals["self"].started
         frame = frame.f_back

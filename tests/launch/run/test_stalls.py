@@ -9,12 +9,15 @@ from types import SimpleNamespace
 import pytest
 
 from palpate.engine import clock
+from palpate.engine.health import HealthCounters
 from palpate.engine.job import Job, NodeJob
+from palpate.engine.slot import NodeError, ObserverSlot
 from palpate.launch.run import ending
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.member import WorkerHandle
 from palpate.launch.run.reports import REPORTED, Exited, NodeFault, Quit
 from palpate.launch.run.wire import addresses
+from palpate.launch.run.work import watchdog
 from palpate.launch.run.work.loops import QUIET, observe
 from palpate.launch.run.work.watchdog import START_PATIENCE, watched
 
@@ -148,3 +151,27 @@ def test_a_run_in_one_process_outlives_a_machine_that_stands_still_for_a_minute(
     with watched(patience):
         signal.raise_signal(signal.SIGALRM)
     assert ends and min(ends) >= least
+
+
+@pytest.mark.parametrize("stuck", [False, True])
+def test_an_observer_may_take_long_for_many_messages_but_not_for_one(monkeypatch, stuck):
+    """A starved process may take seconds for the messages of one batch."""
+    moment = [0.0]
+    monkeypatch.setattr(watchdog, "time", SimpleNamespace(monotonic=lambda: moment[0]))
+
+    def observe(stream: str, tick: int, payload: bytes) -> None:
+        for _ in range(20 if stuck and tick == 3 else 1):
+            moment[0] += 1.0
+            signal.raise_signal(signal.SIGALRM)
+
+    slot = ObserverSlot.__new__(ObserverSlot)
+    slot.name, slot.node, slot.last, slot.health = "log", SimpleNamespace(observe=observe), {}, HealthCounters()
+    slot.pending = [("pose", tick, b"") for tick in range(20)]
+    with watched(5.0):
+        if stuck:
+            with pytest.raises(NodeError, match="'pose' at tick 3") as raised:
+                slot.take()
+            assert isinstance(raised.value.__cause__, watchdog.HangError)
+        else:
+            slot.take()
+            assert slot.health.step.count == 20
