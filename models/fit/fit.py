@@ -7,14 +7,17 @@ from typing import Any, cast, get_args
 
 import numpy as np
 from rich.table import Table
+from scipy.special import ndtr
 
 from palpate.models.fit import report
 from palpate.models.fit.crossvalidation import Protocol, choose
 from palpate.models.fit.curve_fit import FitError
 from palpate.models.fit.sessions import SessionError, Subject, check_stiffness, read_sessions
-from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
+from palpate.physics.contact.force_band import PUBLISHED, truncated_quantile
 from palpate.physics.contact.force_models import MODELS
 from palpate.physics.writable import check_file
+
+DEPTHS = np.linspace(0.0, 5.0e-3, 11)  # [m] Depths of the published experiment
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,22 @@ def write_example(path: Path) -> None:
         for session, row in enumerate(forces, 1):
             lines += [f"{name},{session},{d * 1e3:g},{f:.4f}" for d, f in zip(DEPTHS, row, strict=True)]
     _write(path, "\n".join(lines) + "\n")
+
+
+def synthetic_sessions(seed: int, sessions: int = 20, together: float = 0.5) -> np.ndarray:
+    """Forces [N] (sessions,D) by the published laws at `DEPTHS`: 0 at depth 0, else drawn from N(F(d), sigma(d)²)
+    truncated to f >= 0.
+
+    seed      [1]     the same seed gives the same forces
+    together  [1]     correlation of two forces of one session, in [0, 1]
+    """
+    random = np.random.Generator(np.random.Philox(seed))
+    mean = MODELS[PUBLISHED.mean](DEPTHS, PUBLISHED.mean_parameters)
+    deviation = MODELS[PUBLISHED.deviation](DEPTHS, PUBLISHED.deviation_parameters)
+    whole = random.standard_normal((sessions, 1))
+    single = random.standard_normal((sessions, len(DEPTHS)))
+    z = np.sqrt(together) * whole + np.sqrt(1.0 - together) * single
+    return np.where(DEPTHS > 0, truncated_quantile(ndtr(z), mean, deviation), 0.0)
 
 
 def _write(path: Path, text: str) -> None:

@@ -12,8 +12,7 @@ from palpate.models.fit.sessions import SessionError
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
 AROUND = 10e6  # [ns] before and after a sample, over which its rate is averaged, because of encoder quantization
-NOISE = 5.0
-"""[1] Standard deviations above the force before the press, above which a force is not noise."""
+NOISE = 5.0  # [1] Standard deviations above the force before the press, above which a force is not noise
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from rich.table import Table
 from palpate.models.fit.crossvalidation import ModelChoice
 from palpate.models.fit.curve_fit import CurveFit
 from palpate.models.fit.sessions import Subject
-from palpate.nodes.contact.probabilistic import LAW_SETTINGS
 from palpate.physics.contact.force_models import MODELS
 
 
@@ -145,28 +144,22 @@ def model_yaml(choices: list[Chosen], source: Path) -> str:
         "subjects:",
     ]
     for subject, depths, _, choice in choices:
-        law = law_settings(choice, depths[-1])
         lines.append(f"  {_scalar(subject.name)}:")
-        for role, fit in (("mean", choice.mean), ("deviation", choice.deviation)):
-            model = MODELS[law[role]]
-            errors = np.zeros(len(model.parameters)) if fit is None else fit.errors.copy()
-            if role == "deviation":
-                errors[: len(model.linear)] *= choice.band.widening
+        for role, (name, parameters, errors) in _laws(choice).items():
+            model = MODELS[name]
             lines += [f"    {role}: {model.name}  # {model.formula}", f"    {role}_parameters:"]
-            for (key, unit), value, error in zip(
-                model.parameters.items(), law[f"{role}_parameters"], errors, strict=True
-            ):
+            for (key, unit), value, error in zip(model.parameters.items(), parameters, errors, strict=True):
                 lines.append(f"      - {_number(value)}  # {key} [{unit}], standard error {error:.3g}")
-        lines.append(f"    depth_limit: {_number(law['depth_limit'])}  # [m] largest measured depth")
+        lines.append(f"    depth_limit: {_number(depths[-1])}  # [m] largest measured depth")
         lines.append(
-            f"    freedom: {_number(law['freedom'])}  # of Student's t for a new session; 0: normal distribution"
+            f"    freedom: {_number(choice.band.freedom)}  # of Student's t for a new session; 0: normal distribution"
         )
     return "\n".join(lines) + "\n"
 
 
 def _number(value: float) -> str:
     """A float in YAML 1.1, with a point and a signed exponent, without rounding."""
-    return yaml.safe_dump(value).split("\n")[0]
+    return yaml.safe_dump(float(value)).split("\n")[0]
 
 
 def _scalar(text: str) -> str:
@@ -174,21 +167,16 @@ def _scalar(text: str) -> str:
     return yaml.safe_dump(text, default_style='"', allow_unicode=True).strip()
 
 
-def law_settings(choice: ModelChoice, deepest: float) -> dict[str, Any]:
-    """The settings of `contact.Probabilistic` for a fitted subject; `deepest` [m] is its deepest indentation.
+def _laws(choice: ModelChoice) -> dict[str, tuple[str, np.ndarray, np.ndarray]]:
+    """Name of the model, parameters and their standard errors, by role.
 
     The deviation is 0 for sessions without scatter, otherwise widened by the error of the curve.
     """
-    spread = choice.deviation
-    widened = np.zeros(2) if spread is None else spread.parameters.copy()
-    if spread is not None:
-        widened[: len(spread.model.linear)] *= choice.band.widening
-    values = (
-        choice.mean.model.name,
-        choice.mean.parameters.tolist(),
-        "linear" if spread is None else spread.model.name,
-        widened.tolist(),
-        float(deepest),
-        choice.band.freedom,
-    )
-    return dict(zip(LAW_SETTINGS, values, strict=True))
+    mean, spread = choice.mean, choice.deviation
+    if spread is None:
+        scatter = "linear", np.zeros(2), np.zeros(2)
+    else:
+        wider = np.ones(len(spread.parameters))
+        wider[: len(spread.model.linear)] = choice.band.widening
+        scatter = spread.model.name, wider * spread.parameters, wider * spread.errors
+    return {"mean": (mean.model.name, mean.parameters, mean.errors), "deviation": scatter}

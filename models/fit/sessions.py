@@ -23,10 +23,8 @@ UNITS = {
     "depth": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "μm": 1e-6, "um": 1e-6},
     "force": {"N": 1.0, "mN": 1e-3},
 }
-MOST = {"depth": 1.0, "force": 1e4}
-"""Upper bounds in SI units; a larger value means a wrong unit in the header."""
-NOISE = 0.05
-"""[1] Largest negative force, over a subject's largest force, that counts as noise."""
+MOST = {"depth": 1.0, "force": 1e4}  # Upper bounds in SI units; a larger value means a wrong unit in the header
+NOISE = 0.05  # [1] Largest negative force, over a subject's largest force, that counts as noise
 STIFFNESS = (5.0, 1e5)
 """[N/m] Range of largest force over depth for soft tissue under a probe of the size of a fingertip."""
 LABELS = ("subject", "session")

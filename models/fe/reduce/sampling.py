@@ -33,8 +33,7 @@ GOAL = 4.0  # Weight of the indentation relative to the other rows
 METRIC = 60  # Approximate number of touches in the mean tangent
 STATES = 1500  # Number of random snapshots for the selection of points
 FEW = 7  # Stride of the points whose tangent weights the forces of a snapshot
-ROWS, SIGNS, SEED = 4096, 8, 1
-"""Sparse sign embedding: number of rows, nonzeros per column, seed."""
+ROWS, SIGNS, SEED = 4096, 8, 1  # Sparse sign embedding: number of rows, nonzeros per column, seed
 
 
 def modes(body: Reducible, pressed: list[PressSolution], count: int) -> tuple[np.ndarray, np.ndarray]:

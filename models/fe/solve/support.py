@@ -10,11 +10,9 @@ from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import TetMesh, point_text
 from palpate.models.fe.sparse.pattern import Pattern
 
-FIXED = 1e-12
-"""[1] Relative stiffness of a rigid motion above which fixed components prevent it; below is rounding."""
+FIXED = 1e-12  # [1] Relative stiffness of a rigid motion above which fixed components prevent it; below is rounding
 HELD = 1e-8  # [1] The same for contacts; a contact of 0.1 % of the size of the body still prevents rotation
-CARRIED = 1e-11
-"""[1] Force of the contacts over stiffness times size of the body, below which they are unloaded."""
+CARRIED = 1e-11  # [1] Force of the contacts over stiffness times size of the body, below which they are unloaded
 
 
 def pieces(mesh: TetMesh) -> np.ndarray:

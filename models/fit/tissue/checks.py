@@ -18,28 +18,19 @@ from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
 SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
 """[1] Last fractions of the indentation in which a plateau is searched."""
-FLAT = 0.3
-"""[1] Slope at the end of the loading over the mean slope, below which the force has stopped rising."""
-TIES = 4
-"""Number of rows with exactly the peak force from which on the sensor counts as saturated."""
-WIDE = 0.005
-"""[1] Least range of indentation of these rows, over the largest indentation."""
-SURE = 3.3
-"""Standard errors above which a drift is significant."""
-HARMLESS = 0.02
-"""[1] Shift of an end of an interval, over the parameter, below which a misfit is not reported."""
-EXACT = 3e-4
-"""[1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate."""
-BLOCKS_MOST = 8
-"""Largest number of blocks of rows in contact whose means are compared with the noise."""
+FLAT = 0.3  # [1] Slope at the end of the loading over the mean slope, below which the force has stopped rising
+TIES = 4  # Number of rows with exactly the peak force from which on the sensor counts as saturated
+WIDE = 0.005  # [1] Least range of indentation of these rows, over the largest indentation
+SURE = 3.3  # Standard errors above which a drift is significant
+HARMLESS = 0.02  # [1] Shift of an end of an interval, over the parameter, below which a misfit is not reported
+EXACT = 3e-4  # [1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate
+BLOCKS_MOST = 8  # Largest number of blocks of rows in contact whose means are compared with the noise
 DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", "a factor that rises with the rate"
 BLOCKS = "blocks"
-UNLIKELY = 0.02
-"""p-value below which another shape of the force is also fitted."""
+UNLIKELY = 0.02  # p-value below which another shape of the force is also fitted
 SMOOTH = 0.3
 """[1] Share of independent residuals below which noise may hide a misfit; the p-value limit is then `SUSPECT`."""
-WITHHELD = 3.0
-"""[1] Ratio of the ends of an interval above which no interval is given."""
+WITHHELD = 3.0  # [1] Ratio of the ends of an interval above which no interval is given
 BEND = (Parameter("bend_1", "1", 0.0, -5.0, 5.0, False), Parameter("bend_2", "1", 0.0, -5.0, 5.0, False))
 
 
@@ -107,7 +98,7 @@ def with_smooth_factor(law: Law, reach: float) -> Law:
         x = s / reach
         return law.force(values, s) * np.exp(values["bend_1"] * np.sqrt(x) + values["bend_2"] * x)
 
-    return replace(law, parameters=(*law.parameters, *BEND), force=force, slopes=None)
+    return replace(law, parameters=(*law.parameters, *BEND), force=force)
 
 
 def widen(problem: Problem, best: Estimate) -> tuple[list[str], list[str]]:

@@ -25,9 +25,9 @@ from palpate.models.fit.tissue.residuals import inflation, runs
 from palpate.models.fit.tissue.rigs import Law, Parameter
 
 STARTS = 10
-INDISTINGUISHABLE = 0.97
-"""[1] Correlation above which two parameters cannot be distinguished."""
+INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be distinguished
 LEVEL = 0.95
+STEP = 1e-6  # Of the differences of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
 the error of its parameters; the report describes the misfit separately."""
@@ -181,40 +181,27 @@ class Problem:
             return x, float(np.sum(self.residuals(x) ** 2))
         inside = np.clip(x[free], low[free] + 1e-9, high[free] - 1e-9)
         found = least_squares(
-            lambda part: self.residuals(whole(part)), inside,
-            jac="2-point" if self.law.slopes is None else lambda part: self.jacobian(whole(part))[:, free],
+            lambda part: self.residuals(whole(part)), inside, jac=lambda part: self.jacobian(whole(part))[:, free],
             bounds=(low[free], high[free]), x_scale="jac", max_nfev=200,
         )  # fmt: skip
         return whole(found.x), 2.0 * float(found.cost)
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """(rows, unknowns) Derivatives of the residuals: analytic if the law has `slopes`, else finite differences."""
-        if self.law.slopes is None:
-            return self._differences(x)
-        values, first = self.values(x), len(self.parameters)
-        blocks = []
-        for i, (press, touch, w) in enumerate(zip(self.presses, self.touches(x), self.weight, strict=True)):
-            before, by = relaxing.slopes(self.kind, self.law, values, press, touch)
-            block = np.zeros((len(press.force), len(x)))
-            for k, p in enumerate(self.parameters):
-                block[:, k] = by[p.name] * (values[p.name] if p.log else 1.0)
-            if self.free_touch:
-                block[:, first + i] = before * press.slack
-            for k, (_, of, column) in enumerate(self.baselines, len(x) - len(self.baselines)):
-                if of == i:
-                    block[:, k] = column
-            blocks.append(block * w[:, None])
-        return np.nan_to_num(np.concatenate(blocks), posinf=0.0, neginf=0.0)
-
-    def _differences(self, x: np.ndarray) -> np.ndarray:
-        low, high = self.bounds()
-        step = 1e-4
-        columns = []
-        for i in range(len(x)):
-            up, down = x.copy(), x.copy()
-            up[i], down[i] = min(x[i] + step, high[i]), max(x[i] - step, low[i])
-            columns.append((self.residuals(up) - self.residuals(down)) / (up[i] - down[i]))
-        return np.stack(columns, axis=1)
+        """(rows, unknowns) Derivatives of the residuals: of the baselines exact, of the others forward differences. The
+        touch points move together, as each belongs to one press."""
+        step, count, first = np.where(x + STEP < self.bounds()[1], STEP, -STEP), len(self.presses), len(self.parameters)
+        slopes, here = [np.zeros((len(press.force), len(x))) for press in self.presses], self.forces(x)
+        # the unknown that moves in each press
+        moved = [np.full(count, k) for k in range(first)] + ([first + np.arange(count)] if self.free_touch else [])
+        for each in moved:
+            aside = x.copy()
+            aside[each] += step[each]
+            for k, slope, force, there in zip(each, slopes, here, self.forces(aside), strict=True):
+                slope[:, k] = (there - force) / step[k]
+        for k, (_, i, column) in enumerate(self.baselines, len(x) - len(self.baselines)):
+            slopes[i][:, k] = column
+        whole = np.concatenate([slope * w[:, None] for slope, w in zip(slopes, self.weight, strict=True)])
+        return np.nan_to_num(whole, posinf=0.0, neginf=0.0)
 
 
 def estimate(problem: Problem, profiles: bool = True, begin: np.ndarray | None = None) -> Estimate:

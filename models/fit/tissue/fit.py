@@ -20,8 +20,7 @@ from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
 """Ratio of the highest to the lowest stiffness of presses above which two indenters or specimens may be mixed."""
-FINE = 14
-"""Elements across the contact in the finer mesh that checks the table."""
+FINE = 14  # Elements across the contact in the finer mesh that checks the table
 
 
 @dataclass
@@ -45,7 +44,7 @@ class TissueFit:
     def young(self) -> tuple[float, float, float] | None:
         """Young's modulus at rest with its interval [Pa]; None if the law has none."""
         young = self.estimate.intervals.get("young")
-        return None if young is None or self.law.rest is None else (young.value, young.low, young.high)
+        return None if young is None else (young.value, young.low, young.high)
 
     @property
     def deepest(self) -> float:
@@ -66,7 +65,6 @@ def fit_tissue(
     held_out: Sequence[MeasuredPress] = (),
     compare: Sequence[str] = (),
     touch: bool = True,
-    relative: bool | None = None,
     deepest: float = math.inf,
     report: Report = unheard,
 ) -> TissueFit:
@@ -74,12 +72,11 @@ def fit_tissue(
 
     compare   other laws, fitted to the same rows and ranked
     touch     whether to fit the touch point with the parameters; else it stays at its estimate from the force
-    relative  weigh residuals by the force; None: for a cylinder, whose forces span decades
     deepest   [m] deeper rows are excluded
 
     SessionError: a fault in the data, or an unknown law.
     """
-    relative = rig.kind == "cylinder" if relative is None else relative
+    relative = rig.kind == "cylinder"  # its forces span decades
     if name == "hunt-crossley":
         name, relaxation = "power", name
     # select the rows: loading only without relaxation, no saturation
@@ -305,7 +302,7 @@ def _open(fit: TissueFit) -> list[str]:
             if abs(best.correlation[i, j]) > INDISTINGUISHABLE:
                 said.append(f"{names[j]} and {names[i]} cannot be distinguished: correlation "
                             f"{best.correlation[i, j]:.3f}")  # fmt: skip
-    if fit.law.rest is not None and fit.rig.kind != "cylinder":
+    if fit.young is not None and fit.rig.kind != "cylinder":
         said.append(f"young and poisson: a press determines only E/(1 - nu²); nu was fixed at {fit.rig.poisson:g}")
     if fit.law.name == "hertz" and fit.rig.kind == "ball":
         said.append(_thickness(fit.rig, reach))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -17,21 +18,15 @@ NAMES = {"time": ("time", "t"), "force": ("force", "load", "f"), "indentation": 
          "approach", "d")}  # fmt: skip
 """Quantity -> default names of its column."""
 SI = {"time": "s", "force": "N", "indentation": "m"}
-LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}
-"""Upper bounds in SI units; a larger value means a wrong unit."""
+LARGEST = {"time": 1e6, "force": 1e4, "indentation": 0.5}  # Upper bounds in SI units; a larger value means a wrong unit
 RIG_COLUMNS = ("indenter", "radius", "diameter", "probe")
 """Columns that identify the indenter; a file with several values mixes several indenters."""
 LEAST_ROWS = 10
-LEAST_AIR = 8
-"""Least number of rows before contact from which the zero of the force is estimated."""
-STEEPEST = 0.3
-"""[1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact."""
-LEAST_RISE = 2e-3
-"""[1] The same ratio below which a drift is negligible."""
-RARE, SUSPECT = 1e-3, 0.2
-"""p-values below which an effect is significant, and below which it is included in the fit."""
-MOST_ROWS = 1000
-"""Most rows of a press that are fitted; more rows are averaged in groups of neighbours."""
+LEAST_AIR = 8  # Least number of rows before contact from which the zero of the force is estimated
+STEEPEST = 0.3  # [1] Rise of the baseline up to the deepest row, over the peak, above which the press begins in contact
+LEAST_RISE = 2e-3  # [1] The same ratio below which a drift is negligible
+RARE, SUSPECT = 1e-3, 0.2  # p-values below which an effect is significant, and below which it is included in the fit
+MOST_ROWS = 1000  # Most rows of a press that are fitted; more rows are averaged in groups of neighbours
 
 Convert = Callable[[str, str], float]
 """(quantity such as '1 mm', SI unit) -> number."""
@@ -57,12 +52,12 @@ class MeasuredPress:
     drifts: bool = False
     air: bool = True
 
-    @property
+    @cached_property
     def rate(self) -> np.ndarray:
         """[m/s] (n,) of the indentation; 0 without time."""
         return np.zeros(len(self.depth)) if self.time is None else np.gradient(self.depth, self.time)
 
-    @property
+    @cached_property
     def elapsed(self) -> np.ndarray:
         """[1] (n,) Time from 0 at the first row to 1 at the last; without time, the row number."""
         time = np.arange(len(self.depth), dtype=float) if self.time is None else self.time

@@ -39,8 +39,6 @@ def parameters(kind: str, duration: float) -> tuple[Parameter, ...]:
 
 Response = Callable[[np.ndarray], np.ndarray]
 """Elastic force [N] (n,) -> force [N] (n,); linear."""
-STEP = 1e-6
-"""[1] Relative step of finite differences by the parameters of a relaxation."""
 
 
 def response(kind: str, values: Values, press: MeasuredPress) -> Response:
@@ -65,27 +63,3 @@ def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: floa
     """Force [N] (n,) of a law at the rows of a press that touches at `touch` [m]."""
     made = response(kind, values, press)(law.force(values, np.maximum(press.depth - touch, 0.0)))
     return np.maximum(made, 0.0) if kind == "kelvin-voigt" else made
-
-
-def slopes(
-    kind: str, law: Law, values: Values, press: MeasuredPress, touch: float
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Derivatives of `force` (n,) by the touch point, and by each parameter of law and relaxation.
-
-    The law must have `slopes`. Relaxation parameters use central differences.
-    """
-    assert law.slopes is not None
-    s = np.maximum(press.depth - touch, 0.0)
-    elastic = law.force(values, s)
-    along, by = law.slopes(values, s, elastic)
-    over = response(kind, values, press)
-    by = {name: over(column) for name, column in by.items()}
-    for name in values.keys() - by.keys():
-        h = STEP * values[name]
-        ends = [response(kind, {**values, name: values[name] + side}, press)(elastic) for side in (h, -h)]
-        by[name] = (ends[0] - ends[1]) / (2.0 * h)
-    before = over(np.where(press.depth > touch, -along, 0.0))
-    if kind == "kelvin-voigt":
-        pressed = over(elastic) > 0.0
-        before, by = before * pressed, {name: column * pressed for name, column in by.items()}
-    return before, by

@@ -9,8 +9,7 @@ import yaml
 from palpate.models.fit.tissue.fit import TissueFit
 from palpate.physics.contact.under_finger import BASIS_POISSON, FINGER_RADIUS, under_finger
 
-WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")
-"""Files that a fit writes to its folder."""
+WRITTEN = ("scene.yaml", "report.json", "report.md", "fit.png", "profiles.png")  # Files that a fit writes to its folder
 
 
 def data(fit: TissueFit) -> dict[str, Any]:

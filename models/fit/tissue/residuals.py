@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from scipy.stats import f as f_distribution
 
-CORRELATIONS = np.tanh(np.linspace(0.0, 3.5, 36))
-"""[1] Autocorrelations at lag 1 over which `lack_of_fit` averages."""
+CORRELATIONS = np.tanh(np.linspace(0.0, 3.5, 36))  # [1] Autocorrelations at lag 1 over which `lack_of_fit` averages
 
 
 def inflation(residuals: Sequence[np.ndarray], parameters: int) -> float:

@@ -28,11 +28,8 @@ from palpate.physics.materials.ogden import ogden
 from palpate.physics.materials.yeoh import yeoh
 
 Values = Mapping[str, float]
-Slopes = Callable[[Values, np.ndarray, np.ndarray], tuple[np.ndarray, dict[str, np.ndarray]]]
-RATIO = 0.499
-"""Poisson's ratio of rubber-like laws in full finite elements, an approximation of 0.5."""
-WIDEST, TALLEST = 0.1, 1.0
-"""[m] Upper bounds of radius and height; a larger value means a wrong unit."""
+RATIO = 0.499  # Poisson's ratio of rubber-like laws in full finite elements, an approximation of 0.5
+WIDEST, TALLEST = 0.1, 1.0  # [m] Upper bounds of radius and height; a larger value means a wrong unit
 FINGER = (26.2641, 1681.06)
 """b [N/m] and m [1/m] of the fingertip's exponential law, from two published points on steel; same as in the scene
 kidney."""
@@ -81,8 +78,6 @@ class Rig:
 class Law:
     """A force law: `force(values, s)` [N] of indentations [m] (n,) >= 0, and its parameters, moduli first.
 
-    slopes  (values, s, force) -> dF/ds [N/m] (n,) and dF/d(parameter) (n,) of each; None: finite differences
-    rest    values -> Young's modulus at rest [Pa]; None if the law has none
     reach   [m] largest valid indentation
     remark  assumptions, for the report
     """
@@ -90,11 +85,9 @@ class Law:
     name: str
     parameters: tuple[Parameter, ...]
     force: Callable[[Values, np.ndarray], np.ndarray]
-    rest: Callable[[Values], float] | None = None
     reach: float = math.inf
     remark: str = ""
     fixed: Mapping[str, tuple[float, str]] = field(default_factory=dict)
-    slopes: Slopes | None = None
 
 
 YOUNG = Parameter("young", "Pa", 2e4, 1.0, 1e9)
@@ -143,19 +136,17 @@ def closed_form(rig: Rig, law: str) -> Law:
         height, area = rig.height, math.pi * radius**2
         if law == "linear":
             known = {"radius": (radius, "m"), "height": (height, "m")}
-            return Law(law, (YOUNG,), lambda v, s: v["young"] * area * s / height, _young, fixed=known,
-                       slopes=_powers("young", 1.0))  # fmt: skip
+            return Law(law, (YOUNG,), lambda v, s: v["young"] * area * s / height, fixed=known)
 
         def compressed(v: Values, s: np.ndarray) -> np.ndarray:
             return -area * uniaxial(material(law, v["young"], v), np.maximum(1.0 - s / height, 0.05))
 
         known = {"radius": (radius, "m"), "height": (height, "m"), "poisson": (0.5, "1")}
-        return Law(law, (YOUNG, *SHAPES[law]), compressed, _young, fixed=known)
+        return Law(law, (YOUNG, *SHAPES[law]), compressed, fixed=known)
     # ball: Hertz on a half-space, and on a bonded layer
     if rig.kind == "ball" and law == "hertz":
         size = 4.0 / 3.0 / plane * math.sqrt(radius)
-        return Law(law, (YOUNG,), lambda v, s: size * v["young"] * s**1.5, _young, 0.1 * radius, _HERTZ, fixed,
-                   _powers("young", 1.5))  # fmt: skip
+        return Law(law, (YOUNG,), lambda v, s: size * v["young"] * s**1.5, 0.1 * radius, _HERTZ, fixed)
     if rig.kind == "ball" and law == "layer":
         if not rig.height:
             raise SessionError("law layer: expected --height, the thickness of the layer")
@@ -165,22 +156,17 @@ def closed_form(rig: Rig, law: str) -> Law:
         def layer(v: Values, s: np.ndarray) -> np.ndarray:
             return size * v["young"] * s**1.5 * factor(np.sqrt(radius * s) / height)
 
-        def layer_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-            chi = np.sqrt(radius * s) / height
-            along = size * v["young"] * np.sqrt(s) * (1.5 * factor(chi) + 0.5 * chi * factor(chi, 1))
-            return along, {"young": force / v["young"]}
-
         known = {**fixed, "height": (height, "m")}
         reach = min(0.25 * radius, 0.15 * height, float(factor.x[-1]) ** 2 * height**2 / radius)
         remark = (
             "bonded to the ground, small strains: beyond 10 % of the ball's radius or the thickness a neo-Hooke layer "
             "is softer, by 5 % at the end of the range"
         )
-        return Law(law, (YOUNG,), layer, _young, reach, remark, known, layer_slopes)
+        return Law(law, (YOUNG,), layer, reach, remark, known)
     # flat punch on a half-space
     if rig.kind == "punch" and law == "hertz":
-        return Law(law, (YOUNG,), lambda v, s: 2.0 / plane * radius * v["young"] * s, _young, 0.2 * radius,
-                   "a half-space: thickness above ten radii", fixed, _powers("young", 1.0))  # fmt: skip
+        return Law(law, (YOUNG,), lambda v, s: 2.0 / plane * radius * v["young"] * s, 0.2 * radius,
+                   "a half-space: thickness above ten radii", fixed)  # fmt: skip
     # empirical laws
     if law == "exponential":
         steep = Parameter("hardening", "1/m", 300.0, 1e-2, 1e5)
@@ -189,18 +175,12 @@ def closed_form(rig: Rig, law: str) -> Law:
         def exponential(v: Values, s: np.ndarray) -> np.ndarray:
             return v["stiffness"] / v["hardening"] * np.expm1(np.minimum(v["hardening"] * s, 500.0))
 
-        def exponential_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-            along = v["stiffness"] * np.exp(np.minimum(v["hardening"] * s, 500.0))
-            return along, {"stiffness": force / v["stiffness"], "hardening": (s * along - force) / v["hardening"]}
-
-        return Law(law, (first, steep), exponential, slopes=exponential_slopes)
+        return Law(law, (first, steep), exponential)
     if rig.kind == "fingertip" and law == "power":
         known = {"finger_stiffness": (FINGER[0], "N/m"), "finger_hardening": (FINGER[1], "1/m")}
-        return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known,
-                   slopes=_series_slopes)  # fmt: skip
+        return Law(law, (stiffness, exponent), lambda v, s: _series(v["stiffness"], v["exponent"], s), fixed=known)
     if law in ("power", "hunt-crossley"):
-        return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"],
-                   slopes=_powers("stiffness"))  # fmt: skip
+        return Law(law, (stiffness, exponent), lambda v, s: v["stiffness"] * s ** v["exponent"])
     raise SessionError(
         f"rig {rig.kind} does not support law {law}; ball: hertz, layer, exponential, power, hunt-crossley, and with "
         f"--height {_RUBBER}; punch: hertz, exponential, power, hunt-crossley; fingertip: power; cylinder, with "
@@ -208,47 +188,22 @@ def closed_form(rig: Rig, law: str) -> Law:
     )
 
 
-def _young(values: Values) -> float:
-    return values["young"]
-
-
-def _powers(first: str, exponent: float | None = None) -> Slopes:
-    """Slopes of the force v[first] s^n; n is `exponent`, or the parameter `exponent` if None."""
-
-    def slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        n, inside = v["exponent"] if exponent is None else exponent, np.where(s > 0.0, s, 1.0)
-        by = {first: force / v[first]}
-        if exponent is None:
-            by["exponent"] = force * np.log(inside)
-        return n * force / inside, by
-
-    return slopes
-
-
-def _series_slopes(v: Values, s: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Slopes of `_series`, from the compliances of finger and tissue at their common force."""
-    b, m = FINGER
-    finger = 1.0 / (b + force * m)
-    indentation = np.maximum(s - np.log1p(force * m / b) / m, 1e-12)  # of the tissue
-    tissue = indentation / (v["exponent"] * np.maximum(force, 1e-300))
-    along = 1.0 / (finger + tissue)
-    share = np.where(force > 0.0, tissue * along, 0.0)
-    return along, {"stiffness": share * force / v["stiffness"], "exponent": share * force * np.log(indentation)}
-
-
 def _series(stiffness: float, exponent: float, total: np.ndarray) -> np.ndarray:
     """Force [N] (n,) at which ln(1 + F m/b)/m of the finger plus (F/K)^(1/n) of the tissue equals the total [m] (n,).
 
-    Bisection on the indentation of the tissue.
+    Newton's method on ln F, in which the total is convex, from above: each part alone is at most the total.
     """
     b, m = FINGER
-    low, high = np.zeros_like(total), total.copy()
-    for _ in range(60):
-        tissue = 0.5 * (low + high)
-        force = stiffness * tissue**exponent
-        more = tissue + np.log1p(force * m / b) / m > total
-        low, high = np.where(more, low, tissue), np.where(more, tissue, high)
-    return stiffness * (0.5 * (low + high)) ** exponent
+    force, pressed = np.zeros(len(total)), total > 0.0
+    s = total[pressed]
+    log = np.log(np.minimum(stiffness * s**exponent, b / m * np.expm1(np.minimum(m * s, 500.0))))
+    for _ in range(9):
+        reached = np.exp(log)
+        tissue = (reached / stiffness) ** (1.0 / exponent)
+        slope = tissue / exponent + reached / (b + m * reached)
+        log -= (tissue + np.log1p(reached * m / b) / m - s) / slope
+    force[pressed] = np.exp(log)
+    return force
 
 
 _RUBBER = ", ".join(name for name in SHAPES if name != "linear")

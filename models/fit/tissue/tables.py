@@ -13,14 +13,11 @@ from scipy.interpolate import BarycentricInterpolator, PchipInterpolator
 from palpate.models.fe.axisymmetric import Indenter, cylinder, layer, press
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fit.sessions import SessionError
-from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, Values, _young, material
+from palpate.models.fit.tissue.rigs import SHAPES, YOUNG, Law, Parameter, Rig, Values, material
 
-DEPTHS = 12
-"""Number of depths in a table; their spacing is smallest near first contact."""
-NODES = 6
-"""Number of values of the shape parameter in a table."""
-REFERENCE = 1e4
-"""[Pa] Young's modulus of the tables."""
+DEPTHS = 12  # Number of depths in a table; their spacing is smallest near first contact
+NODES = 6  # Number of values of the shape parameter in a table
+REFERENCE = 1e4  # [Pa] Young's modulus of the tables
 
 
 def curve(rig: Rig, law: str, shape: Values, depths: np.ndarray, count: int) -> np.ndarray:
@@ -88,10 +85,9 @@ def tabulated(
         return values["young"] / REFERENCE * np.exp(along(np.clip(s, 0.0, knots[-1]))) * s**power
 
     fixed = {"radius": (rig.radius, "m"), "height": (rig.height or 0.0, "m"), "poisson": (0.5, "1")}
-    remark = (
-        f"full finite elements, {rig.plates if rig.kind == 'cylinder' else 'bonded to the ground, frictionless ball'}"
-    )
-    return Law(law, (YOUNG, *parameters), force, _young, float(knots[-1]), remark, fixed)
+    between = rig.plates if rig.kind == "cylinder" else "bonded to the ground, frictionless ball"
+    remark = f"full finite elements, {between}"
+    return Law(law, (YOUNG, *parameters), force, float(knots[-1]), remark, fixed)
 
 
 def _range(parameter: Parameter, middle: float | None) -> tuple[float, float]:

@@ -5,10 +5,17 @@ import pytest
 from pytest import approx
 from scipy.stats import t as student
 
-from palpate.models.fit.band import between_sessions, prediction_spread
-from palpate.models.fit.crossvalidation import choose, drop_outliers, fit_band, make_folds, score
+from palpate.models.fit.crossvalidation import (
+    between_sessions,
+    choose,
+    drop_outliers,
+    fit_band,
+    make_folds,
+    prediction_spread,
+    score,
+)
 from palpate.models.fit.curve_fit import FitError, fit_curve
-from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
+from palpate.models.fit.fit import DEPTHS, synthetic_sessions
 from palpate.physics.contact.force_band import PUBLISHED
 from palpate.physics.contact.force_models import MODELS
 

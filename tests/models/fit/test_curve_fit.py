@@ -8,7 +8,7 @@ from pytest import approx
 from scipy.optimize import curve_fit as scipy_curve_fit
 
 from palpate.models.fit.curve_fit import FitError, fit_curve
-from palpate.models.fit.synthetic_sessions import DEPTHS
+from palpate.models.fit.fit import DEPTHS
 from palpate.physics.contact.force_models import MODELS
 
 KNOWN = {

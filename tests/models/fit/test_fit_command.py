@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
 from palpate.messages import Contact
-from palpate.models.fit.synthetic_sessions import DEPTHS, synthetic_sessions
+from palpate.models.fit.fit import DEPTHS, synthetic_sessions
 from palpate.nodes.contact.probabilistic import Probabilistic
 from palpate.physics.contact.force_models import MODELS
 
