@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from palpate.models.fe import RigidIndenter, Settings, Solver, linear, plane, quadratic, sphere
-from palpate.models.fe.contact.pressure import HATS, nodal_pressure
 from palpate.models.fe.element import faces as face_rule
+from palpate.models.fe.element.faces import HATS
 from palpate.models.fe.element.mesh import bricks, grid
 
 YOUNG, RADIUS = 1e4, 0.01
@@ -55,7 +55,7 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
     value, _ = face_rule.shape(face_rule.POINTS)
     place = np.einsum("qa,fai->fqi", value, p[touch.faces])
     right = 1.5 * theory / (np.pi * a * a) * np.sqrt(np.maximum(1.0 - (np.linalg.norm(place, axis=2) / a) ** 2, 0.0))
-    field = nodal_pressure(touch, body.displacement)[touch.faces[:, :3]] @ HATS.T
+    field = touch.nodal_pressure(body.displacement)[touch.faces[:, :3]] @ HATS.T
     norm = (touch.area * right**2).sum()
     points_off, field_off = (
         float(np.sqrt((touch.area * (pressure - right) ** 2).sum() / norm)) for pressure in (touch.traction, field)

@@ -12,7 +12,6 @@ from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Pose
 from palpate.nodes.controller import Haptic
-from palpate.physics.device.grip import grip_step
 from palpate.records.reader import Recording
 
 MODULI = (1e4, 1e5, 1e6, 1e7)
@@ -90,7 +89,8 @@ def _gain(step: float, stiffness: float, speed: float, controlled: bool) -> floa
     node.start()
     place, velocity, force = np.array([0.0, 0.0, 0.4 * speed * step]), np.array([0.0, 0.0, -speed]), np.zeros(3)
     for _ in range(int(2.0 / step)):
-        place, velocity = grip_step(place, velocity, force, step, 0.3, 0.0)
+        push = force / 0.3
+        place, velocity = place + step * (velocity + 0.5 * step * push), velocity + step * push
         depth = max(-place[2], 0.0)
         touch = Contact(
             foot=(0, 0, 0), normal=(0, 0, 1), force=stiffness * depth, compression=depth, indentation=0.0,

@@ -22,9 +22,8 @@ from tables import parser, tell
 
 from palpate.messages import Load
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
-from palpate.models.fe.reduce.holdout import equilibrium
 from palpate.models.fe.reduce.reducible import SUBCUTIS_MODULUS, Reducible, of_finger
-from palpate.models.fe.reduce.reduction import CELLS, finger_touches
+from palpate.models.fe.reduce.reduction import CELLS, equilibrium, finger_touches
 from palpate.models.fe.reduce.snapshots import STIFFENING, PressSolution, press
 from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE

@@ -85,7 +85,7 @@ THEIRS = {
     "models.fe": {"numpy", "scipy", "numba"},
     "messages": {"numpy", "msgspec"},
 }
-OF_AN_EXTRA = {"tetwild.py": {"pytetwild"}, "read.py": {"meshio"}}
+OF_AN_EXTRA = {"organ.py": {"pytetwild"}, "files.py": {"meshio"}}
 """What a file of models.fe imports when it is called, and asks for where it is missing."""
 ROOTS = FOLDERS | {"": LINKS}
 FILES = [(name, file) for name, folder in ROOTS.items() for file in sorted(folder.glob("**/*.py" if name else "*.py"))]

@@ -10,9 +10,8 @@ import numba
 import numpy as np
 
 from palpate.models.fe import Material, RigidIndenter, Settings, Solver, TetMesh, neo_hooke, quadratic, sphere
-from palpate.models.fe.contact.pressure import nodal_pressure
+from palpate.models.fe.element.files import write_vtu
 from palpate.models.fe.element.mesh import bricks, grid
-from palpate.models.fe.element.vtk import write_vtu
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.physics.materials.invariants import shape_invariants, shape_stress
 
@@ -72,7 +71,7 @@ def main() -> None:
         print(f"{name} skin")
         for depth, force, area in zip(depths, forces, areas, strict=True):
             print(f"  {1e3 * depth:.2f} mm  {1e3 * force:6.2f} mN  {1e6 * area:5.2f} mm²")
-        fields = {"displacement": body.displacement, "pressure": nodal_pressure(body.contacts[0], body.displacement)}
+        fields = {"displacement": body.displacement, "pressure": body.contacts[0].nodal_pressure(body.displacement)}
         write_vtu(folder / f"{name}.vtu", body.mesh, fields)
     print(f"written: {', '.join(str(folder / f'{name}.vtu') for name in skins)}")
 

@@ -33,7 +33,7 @@ def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:
             triangles = outward(vertices, triangles)
             shared = edge_counts(triangles, len(vertices))[1]
     if shared or crossing(vertices, triangles):
-        from palpate.models.fe.meshing.tetwild import solid  # its package is an extra
+        from palpate.models.fe.meshing.organ import solid  # its package is an extra
 
         surface = solid(Mesh(vertices, triangles))[1]
         vertices, triangles = surface.vertices, surface.triangles

@@ -11,8 +11,8 @@ from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
 from palpate.models.fe.reduce import reduction
-from palpate.models.fe.reduce.holdout import errors
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
+from palpate.models.fe.reduce.reduction import errors
 from palpate.models.fe.reduce.snapshots import press, press_from_rest
 from palpate.nodes.base import SettingError
 from palpate.nodes.deformation.basis_store import about, key, touches

@@ -6,14 +6,15 @@ Each material law of `palpate.physics.materials` is available by its name: `neo_
 from collections.abc import Callable
 
 from palpate.models.fe.contact.pair import Pair
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.contact.rigid import RigidIndenter, capsule, plane, sphere
 from palpate.models.fe.element.mesh import MeshError, TetMesh, box, quadratic
 from palpate.models.fe.solve.solver import ConvergenceError, Settings, Solver
 from palpate.physics.materials.hyperelastic import Material, MaterialError, constructor, laws
 
 __all__ = [
-    "ConvergenceError", "Material", "MaterialError", "MeshError", "Pair", "RigidIndenter", "Settings", "Solver",
-    "TetMesh", "box", "capsule", "plane", "quadratic", "sphere",
+    "ConvergenceError", "ElasticFoundation", "Material", "MaterialError", "MeshError", "Pair", "RigidIndenter",
+    "Settings", "Solver", "TetMesh", "box", "capsule", "plane", "quadratic", "sphere",
 ]  # fmt: skip
 
 

@@ -63,8 +63,11 @@ ZERO, COUNT, LIMIT = 12, 13, 14  # indices in the geometry array
 
 @kernel
 def leg(geometry, i, x, y, z):
-    """Inverse kinematics of leg i at one point in closed form: (reachable, t1, t2, t3) [rad]; zeros if out of reach.
-    The equations are those of `inverse`."""
+    """Inverse kinematics of leg i at a point [m] in closed form: (reachable, t1, t2, t3) [rad]; zeros if out of reach.
+
+    t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
+    t2 = atan2(w - a sin t1, X - a cos t1)
+    """
     a, b, c, length0, offset, r = geometry[0], geometry[1], geometry[2], geometry[3], geometry[4], geometry[5]
     cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
     u = cos_phi * x + sin_phi * y - r
@@ -92,7 +95,8 @@ def leg(geometry, i, x, y, z):
 def link(geometry, i, t1, t2, t3):
     """The unit vector (x, y, z) along the parallelogram of leg i, and its lever a sin(t2 - t1) sin(t3) [m].
 
-    lever * rate of t1 = vector . velocity of the grip: row i of the rates matrix is vector / lever.
+    As a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw, row i of the Jacobian G of the
+    driven angles, dt1/dt = G dx/dt, is vector / lever; it has no bound where a leg is stretched or folded.
     """
     cos_phi, sin_phi = geometry[6 + 2 * i], geometry[7 + 2 * i]
     sin_t3 = math.sin(t3)
@@ -128,8 +132,12 @@ def wrap(angle):
 
 @kernel
 def newton(geometry, t0, t1, t2, x, y, z):
-    """Forward kinematics by Newton's method from a reachable point (x, y, z) [m]: (converged, x, y, z). The step is
-    -N^-1 D (t1(P) - t), with the link vectors as the rows of N and the levers D."""
+    """Forward kinematics by Newton's method from a reachable point (x, y, z) [m]: (converged, x, y, z).
+
+    The step is -N^-1 D (t1(P) - t), with the link vectors as the rows of N and the levers D; at most 20 mm, halved
+    while it leads out of reach. Stops when each angle is within 1e-9 rad of t [rad]; not converged for angles that no
+    position has.
+    """
     for _ in range(ITERATIONS):
         _, angles, n0, n1, n2, levers = links(geometry, x, y, z)
         r0 = wrap(angles[0] - t0)
@@ -168,62 +176,3 @@ def forward_kernel(geometry, t0, t1, t2, x, y, z):
         if ok:
             return ok, px, py, pz
     return newton(geometry, t0, t1, t2, HOME[0], HOME[1], HOME[2])
-
-
-def inverse(position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse kinematics in closed form: the angles t1, t2, t3 of each leg.
-
-        t3 = acos(v/b)    t1 = atan2(w, X) - acos((rho^2 + a^2 - L^2) / (2 a rho))    X = u + c, rho^2 = X^2 + w^2
-        t2 = atan2(w - a sin t1, X - a cos t1)
-
-    position  [m]    (..., 3)     of the grip, device frame
-    returns   [rad]  (..., 3, 3)  t1, t2, t3 (last axis) of each leg; zeros where the point is out of reach
-              [1]    (...)        whether all legs reach it
-    """
-    points = np.asarray(position, dtype=float)
-    geometry = falcon.geometry
-    angles = np.zeros((*points.shape[:-1], 3, 3))
-    reach = np.zeros(points.shape[:-1], dtype=bool)
-    for index in np.ndindex(points.shape[:-1]):
-        legs = [leg(geometry, i, *points[index]) for i in range(3)]
-        reach[index] = all(f[0] for f in legs)
-        if reach[index]:
-            angles[index] = [f[1:] for f in legs]
-    return angles, reach
-
-
-def rates(position, falcon: FalconGeometry = FALCON) -> np.ndarray:
-    """The Jacobian G of the driven angles, dt1/dt = G dx/dt.
-
-        a sin(t2 - t1) sin(t3) dt1 = cos(t2) sin(t3) du + cos(t3) dv + sin(t2) sin(t3) dw    for each leg
-
-    position  [m]      (3)    of the grip, device frame
-    returns   [rad/m]  (3,3)  one row a leg
-
-    ValueError: out of reach, or a leg is stretched or folded (t1 = t2, t3 = 0 or pi), where G has no bound.
-    """
-    ok, _, n0, n1, n2, levers = links(falcon.geometry, *map(float, position))
-    if not ok:
-        raise ValueError(f"position {tuple(map(float, position))} m: out of the Falcon's reach")
-    if min(map(abs, levers)) < 1e-9:
-        raise ValueError(f"position {tuple(map(float, position))} m: singular, a leg is stretched or folded")
-    return np.array([n0, n1, n2]) / np.array(levers)[:, None]
-
-
-def forward(angles, start=HOME, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
-    """Forward kinematics by Newton's method on t1(P) = angles, with G as the derivative.
-
-    Steps of at most 20 mm, halved while they lead out of reach; stops when each angle is within 1e-9 rad.
-
-    angles   [rad]  (3)  driven angle of each leg
-    start    [m]    (3)  initial guess: the last known position
-    returns  [m]    (3)  position of the grip, device frame; the last iterate where it failed
-             [1]    ()   whether it converged; false for angles that no position has
-    """
-    ok, *point = forward_kernel(falcon.geometry, *map(float, angles), *map(float, start))
-    return np.array(point), bool(ok)
-
-
-def counts(angles, falcon: FalconGeometry = FALCON) -> np.ndarray:
-    """Encoder counts [1] (...) of driven angles [rad] (...): rounded (t1 - zero) / count."""
-    return np.rint((np.asarray(angles, dtype=float) - falcon.zero) / falcon.count).astype(np.int64)

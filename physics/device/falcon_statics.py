@@ -9,9 +9,7 @@ The first is singular where the three vectors are coplanar, the second where a l
 
 import math
 
-import numpy as np
-
-from palpate.physics.device.falcon import FALCON, LIMIT, FalconGeometry, links
+from palpate.physics.device.falcon import LIMIT, links
 from palpate.physics.dot import cross, dot
 from palpate.physics.kernel import kernel
 
@@ -35,7 +33,12 @@ def saturate(t0, t1, t2, limit):
 
 @kernel
 def torque_kernel(geometry, fx, fy, fz, x, y, z):
-    """(reachable, torques [N m]) = G^-T F for a force [N] at a point [m]; zero if out of reach. See `torque`."""
+    """(reachable, torques [N m]) = G^-T F of the arms for a force [N] on the hand at a point [m]; zero if out of reach.
+
+    Near a singular pose the inverse is damped (least squares), so the torque stays bounded. A torque beyond the motors'
+    limit is scaled as a whole vector: the direction of the force is kept. Y. Nakamura, H. Hanafusa, J. Dyn. Syst. Meas.
+    Control 108 (1986) 163-171, for the damped inverse.
+    """
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
     if not ok:
         return False, 0.0, 0.0, 0.0
@@ -70,7 +73,10 @@ def damped(n0, n1, n2, force, damping):
 
 @kernel
 def force_kernel(geometry, t0, t1, t2, x, y, z):
-    """(reachable, force [N]) = G^T torque for torques [N m] at a point [m]; zero if out of reach. See `force`."""
+    """(reachable, force on the hand [N]) = G^T torque for torques [N m] at a point [m]; zero if out of reach.
+
+    Bounded where a leg is stretched or folded: its lever's inverse grows no further below 1 mm.
+    """
     ok, _, n0, n1, n2, levers = links(geometry, x, y, z)
     if not ok:
         return False, 0.0, 0.0, 0.0
@@ -87,34 +93,3 @@ def force_kernel(geometry, t0, t1, t2, x, y, z):
 def inverted(lever):
     """1/lever [1/m]; below SHORT lever/SHORT², which falls to zero."""
     return 1.0 / lever if abs(lever) >= SHORT else lever / (SHORT * SHORT)
-
-
-def torque(force, position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
-    """Torques that make the grip push with a force, torque = G^-T force.
-
-    Near a singular pose the inverse is damped (least squares), so the torque stays bounded. A torque beyond the
-    motors' limit is scaled as a whole vector: the direction of the force is kept.
-
-    force     [N]    (3)  on the hand, device frame
-    position  [m]    (3)  of the grip, device frame
-    returns   [N m]  (3)  on each arm, at most `falcon.limit`; zero where the position is out of reach
-              [1]    ()   whether the position is in reach
-
-    Y. Nakamura, H. Hanafusa, J. Dyn. Syst. Meas. Control 108 (1986) 163-171, for the damped inverse.
-    """
-    ok, *torques = torque_kernel(falcon.geometry, *map(float, force), *map(float, position))
-    return np.array(torques), bool(ok)
-
-
-def force(torques, position, falcon: FalconGeometry = FALCON) -> tuple[np.ndarray, bool]:
-    """Force of the grip on the hand for given torques, force = G^T torques.
-
-    Bounded where a leg is stretched or folded: its lever's inverse grows no further below 1 mm.
-
-    torques   [N m]  (3)  on each arm
-    position  [m]    (3)  of the grip, device frame
-    returns   [N]    (3)  device frame; zero where the position is out of reach
-              [1]    ()   whether the position is in reach
-    """
-    ok, *components = force_kernel(falcon.geometry, *map(float, torques), *map(float, position))
-    return np.array(components), bool(ok)

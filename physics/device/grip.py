@@ -151,19 +151,3 @@ def encoded(geometry, resolution, angle):
     if resolution == 0.0:
         return angle
     return geometry[ZERO] + resolution * np.rint((angle - geometry[ZERO]) / resolution)
-
-
-def grip_step(position, velocity, force, dt, mass, drag, stiffness=0.0, damping=0.0, target=(0.0, 0.0, 0.0)):
-    """Exact motion of a held grip over one step of constant force towards a target at rest.
-
-        m x'' = F - b x' + k (p - x) - c x'
-
-    position, velocity, force, target  [m], [m/s], [N], [m]  (3)
-    dt        [s]      ()  above 0, to 1e6
-    mass      [kg]     ()  drag [N s/m], stiffness [N/m] and damping [N s/m] of the hand, not negative
-    returns   [m] (3), [m/s] (3)
-    """
-    e = propagator((drag + damping) / mass, stiffness / mass, dt)
-    y, u = np.asarray(position, float) - target, np.asarray(velocity, float) * dt
-    a = np.asarray(force, float) / mass * dt * dt
-    return target + e[0, 0] * y + e[0, 1] * u + e[0, 2] * a, (e[1, 0] * y + e[1, 1] * u + e[1, 2] * a) / dt

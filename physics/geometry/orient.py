@@ -1,8 +1,7 @@
 """Topology of a triangle mesh: borders, non-manifold edges, and consistent orientation."""
 
 import numpy as np
-
-from palpate.physics.kernel import kernel
+import scipy  # loads its submodules when they are used
 
 
 def edge_counts(triangles: np.ndarray, vertices: int) -> tuple[int, int]:
@@ -25,15 +24,24 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     the mean of its border, as if its hole were closed. A sheet (`FLAT`) has no inside and gets the orientation of most
     of its triangles.
     """
-    oriented = np.ascontiguousarray(triangles, dtype=np.int32).copy()
-    across = _across(oriented, len(vertices))
-    piece, turned = _one_way(oriented, across)
+    triangles = np.asarray(triangles, dtype=np.int32)
+    # each edge of a triangle, with its twin in the neighbour
+    begin, end = triangles.ravel().astype(np.int64), np.roll(triangles, -1, axis=1).ravel()
+    key = np.minimum(begin, end) * len(vertices) + np.maximum(begin, end)
+    order = np.argsort(key, kind="stable")
+    pair = np.flatnonzero(key[order][1:] == key[order][:-1])
+    edge, twin = order[pair], order[pair + 1]
+    piece, turned = _one_way(len(triangles), edge // 3, twin // 3, begin[edge] == begin[twin])
+    oriented = np.where(turned[:, None], triangles[:, [0, 2, 1]], triangles)
+    # volume of each piece about the mean of its border
     changed, size = np.bincount(piece, turned), np.bincount(piece)
     corners = vertices[oriented] - vertices.mean(axis=0)
-    of, edge = np.nonzero(across < 0)
-    border = 0.5 * (corners[of, edge] + corners[of, (edge + 1) % 3])
-    count = np.bincount(piece[of], minlength=len(size))
-    middle = np.stack([np.bincount(piece[of], border[:, i], len(size)) for i in range(3)], axis=1)
+    alone = np.ones(len(key), dtype=bool)
+    alone[edge] = alone[twin] = False
+    border = np.flatnonzero(alone)
+    middles = 0.5 * (vertices[begin[border]] + vertices[end[border]]) - vertices.mean(axis=0)
+    count = np.bincount(piece[border // 3], minlength=len(size))
+    middle = np.stack([np.bincount(piece[border // 3], middles[:, i], len(size)) for i in range(3)], axis=1)
     a, b, c = np.moveaxis(corners - (middle / np.maximum(count, 1)[:, None])[piece][:, None], 1, 0)
     area = np.cross(b - a, c - a)
     volume = np.bincount(piece, np.einsum("ij,ij->i", a, area))
@@ -43,56 +51,21 @@ def outward(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     turn = np.where(closed, (changed > 0) & (volume < 0), np.where(sheet, changed > size / 2, volume < 0))
     if np.where(turn, -volume, volume)[closed].sum() < 0:
         turn[closed] = ~turn[closed]
-    oriented[turn[piece]] = oriented[turn[piece]][:, ::-1]
-    return oriented
+    return np.ascontiguousarray(np.where(turn[piece][:, None], oriented[:, ::-1], oriented))
 
 
-def _across(triangles: np.ndarray, vertices: int) -> np.ndarray:
-    corners = triangles.astype(np.int64)
-    other = np.roll(corners, -1, axis=1)
-    key = (np.minimum(corners, other) * vertices + np.maximum(corners, other)).ravel()
-    order = np.argsort(key, kind="stable")
-    pair = np.flatnonzero(key[order][1:] == key[order][:-1])
-    neighbours = np.full(key.size, -1, dtype=np.int64)
-    neighbours[order[pair]], neighbours[order[pair + 1]] = order[pair + 1] // 3, order[pair] // 3
-    return neighbours.reshape(-1, 3)
+def _one_way(count: int, one: np.ndarray, other: np.ndarray, against: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Connected piece of each of `count` triangles, and whether it must be reversed to have the orientation of the
+    first triangle of its piece.
 
+    one, other  (E,) neighbours;  against  (E,) whether their orientations differ
 
-@kernel
-def _one_way(triangles, across):
-    """Give the triangles of each connected piece the orientation of its first one, by flood fill; piece of each
-    triangle, and whether it was reversed."""
-    count = len(triangles)
-    piece = np.full(count, -1, dtype=np.int64)
-    stack = np.empty(count, dtype=np.int64)
-    turned = np.zeros(count, dtype=np.bool_)
-    pieces = 0
-    for seed in range(count):
-        if piece[seed] >= 0:
-            continue
-        piece[seed] = pieces
-        stack[0] = seed
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            t = stack[depth]
-            for i in range(3):
-                s = across[t, i]
-                if s < 0 or piece[s] >= 0:
-                    continue
-                for e in range(3):
-                    if across[s, e] != t:
-                        continue
-                    for j in range(3):
-                        x, y = triangles[t, j], triangles[t, (j + 1) % 3]
-                        if triangles[s, e] == x and triangles[s, (e + 1) % 3] == y:
-                            triangles[s, 1], triangles[s, 2] = triangles[s, 2], triangles[s, 1]
-                            across[s, 0], across[s, 2] = across[s, 2], across[s, 0]
-                            turned[s] = True
-                            break
-                    break
-                piece[s] = pieces
-                stack[depth] = s
-                depth += 1
-        pieces += 1
-    return piece, turned
+    The graph has each triangle twice, as it is and reversed; a piece is one component of it and its mirror image.
+    """
+    rows = np.concatenate([one, one + count])
+    columns = np.concatenate([other + count * against, other + count * ~against])
+    graph = scipy.sparse.csr_array((np.ones(len(rows), bool), (rows, columns)), shape=(2 * count, 2 * count))
+    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    upright, reverse = label.reshape(2, count)
+    _, piece = np.unique(np.minimum(upright, reverse), return_inverse=True)  # numbered from triangle 0 on
+    return piece, upright > reverse

@@ -13,12 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import FOLDED, TetMesh, bricks, edge_nodes, grid
 from palpate.models.fe.solve.solver import Solver
-from palpate.models.fe.sparse.pattern import Pattern
+from palpate.models.fe.sparse.tangent import Pattern
 from palpate.physics.geometry.kidney import LENGTH, THICKNESS, WIDTH, shape
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum, felupe

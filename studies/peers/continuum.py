@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from falcon_arrays import forward, inverse
 from hypothesis import given
 from hypothesis import strategies as st
 from pytest import approx
@@ -13,7 +14,7 @@ from palpate.drivers.falcon import firmware, frames
 from palpate.drivers.falcon.driver import FalconDriver
 from palpate.drivers.falcon.emulator import IMAGE, EmulatedFalcon, baud
 from palpate.drivers.transport.ftdi import payload
-from palpate.physics.device.falcon import HOME, forward, inverse
+from palpate.physics.device.falcon import HOME
 
 INT16 = st.integers(-0x8000, 0x7FFF)
 ZERO = (0.0, 0.0, 0.0)
@@ -162,7 +163,7 @@ def test_no_command_and_no_angle_before_homing():
 
 def test_torques_reach_the_hand_and_the_hand_gives_way():
     """0.6 N up on an arm of 300 N/m: 2 mm, within the encoder's step."""
-    from palpate.physics.device.falcon_statics import torque
+    from falcon_arrays import torque
 
     driver, device, time = pair(script=Script(stiffness=300.0, damping=12.0))
     driver.open()

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from falcon_arrays import force, torque
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pytest import approx
@@ -11,7 +12,6 @@ from pytest import approx
 from palpate.messages import Contact, Pose
 from palpate.nodes.controller import Haptic
 from palpate.physics.device.falcon import FALCON, HOME, reachable
-from palpate.physics.device.falcon_statics import force, torque
 
 UP = (0.0, 0.0, 1.0)
 points = st.tuples(*[st.floats(-0.05, 0.05)] * 3).map(lambda p: tuple(a + b for a, b in zip(p, HOME, strict=True)))

@@ -1,13 +1,16 @@
-"""Base of all augmented-Lagrangian contacts: settings, state, and the multipliers between two updates."""
+"""Base of all augmented-Lagrangian contacts: settings, state, multipliers between two updates, friction, pressure."""
 
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import splu
 
 from palpate.models.fe.contact.area import contact_area
 from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import point_text
+from palpate.physics.kernel import kernel
 
 STIFF = 10.0
 """Penalty over the stiffness per area of the faces. A 10 times larger one requires fewer updates of the multipliers but
@@ -109,6 +112,39 @@ class Augmented(ContactPair):
         """Area of contact on the deformed faces [m²], see `fe.contact.area`."""
         return contact_area((self.points + displacement)[self.faces], self.gap, self.traction)
 
+    def pressure(self, displacement: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corner nodes of the faces (V,), and the pressure there [Pa] (V,), linear over each face, at a displacement
+        [m] (N,3).
+
+        The tractions t at the integration points are correct in their sums but scatter. The L2 projection p onto the
+        deformed faces,
+
+            int v p da = int v t dA    for every continuous v that is linear over each face,
+
+        with deformed areas da and undeformed areas dA, preserves the resultant and removes the scatter. Its RMS error
+        relative to Hertz's pressure decreases linearly with the size of the faces (`benchmarks/fe_hertz.py`); near the
+        edge p may be slightly negative.
+        """
+        nodes, index = np.unique(self.faces[:, :3], return_inverse=True)
+        index = index.reshape(-1, 3)
+        area = face_rule.areas(self.points + displacement, self.faces)
+        mass = np.einsum("fq,qa,qb->fab", area, face_rule.HATS, face_rule.HATS)
+        load = np.zeros(len(nodes))
+        np.add.at(load, index, (self.traction * self.area) @ face_rule.HATS)
+        row, column = np.broadcast_arrays(index[:, :, None], index[:, None, :])
+        matrix = coo_array((mass.ravel(), (row.ravel(), column.ravel())), shape=(len(nodes),) * 2)
+        return nodes, splu(matrix.tocsc()).solve(load)
+
+    def nodal_pressure(self, displacement: np.ndarray) -> np.ndarray:
+        """The pressure at all nodes of the mesh [Pa] (N,), zero outside the faces, linear along edges; for files with
+        fields on quadratic elements."""
+        nodes, value = self.pressure(displacement)
+        pressures = np.zeros(len(displacement))
+        pressures[nodes] = value
+        for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
+            pressures[self.faces[:, 3 + k]] = 0.5 * (pressures[self.faces[:, i]] + pressures[self.faces[:, j]])
+        return pressures
+
 
 def checked_faces(faces: np.ndarray) -> np.ndarray:
     """Faces (F,6) as a contiguous array. ValueError: none, or not six nodes each."""
@@ -122,3 +158,33 @@ def stiffness_per_area(faces: np.ndarray, area: np.ndarray, stiffness: np.ndarra
     """Stiffness per area [Pa/m] of faces with these areas [m²] (F,6), from the stiffness [N/m] (N,) of the nodes."""
     nodes = np.unique(faces)
     return float(np.median(stiffness[nodes])) * len(nodes) / float(area.sum())
+
+
+@kernel
+def cut_to_cone(q, normal, most, shear):
+    """Coulomb's return map: removes the normal part of the trial traction q [Pa] (3) and fills `shear` [Pa] (3), q
+    scaled to at most the length `most` [Pa]. Returns the scale, the length of q [Pa], and whether the point slips."""
+    along = normal[0] * q[0] + normal[1] * q[1] + normal[2] * q[2]
+    for i in range(3):
+        q[i] -= along * normal[i]
+    length = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    slips = length > most
+    cut = most / length if slips else 1.0
+    for i in range(3):
+        shear[i] = cut * q[i]
+    return cut, length, slips
+
+
+@kernel
+def add_tangent(penalty, normal, q, cut, length, slips, block):
+    """Add the tangent [Pa/m] of both tractions to `block` (3,3): penalty n x n, plus cut penalty (1 - n x n), minus
+    q x q/|q|² in slip, for friction; cut = 0: no friction."""
+    for i in range(3):
+        for j in range(3):
+            square = normal[i] * normal[j]
+            block[i, j] += penalty * square
+            if cut > 0.0:
+                part = (1.0 if i == j else 0.0) - square
+                if slips:
+                    part -= q[i] * q[j] / (length * length)
+                block[i, j] += penalty * cut * part

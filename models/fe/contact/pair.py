@@ -8,10 +8,16 @@ the finer or the softer side as slave. T. A. Laursen, Computational Contact and 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from palpate.models.fe.contact.augmented import STIFF, Augmented, checked_faces, stiffness_per_area
-from palpate.models.fe.contact.friction import add_tangent, cut_to_cone
+from palpate.models.fe.contact.augmented import (
+    STIFF,
+    Augmented,
+    add_tangent,
+    checked_faces,
+    cut_to_cone,
+    stiffness_per_area,
+)
 from palpate.models.fe.element import faces as face_rule
-from palpate.models.fe.sparse.pattern import Pattern
+from palpate.models.fe.sparse.tangent import Pattern
 from palpate.physics.kernel import kernel
 
 

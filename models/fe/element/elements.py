@@ -15,19 +15,18 @@ POINTS = np.array([[_B, _B, _B], [_A, _B, _B], [_B, _A, _B], [_B, _B, _A]])
 """Natural coordinates of the integration points, of equal weight. Exact to degree 2."""
 
 
-def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions (n,10) and their natural gradients (n,10,3) at natural coordinates (n,3)."""
-    x, y, z = at.T
-    corner = np.stack([1.0 - x - y - z, x, y, z], axis=1)
-    slope = np.array([[-1.0, -1.0, -1.0], [1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0]])
-    value = np.empty((len(at), 10))
-    gradient = np.empty((len(at), 10, 3))
-    value[:, :4] = corner * (2.0 * corner - 1.0)
-    gradient[:, :4] = (4.0 * corner - 1.0)[:, :, None] * slope
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3))):
-        value[:, 4 + k] = 4.0 * corner[:, i] * corner[:, j]
-        gradient[:, 4 + k] = 4.0 * (corner[:, i, None] * slope[j] + corner[:, j, None] * slope[i])
-    return value, gradient
+EDGES = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+
+
+def shape(at: np.ndarray, edges: np.ndarray = EDGES) -> tuple[np.ndarray, np.ndarray]:
+    """Shape functions (n,a) of a quadratic simplex and their natural gradients (n,a,d) at natural coordinates (n,d): of
+    its corners, then of the middles of its edges."""
+    corner = np.column_stack([1.0 - at.sum(axis=1), at])
+    slope = np.vstack([-np.ones(at.shape[1]), np.eye(at.shape[1])])
+    i, j = edges.T
+    value = np.hstack([corner * (2.0 * corner - 1.0), 4.0 * corner[:, i] * corner[:, j]])
+    middle = 4.0 * (corner[:, i, None] * slope[j] + corner[:, j, None] * slope[i])
+    return value, np.concatenate([(4.0 * corner - 1.0)[:, :, None] * slope, middle], axis=1)
 
 
 def gradients(points: np.ndarray, elements: np.ndarray, at: np.ndarray = POINTS) -> tuple[np.ndarray, np.ndarray]:

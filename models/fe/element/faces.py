@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from palpate.models.fe.element import elements
+
 _A, _B = 0.445948490915965, 0.091576213509771
 POINTS = np.array(
     [[_A, _A], [1 - 2 * _A, _A], [_A, 1 - 2 * _A], [_B, _B], [1 - 2 * _B, _B], [_B, 1 - 2 * _B]]
@@ -13,16 +15,7 @@ WEIGHTS = np.repeat([0.223381589678011, 0.109951743655322], 3) / 2.0
 def shape(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Shape functions (n,6) and natural gradients (n,6,2) at natural coordinates (n,2); corners, then midpoints of the
     sides 01, 12, 20."""
-    x, y = at.T
-    corner = np.stack([1.0 - x - y, x, y], axis=1)
-    slope = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
-    value, gradient = np.empty((len(at), 6)), np.empty((len(at), 6, 2))
-    value[:, :3] = corner * (2.0 * corner - 1.0)
-    gradient[:, :3] = (4.0 * corner - 1.0)[:, :, None] * slope
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
-        value[:, 3 + k] = 4.0 * corner[:, i] * corner[:, j]
-        gradient[:, 3 + k] = 4.0 * (corner[:, i, None] * slope[j] + corner[:, j, None] * slope[i])
-    return value, gradient
+    return elements.shape(at, elements.EDGES[:3])
 
 
 VALUES, _GRADIENTS = shape(POINTS)  # Shape functions at the integration points (6,6)

@@ -1,6 +1,7 @@
 """The layered fingertip of Battaglia et al.: its geometry and its materials.
 
-The layers are coaxial capsules: cylinders with a rounded tip. One half is meshed, cut along the plane of symmetry.
+The layers are coaxial capsules: cylinders with a rounded tip. One half is meshed, cut along the plane of symmetry: the
+lattice is an inflated box, a core and shells of bricks over all its faces except the rear and the plane of symmetry.
 World frame: z up from the plate, origin at the first point of contact, the tip towards -y and inclined by `tilt`.
 
 E. Battaglia et al., A finite element model of tactile flow for softness perception (2015).
@@ -11,11 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes
-from palpate.models.fe.meshing.layers import BONE, CORE, DERMIS, EPIDERMIS, NAIL, PLATE, SUBCUTIS, directions, lattice
+from palpate.models.fe.element.mesh import MeshError, TetMesh, bricks, edge_nodes, grid
 from palpate.physics.materials.hencky import hencky
 from palpate.physics.materials.hyperelastic import Material
 from palpate.physics.materials.mooney_rivlin import mooney_rivlin
+
+BONE, SUBCUTIS, DERMIS, EPIDERMIS, NAIL, PLATE = range(6)
+
+CORE = 0.45  # Half width of the lattice's core over the bone's radius
 
 BONE_AS_PRINTED, BONE_CORTICAL = 17e6, 17e9
 """[Pa] Young's modulus of the bone: as printed in the paper, and that of cortical bone."""
@@ -85,12 +89,10 @@ class FingertipDimensions:
     @cached_property
     def _meshed(self) -> tuple[TetMesh, np.ndarray]:
         """The mesh, whose edges follow the surfaces, and its nodes' lattice coordinates (N,4)."""
-        blocks = lattice(self.cells, self.radii)
-        count = len(blocks.points)
-        corners = bricks(self.place(blocks.points), blocks.cells)
-        elements, edges = edge_nodes(count, corners)
-        points = np.concatenate([blocks.points, blocks.points[edges].mean(axis=1)])
-        return TetMesh(self.place(points), elements, np.repeat(blocks.region, 6)), points
+        points, cells, region = lattice(self.cells, self.radii)
+        elements, edges = edge_nodes(len(points), bricks(self.place(points), cells))
+        points = np.concatenate([points, points[edges].mean(axis=1)])
+        return TetMesh(self.place(points), elements, np.repeat(region, 6)), points
 
     @property
     def mesh(self) -> TetMesh:
@@ -162,3 +164,73 @@ def materials(material: str | float = "printed") -> dict[int, Material]:
         NAIL: hencky(170e6 / d, 0.3),
         PLATE: hencky(180e3, 0.48),
     }
+
+
+def lattice(fine: int, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The lattice of half a finger, a bone, three shells round it and a nail, across >= 0 of the plane of symmetry:
+    points (N,4), bricks (C,8) and their layers (C,).
+
+    A point is the point of the box [-1, 1] that a ray passes: across, up, and from the rear (-1) through the centre of
+    the rounded tip (0) to its front (1); the fourth coordinate increases from 0 at the core to 1 at the bone's surface,
+    and by 1 in each layer: 2 subcutis, 3 dermis, 4 epidermis, 5 nail.
+
+    fine   cells across an eighth of the circumference
+    radii  [m] (4,) outer radii of bone, subcutis, dermis, epidermis; a layer thicker than the width of the faces is
+           divided into several
+    """
+    # the core: a box
+    n = fine
+    x = np.linspace(0.0, 1.0, n + 1)
+    y = np.linspace(-1.0, 1.0, 2 * max(2, n // 2) + 1)
+    tip = np.linspace(0.0, 1.0, n + 1)
+    back = np.cumsum(1.35 ** np.arange(max(3, n - 1)))
+    z = np.concatenate([-back[::-1] / back[-1], tip])
+    u, cells = grid(x, y, z)
+    # its outer faces: front, lower, upper, side
+    nx, ny, nz = len(x), len(y), len(z)
+    corner = np.array([[0, 1, nx, nx + 1], [0, 1, nx * ny, nx * ny + 1], [0, nx, nx * ny, nx * ny + nx]])
+    node = np.arange(len(u)).reshape(nz, ny, nx)
+    quads = [
+        node[-1, :-1, :-1].ravel()[:, None] + corner[0],
+        node[:-1, 0, :-1].ravel()[:, None] + corner[1],
+        node[:-1, -1, :-1].ravel()[:, None] + corner[1],
+        node[:-1, :-1, -1].ravel()[:, None] + corner[2],
+    ]
+    upper = len(quads[0]) + len(quads[1]) + np.arange(len(quads[2]))
+    skin = np.concatenate(quads)
+    surface, on = np.unique(skin, return_inverse=True)
+    on = on.reshape(skin.shape)
+    # shells of bricks on these faces, layer by layer
+    points = [np.column_stack([u, np.zeros(len(u))])]
+    every, region = [cells], [np.full(len(cells), BONE)]
+    below, total = skin, len(u)
+    for layer, level in _levels(radii, n):
+        points.append(np.column_stack([u[surface], np.full(len(surface), level)]))
+        every.append(np.concatenate([below, total + on], axis=1))
+        region.append(np.full(len(skin), layer))
+        below = total + on
+        total += len(surface)
+    # the nail on the upper face
+    nail, spot = np.unique(on[upper], return_inverse=True)
+    points.append(np.column_stack([u[surface[nail]], np.full(len(nail), 5.0)]))
+    every.append(np.concatenate([below[upper], total + spot.reshape(-1, 4)], axis=1))
+    region.append(np.full(len(upper), NAIL))
+    return np.concatenate(points), np.concatenate(every), np.concatenate(region)
+
+
+def _levels(radii: np.ndarray, fine: int) -> list[tuple[int, float]]:
+    """Layer below each shell, and the shell's fourth coordinate, from the bone outwards."""
+    width = np.pi / 4 * radii[-1] / fine
+    levels = [(BONE, 1.0)]
+    for layer, thickness in enumerate(np.diff(radii), start=SUBCUTIS):
+        count = max(1, round(thickness / width))
+        levels += [(layer, layer + k / count) for k in range(1, count + 1)]
+    return levels
+
+
+def directions(box: np.ndarray) -> np.ndarray:
+    """Unit rays [1] (N,3) (across, up, forward) through points of the box (N,3), perpendicular to the axis behind the
+    tip."""
+    ray = np.column_stack([box[:, :2], np.maximum(box[:, 2], 0.0)])
+    direction = np.tan(np.pi / 4 * ray)
+    return direction / np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import BONE, DERMIS, EPIDERMIS, NAIL, SUBCUTIS, FingertipDimensions, materials
 from palpate.models.fe.meshing.organ import Organ

@@ -12,7 +12,7 @@ from palpate.models.fe.reduce.sampling import SAMPLING, at_rest, chosen, fit_gam
 from palpate.models.fe.reduce.snapshots import LoadPath, PressSolution, mirror
 from palpate.physics.bodies.sampled.energy import Points, scratch
 from palpate.physics.bodies.sampled.solve import offline_budget, settle
-from palpate.physics.bodies.sampled_body import SampledBasis
+from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, answer, bear, sampled_body
 
 CELLS = 3  # Resolution of the fingertip's mesh, see `fe.fingertip`
 TOUCHES, SEED = 120, 1  # Touches of the full model; the fingertip adds their mirror images
@@ -29,6 +29,9 @@ ORGAN_RADIUS, SOFTEST = 8e-3, 0.82
 """[m], [1] Patch radius and largest load of an organ: 1 N on 8 mm at 19 kPa. With more, a surface that slides freely
 loses its equilibrium (docs/equations/reduced-fe.md)."""
 ASIDE = 0.5  # [1] Largest ratio of tangential to normal force
+YOUNG, RADIUS = 1e4, 1e-2
+"""[Pa], [m] Modulus of the body in `errors`, which do not depend on it, and radius of the patch of an unloaded body."""
+CALLS = 6  # Most calls of the body until it reaches equilibrium under a constant load
 BEYOND = 4.0  # |q|² at which the barrier begins, over the largest of the snapshots
 
 
@@ -129,3 +132,38 @@ def truncation_errors(
             pulls.append((full - unit @ (surface_modes @ q)) / across)
             shares.append(across / full)
     return np.array(sizes), np.array(pulls), np.array(shares)
+
+
+def equilibrium(
+    body: SampledBody, press: PressSolution, nodes: np.ndarray, force: float
+) -> tuple[float, float, float, float]:
+    """K, n, s_free and indentation [m] of an elastic body under a constant force [N], see `sampled_body.answer`.
+
+    nodes  (k,) loaded by the touch
+    """
+    push, foot, normal = press.touch.load[nodes], tuple(press.touch.foot), tuple(press.touch.normal)
+    laws = np.zeros((1, 5))
+    for _ in range(CALLS):
+        bear(body, 0, nodes, force * push, foot, normal)
+        _, settled = answer(body, laws, np.eye(1), 1e6)
+        if settled:
+            break
+    k, n, _, free, now = laws[0].tolist()
+    return k, n, free, now
+
+
+def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -> tuple[np.ndarray, np.ndarray]:
+    """Relative errors (S,) of the indentation at every load of touches that the basis was not built from: of the
+    sampled body, and of its linear compliance at rest."""
+    sampled, linear = [], []
+    for press in pressed:
+        fast, touch = sampled_body(basis, body.surface, YOUNG, 0.0, RADIUS, RADIUS), press.touch
+        nodes = np.flatnonzero(np.abs(touch.load).max(axis=1) > 0.0).astype(np.int32)
+        along = touch.normal * (touch.load @ touch.normal)[:, None]
+        measure, unit = along.ravel(), touch.load.ravel()
+        compliance = measure @ (basis.residual_compliance @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
+        for level, u in zip(touch.levels, press.solutions, strict=False):
+            indentation = float(np.sum((body.hats @ along) * u))
+            sampled.append(equilibrium(fast, press, nodes, float(level) * YOUNG)[3] / indentation - 1.0)
+            linear.append(float(level) * compliance / indentation - 1.0)
+    return np.array(sampled), np.array(linear)

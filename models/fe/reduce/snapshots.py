@@ -110,19 +110,24 @@ def press(
     body: Reducible, touches: list[LoadPath], report: Report = unheard, folder: Path | None = None
 ) -> list[PressSolution]:
     """Solutions of the full model. Each is stored in the folder, if any, and read from it when it exists."""
+    return _all(body, touches, report, folder, repr(STEPS), lambda path: pressed(body, path))
+
+
+def _all(
+    body: Reducible, touches: list[LoadPath], report: Report, folder: Path | None, method: str,
+    solve: Callable[[LoadPath], PressSolution],
+) -> list[PressSolution]:  # fmt: skip
+    """The solutions of touches, from the folder where they exist there; the file name is a hash of all inputs."""
     presses = []
     for k, path in enumerate(touches):
-        presses.append(_cached(body, path, folder, repr(STEPS), lambda path: pressed(body, path)))
+        presses.append(solve(path) if folder is None else _cached(body, path, folder, method, solve))
         report((k + 1) / len(touches))
     return presses
 
 
 def _cached(
-    body: Reducible, touch: LoadPath, folder: Path | None, method: str, solve: Callable[[LoadPath], PressSolution]
+    body: Reducible, touch: LoadPath, folder: Path, method: str, solve: Callable[[LoadPath], PressSolution]
 ) -> PressSolution:
-    """The solution of a touch, from the folder if it exists there; the file name is a hash of all inputs."""
-    if folder is None:
-        return solve(touch)
     name = hashlib.sha256(body.digest + method.encode())
     for part in (touch.load, touch.levels):
         name.update(np.ascontiguousarray(part).tobytes())
@@ -183,11 +188,7 @@ def press_from_rest(
             kept.append(u)
         return PressSolution(touch, np.array(kept).reshape(-1, *body.mesh.points.shape))
 
-    presses = []
-    for k, path in enumerate(touches):
-        presses.append(_cached(body, path, folder, repr((TOLERANCE, MOST, MEMORY)), solution))
-        report((k + 1) / len(touches))
-    return presses
+    return _all(body, touches, report, folder, repr((TOLERANCE, MOST, MEMORY)), solution)
 
 
 def _equilibrium(

@@ -9,7 +9,7 @@ from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.contact.switching import joined, switched
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.solve.body import ElasticBody
-from palpate.models.fe.solve.checks import checked
+from palpate.models.fe.solve.support import checked
 from palpate.models.fe.sparse.tangent import Tangent
 from palpate.physics.materials.hyperelastic import Material
 

@@ -8,13 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.elements import gradients, integrate
 from palpate.models.fe.element.mesh import MeshError, TetMesh
 from palpate.models.fe.progress import Report, unheard
-from palpate.models.fe.sparse.pattern import Pattern, pattern
-from palpate.models.fe.sparse.tangent import Tangent
+from palpate.models.fe.sparse.tangent import Pattern, Tangent, pattern
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hyperelastic import Material
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -11,10 +12,9 @@ from palpate.models.fe.contact.protocol import ContactPair
 from palpate.models.fe.element.mesh import MeshError, TetMesh, point_text
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.solve.assembly import Assembly, Balance, Inverted
-from palpate.models.fe.solve.checkpoint import SolverState, read_state, write_state
-from palpate.models.fe.solve.checks import check_held, check_locking, check_units, checked
-from palpate.models.fe.solve.support import Support
+from palpate.models.fe.solve.support import Support, check_locking, check_units, checked
 from palpate.models.fe.sparse.tangent import UnheldError
+from palpate.physics.archive import replacing
 from palpate.physics.errors import PalpateError
 from palpate.physics.materials.hyperelastic import Material
 
@@ -86,7 +86,6 @@ class Solver:
             )
         check_units(mesh, materials)
         check_locking(mesh, materials)
-        check_held(mesh, fixed, [contact.nodes() for contact in contacts])
         self.mesh, self.materials, self.settings = mesh, dict(materials), settings
         self.contacts = list(contacts)
         self.held = held
@@ -99,8 +98,8 @@ class Solver:
         loose = np.ones(len(mesh.points), dtype=bool)
         loose[mesh.elements] = False
         self.fixed = fixed | loose[:, None]
+        self._support = Support(mesh, self.fixed, [contact.nodes() for contact in contacts])
         self._body = Assembly(mesh, self.materials, self.fixed, loads, self.contacts)
-        self._support = Support(mesh, self.fixed)
 
     def advance(self, load: float, report: Report = unheard) -> None:
         """Solve up to a load in adaptive steps; `report` is called with the load after each step.
@@ -261,13 +260,31 @@ class Solver:
         u = u + best * du
         return u, balance if best == length else self._body.balance(u, load)
 
+    def _state(self) -> dict[str, np.ndarray]:
+        u, (moved, change) = self.displacement, self._last or (0.0, np.zeros_like(self.displacement))
+        run = {"load": self.load, "displacement": u, "step": self._step, "moved": moved, "change": change}
+        contacts = {f"contact{k}.{n}": x for k, c in enumerate(self.contacts) for n, x in c.state().items()}
+        return {name: np.asarray(value) for name, value in (run | contacts).items()}
+
     def save(self, path: str | Path) -> None:
-        """Write a checkpoint; a resumed run takes the same steps."""
-        last = (0.0, np.zeros_like(self.displacement)) if self._last is None else self._last
-        write_state(path, SolverState(self.load, self.displacement, self._step, *last), self.contacts)
+        """Write a checkpoint atomically; a resumed run takes the same steps."""
+        with replacing(Path(path)) as part, part.open("wb") as file:
+            np.savez(file, allow_pickle=False, **self._state())
 
     def resume(self, path: str | Path) -> None:
         """Resume from a checkpoint. ValueError: a file of another model, or not written by `save`."""
-        state = read_state(path, self.displacement, self.contacts)
-        self.load, self.displacement, self._step = state.load, state.displacement, state.step
-        self._last = (state.moved, state.change) if state.moved else None
+        try:
+            with np.load(path) as file:
+                state = {name: file[name] for name in file.files}
+        except (ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise ValueError(f"{path}: not a saved state ({error}); remove it to start again") from None
+        found, expected = ({name: value.shape for name, value in s.items()} for s in (state, self._state()))
+        wrong = [name for name in found | expected if found.get(name) != expected.get(name)]
+        if wrong:
+            sizes = [s.get(wrong[0], "none") for s in (found, expected)]
+            raise ValueError(f"{path}: a state of another model: {wrong[0]}: found {sizes[0]}, expected {sizes[1]}")
+        self.load, self.displacement, self._step = float(state["load"]), state["displacement"], float(state["step"])
+        self._last = (float(state["moved"]), state["change"]) if state["moved"] else None
+        for k, contact in enumerate(self.contacts):
+            head = f"contact{k}."
+            contact.restore({name.removeprefix(head): x for name, x in state.items() if name.startswith(head)})

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.fe.contact.pressure import pressure as contact_pressure
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.study.pressing import Pressing
@@ -92,7 +91,7 @@ class PressRun:
     def keep(self, pressing: Pressing, rows: list[list[float]]) -> None:
         """Write a step; the state comes last, so that an incomplete step is repeated."""
         moved = pressing.solver.displacement
-        corners, pressure = contact_pressure(pressing.touch, moved)
+        corners, pressure = pressing.touch.pressure(moved)
         self._write(
             f"step-{len(rows) - 1:03d}.npz", displacement=moved.astype(np.float32), corners=corners, pressure=pressure
         )
@@ -136,7 +135,7 @@ class PressRun:
 
     def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes under the plate (V,) and the contact pressure there [Pa] (V,) of a row of the table, see
-        `fe.contact.pressure`; none in the first row. ArgumentError: a missing step."""
+        `Augmented.pressure`; none in the first row. ArgumentError: a missing step."""
         if row == 0:
             return np.zeros(0, dtype=np.int64), np.zeros(0)
         arrays = self._read(f"step-{row:03d}.npz")

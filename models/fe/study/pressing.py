@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 
 from palpate.models.fe.contact.pair import Pair
-from palpate.models.fe.contact.pressure import nodal_pressure
 from palpate.models.fe.contact.rigid import RigidIndenter, plane
+from palpate.models.fe.element.files import write_vtu
 from palpate.models.fe.element.mesh import TetMesh, bricks, grid, quadratic
-from palpate.models.fe.element.vtk import write_vtu
-from palpate.models.fe.meshing.fingertip import PAPER, FingertipDimensions, divisor_and_bone, materials
-from palpate.models.fe.meshing.layers import PLATE
+from palpate.models.fe.meshing.fingertip import PAPER, PLATE, FingertipDimensions, divisor_and_bone, materials
 from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.models.fe.study.isostrain import strain, volumes_above
 from palpate.physics.materials.hyperelastic import Material
@@ -111,7 +109,7 @@ class Pressing:
         """Write the current displacement, equivalent strain and contact pressure as a VTK file."""
         mesh, moved = self.finger.mesh, self.solver.displacement
         count = len(mesh.points)
-        nodes = {"displacement": moved[:count], "pressure": nodal_pressure(self.touch, moved)[:count]}
+        nodes = {"displacement": moved[:count], "pressure": self.touch.nodal_pressure(moved)[:count]}
         write_vtu(path, mesh, nodes, {"equivalent_strain": self.strain().mean(axis=1)})
 
 

@@ -6,7 +6,7 @@ from pytest import approx
 from scipy.sparse.linalg import spsolve
 
 from palpate.models.fe import MeshError, Solver, box, hencky, neo_hooke
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.solve.body import ElasticBody, hats
 
 SIZE = (0.03, 0.02, 0.01)

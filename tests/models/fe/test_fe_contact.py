@@ -8,7 +8,6 @@ from pytest import approx
 
 from palpate.models.fe import Pair, Settings, Solver, TetMesh, box, linear, neo_hooke, plane, quadratic, sphere
 from palpate.models.fe.contact.area import contact_area
-from palpate.models.fe.contact.pressure import nodal_pressure, pressure
 from palpate.models.fe.contact.rigid import RigidIndenter
 from palpate.models.fe.element import faces as rule
 from palpate.models.fe.element.mesh import bricks, grid
@@ -259,7 +258,7 @@ def hertz(poisson, faces, ball=False):
 def pressure_errors(faces):
     """Errors of the pressure in L2 over Hertz's own: of the tractions at the points, and of the linear field."""
     touch, body, force, a = pressed(0.3, faces)
-    nodes, field = pressure(touch, body.displacement)
+    nodes, field = touch.pressure(body.displacement)
     whole = np.zeros(len(body.mesh.points))
     whole[nodes] = field
     x, y = rule.POINTS.T
@@ -275,7 +274,7 @@ def test_the_linear_field_of_pressure_has_the_force_of_the_contact_and_not_its_s
     touch, body, _, _ = pressed(0.3, 2)
     area = rule.areas(body.mesh.points + body.displacement, touch.faces)
     x, y = rule.POINTS.T
-    field = nodal_pressure(touch, body.displacement)
+    field = touch.nodal_pressure(body.displacement)
     total = (area * (field[touch.faces[:, :3]] @ np.stack([1 - x - y, x, y]))).sum()
     assert total == approx((touch.area * touch.traction).sum(), rel=1e-9)
     assert total == approx(abs(touch.force[2]), rel=1e-2)

@@ -20,7 +20,7 @@ from palpate.models.fe import (
 from palpate.models.fe.element.elements import POINTS, gradients, integrate, shape
 from palpate.models.fe.element.mesh import bricks, grid
 from palpate.models.fe.sparse.cholesky import Cholesky, NotPositive
-from palpate.models.fe.sparse.pattern import pattern
+from palpate.models.fe.sparse.tangent import pattern
 from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.hencky import log_stretch
 from palpate.physics.materials.hyperelastic import Material, moduli

@@ -8,10 +8,9 @@ from pytest import approx
 
 from palpate.models.fe import MaterialError, MeshError, Settings, Solver, TetMesh, box, linear, neo_hooke
 from palpate.models.fe.element.elements import gradients, shape
+from palpate.models.fe.element.files import read_mesh, write_vtu
 from palpate.models.fe.element.jacobian import inverted
 from palpate.models.fe.element.mesh import EDGES, check_surface
-from palpate.models.fe.element.read import read_mesh
-from palpate.models.fe.element.vtk import write_vtu
 from palpate.models.fe.meshing.organ import fill
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.crossing import crossing

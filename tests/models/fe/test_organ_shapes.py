@@ -9,8 +9,7 @@ import pytest
 from pytest import approx
 
 from palpate.models.fe import MeshError
-from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ, seen_from
-from palpate.models.fe.meshing.tetwild import solid
+from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ, seen_from, solid
 from palpate.models.fe.reduce.reducible import of_organ
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.mesh import Mesh

@@ -6,13 +6,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from falcon_arrays import grip_step
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction, Ledger, Pose, fields
 from palpate.nodes.controller import LENT, Haptic
 from palpate.physics.device.controller import ENERGY, LIMIT, MODE, WITHHELD
-from palpate.physics.device.grip import grip_step
 from palpate.physics.device.rendered import stiffest
 
 UP = (0.0, 0.0, 1.0)

@@ -3,6 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
+from falcon_arrays import forward, grip_step, inverse, torque
 from pytest import approx
 from scipy.integrate import solve_ivp
 
@@ -12,9 +13,8 @@ from palpate.nodes.base import SettingError
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Segment, Simulated
 from palpate.nodes.kinematics import FalconKinematics, FalconStatics
-from palpate.physics.device.falcon import FALCON, HOME, forward, inverse
-from palpate.physics.device.falcon_statics import torque
-from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, grip_step, wanted
+from palpate.physics.device.falcon import FALCON, HOME
+from palpate.physics.device.grip import LINEAR, MINIMUM_JERK, wanted
 
 T = 1e-3
 DOWN = [{"to": [0.0, 0.0, 0.10], "time": 0.2}]

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from falcon_arrays import force as force_of
+from falcon_arrays import inverse
 from pytest import approx
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import DeviceState, Force, MessageError, Pose
 from palpate.nodes.kinematics import Cartesian, FalconKinematics, FalconStatics
-from palpate.physics.device.falcon import FALCON, HOME, inverse
-from palpate.physics.device.falcon_statics import force as force_of
+from palpate.physics.device.falcon import FALCON, HOME
 
 ENCODERS = pytest.mark.parametrize("encoder", [False, True], ids=["exact", "encoder"])
 """Exact angles taken as they are must be followed exactly; those that a Falcon counts, within counts."""

@@ -8,6 +8,7 @@ import threading
 import msgspec
 import numpy as np
 import pytest
+from falcon_arrays import forward, torque
 from graphs_for_runs import until_it_has
 from pytest import approx
 from scipy.integrate import solve_ivp
@@ -18,8 +19,6 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Pointed, Torque
 from palpate.nodes.base import SettingError
 from palpate.nodes.device import Mouse, Pointer
-from palpate.physics.device.falcon import forward
-from palpate.physics.device.falcon_statics import torque
 from palpate.records.changed import changed
 from palpate.records.reader import Recording
 from palpate.records.verify import verify

@@ -5,12 +5,12 @@ from functools import cache
 import msgspec
 import numpy as np
 import pytest
+from falcon_arrays import grip_step
 from pytest import approx
 
 from palpate.messages import Contact, DeviceState, Friction, Pose
 from palpate.nodes.controller import Haptic
 from palpate.physics.device.controller import ENERGY
-from palpate.physics.device.grip import grip_step
 
 T = 1e-3
 HANDS = ((500.0, 10.0, 6e-3), (200.0, 20.0, 6e-3), (500.0, 2.0, 6e-3))

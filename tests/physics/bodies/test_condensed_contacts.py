@@ -11,7 +11,7 @@ from pytest import approx
 from scipy.integrate import quad
 from scipy.special import j0, jv
 
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element.mesh import bricks, grid, quadratic
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Solver

@@ -6,7 +6,7 @@ from pressing import Spreader
 from scipy.interpolate import CloughTocher2DInterpolator
 
 from palpate.messages import Load
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element import faces as face_rule
 from palpate.models.fe.element.mesh import EDGES
 from palpate.models.fe.solve.solver import Solver

@@ -9,7 +9,7 @@ from scipy.integrate import dblquad
 
 from palpate.launch.testing import FakeBus
 from palpate.messages import Load
-from palpate.models.fe.contact.foundation import ElasticFoundation
+from palpate.models.fe.contact.protocol import ElasticFoundation
 from palpate.models.fe.element.mesh import EDGES
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.base import SettingError

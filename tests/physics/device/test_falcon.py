@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from falcon_arrays import counts, force, forward, inverse, rates, torque
 from formulas import angles_of
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, counts, forward, inverse, leg, links, newton, rates, reachable
-from palpate.physics.device.falcon_statics import damped, force, inverted, saturate, torque
+from palpate.physics.device.falcon import FALCON, HOME, leg, links, newton, reachable
+from palpate.physics.device.falcon_statics import damped, inverted, saturate
 
 CENTRE = (0.0, 0.0, 0.11)
 TABLE = [
@@ -109,8 +110,6 @@ def test_a_point_out_of_reach_is_said_so_without_nan(point):
     assert torque((1.0, 2.0, 3.0), point)[1] is False
     assert np.all(torque((1.0, 2.0, 3.0), point)[0] == 0.0)
     assert np.all(force((0.1, 0.1, 0.1), point)[0] == 0.0)
-    with pytest.raises(ValueError, match="out of the Falcon's reach"):
-        rates(point)
 
 
 @pytest.mark.parametrize("angles", [(-1.5, 1.5, 3.0), (3.1, 3.1, 3.1), (np.nan, 0, 0), (np.inf, 0, 0), (1e300, 0, 0)])
@@ -189,7 +188,7 @@ def test_inverse_takes_arrays():
     assert angles.shape == (2, 2, 3, 3) and reach.tolist() == [[True, False], [True, True]]
 
 
-def test_stretched_legs_are_refused_by_rates_and_bounded_in_force():
+def test_the_force_is_bounded_where_legs_are_stretched():
     low, high = 0.18, 0.19  # all legs are stretched where the axis goes out of reach: t1 = t2
     for _ in range(60):
         middle = (low + high) / 2
@@ -197,8 +196,6 @@ def test_stretched_legs_are_refused_by_rates_and_bounded_in_force():
     edge = (0.0, 0.0, low)
     t1, t2, _ = inverse(edge)[0][0]
     assert t1 == approx(t2, abs=1e-6)
-    with pytest.raises(ValueError, match="singular"):
-        rates(edge)
     torques, ok = torque((3.0, -2.0, 9.0), edge)
     assert ok and np.abs(torques).max() < 1e-6
     pushed, ok = force((0.4096,) * 3, edge)

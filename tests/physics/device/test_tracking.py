@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from falcon_arrays import inverse
 from pytest import approx
 
-from palpate.physics.device.falcon import FALCON, HOME, forward_kernel, inverse
+from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
 from palpate.physics.device.tracking import (
     ANEW,
     BAD,

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.models.fe.meshing.fingertip import PAPER
-from palpate.models.fe.study.isostrain import cross, smooth, strain, volumes_above
+from palpate.models.fe.study.isostrain import cross, finger, flow, section, smooth, strain, volumes_above
 from palpate.models.fe.study.paper_claims import HIGH, LOW
 from palpate.models.fe.study.press_record import PressRun
 from palpate.models.fe.study.pressing import SIDES
-from palpate.models.fe.study.section import finger, flow, section
 from palpate.physics.contact.tactile import growth
 from palpate.views.pictures.style import FAINT, FRICTION, INK, LOOK, NORMAL, deformation_colours, figure
 

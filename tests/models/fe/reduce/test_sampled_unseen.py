@@ -8,9 +8,8 @@ from pytest import approx
 
 from palpate.models.fe.element import faces
 from palpate.models.fe.meshing.organ import Organ
-from palpate.models.fe.reduce.holdout import errors
 from palpate.models.fe.reduce.reducible import of_organ
-from palpate.models.fe.reduce.reduction import build
+from palpate.models.fe.reduce.reduction import build, errors
 from palpate.models.fe.reduce.sampling import modes, points_of
 from palpate.models.fe.reduce.snapshots import MILD, press_from_rest, scatter
 from palpate.nodes.base.surface import surface_mesh

@@ -10,10 +10,18 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Friction
 from palpate.models.fe import hencky
 from palpate.models.fe.element.elements import POINTS, gradients
+from palpate.models.fe.element.files import write_vtu
 from palpate.models.fe.element.mesh import MeshError
-from palpate.models.fe.element.vtk import write_vtu
-from palpate.models.fe.meshing.fingertip import FingertipDimensions, materials
-from palpate.models.fe.meshing.layers import BONE, DERMIS, EPIDERMIS, NAIL, PLATE, SUBCUTIS
+from palpate.models.fe.meshing.fingertip import (
+    BONE,
+    DERMIS,
+    EPIDERMIS,
+    NAIL,
+    PLATE,
+    SUBCUTIS,
+    FingertipDimensions,
+    materials,
+)
 from palpate.models.fe.study.press_record import LEVELS, PressRun, record
 from palpate.models.fe.study.pressing import Pressing
 from palpate.nodes.base import SettingError

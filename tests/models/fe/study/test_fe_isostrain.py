@@ -6,12 +6,10 @@ from pytest import approx
 
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh, box
-from palpate.models.fe.meshing.fingertip import FingertipDimensions
-from palpate.models.fe.meshing.layers import NAIL, SUBCUTIS
-from palpate.models.fe.study.isostrain import cross, parts, smooth, strain, subdivided, volumes_above
+from palpate.models.fe.meshing.fingertip import NAIL, SUBCUTIS, FingertipDimensions
+from palpate.models.fe.study.isostrain import cross, flow, parts, section, smooth, strain, subdivided, volumes_above
 from palpate.models.fe.study.paper_claims import statements
 from palpate.models.fe.study.press_record import LEVELS, Record, differing
-from palpate.models.fe.study.section import flow, section
 from palpate.physics.contact.tactile import equivalent_strain, logarithmic_strain
 
 

@@ -1,5 +1,6 @@
-"""Meshes of tetrahedra from files of other programs: Gmsh, VTK, Abaqus and other formats of meshio (extra `mesh`)."""
+"""Meshes of tetrahedra from files of Gmsh, VTK, Abaqus and others (meshio, extra `mesh`); VTK files of results."""
 
+import base64
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
 from palpate.physics.extras import missing
 
+QUADRATIC_TETRA = 24
 REGION_FIELDS = ("gmsh:physical", "region", "medit:ref", "CellEntityIds")
 """Names of cell fields that contain the region of each element; the first that exists is used."""
 
@@ -17,7 +19,7 @@ def read_mesh(path: str | Path, unit: float = 1.0) -> tuple[TetMesh, dict[str, i
     {names["skin"]: ...}.
 
     Regions: physical groups of Gmsh (.msh), element sets of Abaqus (.inp), the cell field `region` of VTK (.vtu, .vtk),
-    as `fe.element.vtk` writes it; else all elements have region 0. Other elements (faces, lines) are ignored.
+    as `write_vtu` writes it; else all elements have region 0. Other elements (faces, lines) are ignored.
 
     unit  [m] of the file's coordinates: 1e-3 for millimetres
 
@@ -76,3 +78,41 @@ def _regions(path: str | Path, mesh: Any, blocks: list[int]) -> tuple[np.ndarray
     if (region < 0).any():
         raise MeshError(f"{path}: {int((region < 0).sum())} elements are in none of the sets {', '.join(names)}")
     return region, names
+
+
+def write_vtu(
+    path: Path, mesh: TetMesh, points: dict[str, np.ndarray] | None = None, cells: dict[str, np.ndarray] | None = None
+) -> None:
+    """Write a mesh with fields on its nodes (N,...) and elements (E,...) as a .vtu file, for ParaView and pyvista."""
+    count = len(mesh.elements)
+    fields = {
+        "Points": [("Points", mesh.points)],
+        "Cells": [
+            ("connectivity", mesh.elements.ravel()),
+            ("offsets", 10 * np.arange(1, count + 1)),
+            ("types", np.full(count, QUADRATIC_TETRA, dtype=np.uint8)),
+        ],
+        "PointData": list((points or {}).items()),
+        "CellData": [("region", mesh.region), *(cells or {}).items()],
+    }
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
+        f'<UnstructuredGrid><Piece NumberOfPoints="{len(mesh.points)}" NumberOfCells="{count}">',
+    ]
+    for group, arrays in fields.items():
+        lines.append(f"<{group}>")
+        lines += [_array(name, values) for name, values in arrays]
+        lines.append(f"</{group}>")
+    lines.append("</Piece></UnstructuredGrid></VTKFile>")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines))
+
+
+def _array(name: str, values: np.ndarray) -> str:
+    values = np.ascontiguousarray(values)
+    kind = {"f": "Float64", "i": "Int64", "u": "UInt8", "b": "UInt8"}[values.dtype.kind]
+    data = values.astype({"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}[kind]).tobytes()
+    text = base64.b64encode(np.array([len(data)], dtype="<u8").tobytes() + data).decode()
+    parts = values.size // max(len(values), 1)
+    return f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{parts}" format="binary">{text}</DataArray>'
