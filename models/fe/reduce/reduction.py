@@ -29,9 +29,6 @@ ORGAN_RADIUS, SOFTEST = 8e-3, 0.82
 """[m], [1] Patch radius and largest load of an organ: 1 N on 8 mm at 19 kPa. With more, a surface that slides freely
 loses its equilibrium (docs/equations/reduced-fe.md)."""
 ASIDE = 0.5  # [1] Largest ratio of tangential to normal force
-YOUNG, RADIUS = 1e4, 1e-2
-"""[Pa], [m] Modulus of the body in `errors`, which do not depend on it, and radius of the patch of an unloaded body."""
-CALLS = 6  # Most calls of the body until it reaches equilibrium under a constant load
 BEYOND = 4.0  # |q|² at which the barrier begins, over the largest of the snapshots
 
 
@@ -143,7 +140,7 @@ def equilibrium(
     """
     push, foot, normal = press.touch.load[nodes], tuple(press.touch.foot), tuple(press.touch.normal)
     laws = np.zeros((1, 5))
-    for _ in range(CALLS):
+    for _ in range(6):
         bear(body, 0, nodes, force * push, foot, normal)
         _, settled = answer(body, laws, np.eye(1), 1e6)
         if settled:
@@ -155,15 +152,16 @@ def equilibrium(
 def errors(body: Reducible, basis: SampledBasis, pressed: list[PressSolution]) -> tuple[np.ndarray, np.ndarray]:
     """Relative errors (S,) of the indentation at every load of touches that the basis was not built from: of the
     sampled body, and of its linear compliance at rest."""
+    young, radius = 1e4, 1e-2  # [Pa] and [m]; the errors do not depend on them
     sampled, linear = [], []
     for press in pressed:
-        fast, touch = sampled_body(basis, body.surface, YOUNG, 0.0, RADIUS, RADIUS), press.touch
+        fast, touch = sampled_body(basis, body.surface, young, 0.0, radius, radius), press.touch
         nodes = np.flatnonzero(np.abs(touch.load).max(axis=1) > 0.0).astype(np.int32)
         along = touch.normal * (touch.load @ touch.normal)[:, None]
         measure, unit = along.ravel(), touch.load.ravel()
         compliance = measure @ (basis.residual_compliance @ unit) + (measure @ basis.modes) @ (basis.modes.T @ unit)
         for level, u in zip(touch.levels, press.solutions, strict=False):
             indentation = float(np.sum((body.hats @ along) * u))
-            sampled.append(equilibrium(fast, press, nodes, float(level) * YOUNG)[3] / indentation - 1.0)
+            sampled.append(equilibrium(fast, press, nodes, float(level) * young)[3] / indentation - 1.0)
             linear.append(float(level) * compliance / indentation - 1.0)
     return np.array(sampled), np.array(linear)
