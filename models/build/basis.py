@@ -5,11 +5,11 @@ import shutil
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Protocol
 
 from palpate.models.fe.element.mesh import MeshError
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
 from palpate.models.fe.meshing.organ import Capsule, Nodule, Organ
+from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.reduce import reduction
 from palpate.models.fe.reduce.reducible import of_finger, of_organ
 from palpate.models.fe.reduce.reduction import errors
@@ -28,18 +28,13 @@ MOST = 2500  # Vertices of a condensed surface; its dense compliance matrix then
 MOST_ELEMENTS = 18_000  # Elements of a sampled body; the selection of its points then uses 3 GB
 
 
-class BuildProgress(Protocol):
-    """Shows the progress of a build."""
-
-    def begin(self, name: str, note: str, total: float | None = 1.0) -> Callable[[float], None]:
-        """Begin a stage. Returns a function of its completed share; `total` None if the share is unknown."""
+Begin = Callable[..., Callable[[float], None]]
+"""Begins a stage of a build with a name, a note, and None if its length is unknown; returns a function of its share."""
 
 
-class Silent:
+def silent(name: str, note: str, total: float | None = 1.0) -> Report:
     """Shows nothing."""
-
-    def begin(self, name: str, note: str, total: float | None = 1.0) -> Callable[[float], None]:
-        return lambda share: None
+    return unheard
 
 
 def expected(node: ReducedFE, vertices: int) -> str:
@@ -55,9 +50,7 @@ def home(node: ReducedFE, folder: Path) -> Path:
     return folder / (f"{name.rpartition('-')[0]}.npz" if (folder / INDEX).exists() else name)
 
 
-def make(
-    node: ReducedFE, path: Path, stages: BuildProgress | None = None, commit: str | None = None
-) -> dict[str, float]:
+def make(node: ReducedFE, path: Path, begin: Begin = silent, commit: str | None = None) -> dict[str, float]:
     """Build the basis of a node and store it atomically. Returns its errors [1] at held-out touches.
 
     SettingError: an unsupported surface or material, or a folder without write permission.
@@ -73,7 +66,7 @@ def make(
         raise SettingError(
             f"folder {path.parent}: {error.strerror}; expected a writable folder, such as -o bases"
         ) from None
-    basis, missed = built(node, stages or Silent())
+    basis, missed = built(node, begin)
     inputs = node.inputs()
     provenance = {
         "key": key(inputs), "inputs": inputs, "version": version("palpate"), "commit": commit,
@@ -92,22 +85,22 @@ def kept(node: ReducedFE) -> Path:
     return touches() if node.surface == "fingertip" else touches() / node.key()
 
 
-def built(node: ReducedFE, stages: BuildProgress, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
+def built(node: ReducedFE, begin: Begin, check: bool = True) -> tuple[Basis | SampledBasis, dict[str, float]]:
     """The basis and its errors [1] at held-out touches; {} for a condensed basis or without `check`."""
     if node.model == "sampled":
-        return _sampled(node, stages, check)
-    organ = of_organ(_organ(node, stages))
-    condensing = stages.begin("condensing", f"{3 * len(organ.mesh.points)} degrees of freedom")
+        return _sampled(node, begin, check)
+    organ = of_organ(_organ(node, begin))
+    condensing = begin("condensing", f"{3 * len(organ.mesh.points)} degrees of freedom")
     compliance = organ.compliance(condensing)
     condensing(1.0)
     return Basis(organ.surface.vertices, organ.surface.triangles, compliance), {}
 
 
-def _organ(node: ReducedFE, stages: BuildProgress) -> Organ:
+def _organ(node: ReducedFE, begin: Begin) -> Organ:
     surface = node.coarse_mesh()
     _check_size(node, surface)
     count = len(surface.vertices)
-    meshed = stages.begin("meshing", f"the inside of {count} vertices; the build takes {expected(node, count)}", None)
+    meshed = begin("meshing", f"the inside of {count} vertices; the build takes {expected(node, count)}", None)
     try:
         nodule = Nodule(node.nodule_centre(), node.nodule_radius, node.nodule_ratio)
         capsule = Capsule(node.capsule_thickness, node.capsule_ratio)
@@ -128,10 +121,10 @@ def _check_size(node: ReducedFE, surface: Mesh) -> None:
         )
 
 
-def _sampled(node: ReducedFE, stages: BuildProgress, check: bool) -> tuple[SampledBasis, dict[str, float]]:
+def _sampled(node: ReducedFE, begin: Begin, check: bool) -> tuple[SampledBasis, dict[str, float]]:
     """Press the full model and reduce it to modes; measure the errors at held-out touches."""
     finger = node.surface == "fingertip"
-    body = of_finger(FingertipDimensions(cells=reduction.CELLS)) if finger else of_organ(_organ(node, stages))
+    body = of_finger(FingertipDimensions(cells=reduction.CELLS)) if finger else of_organ(_organ(node, begin))
     if len(body.mesh.elements) > MOST_ELEMENTS:
         raise SettingError(
             f"surface {node.surface!r}: {len(body.mesh.elements)} elements, expected at most {MOST_ELEMENTS} for model "
@@ -143,14 +136,14 @@ def _sampled(node: ReducedFE, stages: BuildProgress, check: bool) -> tuple[Sampl
             "an element share their pressure and cannot be sampled separately. Use model=nonlinear"
         )
     # solutions of the full model, and modes and integration points from them
-    pressing = stages.begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
+    pressing = begin("pressing", f"{3 * len(body.mesh.points)} degrees of freedom")
     seen, held_out = (reduction.finger_pressed if finger else reduction.organ_pressed)(body, pressing, kept(node))
     if len(seen) < 2 or not held_out:
         raise SettingError(
             f"surface {node.surface!r}, bed {node.bed}: the full model converged for {len(seen) + len(held_out)} "
             "touches, too few for modes. A larger `bed` would support it"
         )
-    sampling = stages.begin("sampling", f"{node.modes} modes")
+    sampling = begin("sampling", f"{node.modes} modes")
     basis = reduction.build(body, seen, held_out, node.modes, sampling)
     sampling(1.0)
     if not finger:  # 2 MB per touch; those of the fingertip serve any number of modes
@@ -158,7 +151,7 @@ def _sampled(node: ReducedFE, stages: BuildProgress, check: bool) -> tuple[Sampl
     if not check:
         return basis, {}
     # errors at touches that the basis was not built from
-    checked = stages.begin("checking", f"{reduction.UNSEEN} held-out touches")
+    checked = begin("checking", f"{reduction.UNSEEN} held-out touches")
     others = (reduction.finger_touches if finger else reduction.organ_touches)(
         body, reduction.UNSEEN, reduction.UNSEEN_SEED
     )

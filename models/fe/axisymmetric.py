@@ -36,72 +36,39 @@ def _lagrange(x: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @kernel
-def _integrate(law, slope, hoop, weight, elements, u, p, mixed, force, K):
-    """Inner forces (N,2) and tangent (E,18,18) of the elements, none where E is 0; False where one is inside out.
+def _integrate(law, change, weight, p, mixed, cofactors, stress, moduli, curve):
+    """Integrate the law at all points from the change of F's entries [1] (E,9,5); False where one is inside out.
 
-    slope [1/m] (E,9,9,2) of the shape functions by (r, z), hoop [1/m] (E,9,9) their values over r, weight [m³] (E,9)
+    weight [m³] (E,9);  filled, times the weight: cofactors dJ/dF [m³] (E,9,5), stress dPsi/dF [J] (E,9,5), its
+    derivatives [J] (E,9,5,5) unless E is 0, and U'' of the mean volume ratio over the volume [Pa/m³] (E,) if `mixed`
     """
-    many, tangent = weight.shape[1], len(K) > 0
-    P, A, F, D = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3)), np.zeros((5, 5))
-    C, J, c = np.zeros((many, 3, 3)), np.zeros(many), np.zeros(5)
-    V, f, DB = np.zeros(18), np.zeros(18), np.zeros((5, 18))
-    for e in range(len(elements)):
-        volume = mean = 0.0
+    many, tangent = weight.shape[1], len(moduli) > 0
+    P, A, F, C, J = np.zeros((3, 3)), np.zeros((9, 9)), np.zeros((many, 3, 3)), np.zeros((many, 3, 3)), np.zeros(many)
+    for e in range(len(weight)):
+        mean = 0.0
         for q in range(many):
             F[q] = np.eye(3)
-            for a in range(9):
-                r, z = u[elements[e, a], 0], u[elements[e, a], 1]
-                F[q, 0, 0] += r * slope[e, q, a, 0]
-                F[q, 0, 2] += r * slope[e, q, a, 1]
-                F[q, 1, 1] += r * hoop[e, q, a]
-                F[q, 2, 0] += z * slope[e, q, a, 0]
-                F[q, 2, 2] += z * slope[e, q, a, 1]
+            for m in range(5):
+                F[q, ROW[m], COLUMN[m]] += change[e, q, m]
             J[q] = cofactor(F[q], C[q])
             if not (J[q] > 0.0 and F[q, 1, 1] > 0.0):
                 return False
-            volume += weight[e, q]
             mean += weight[e, q] * J[q]
+        volume = np.sum(weight[e])
         mean /= volume
-        V[:], f[:] = 0.0, 0.0
-        if tangent:
-            K[e] = 0.0
-        curve = 0.0
         for q in range(many):
             w = weight[e, q]
-            A[0, 0] = 0.0
-            _, _, dU, curve = law(F[q], mean if mixed else J[q], p, P, A)
-            # of the nine entries of F, rr, rz, hoop, zr and zz; a node's r moves rr, rz, hoop and its z the others
+            A[0, 0] = 0.0 if tangent else np.nan
+            _, _, dU, ddU = law(F[q], mean if mixed else J[q], p, P, A)
             for m in range(5):
-                c[m] = C[q, ROW[m], COLUMN[m]]
-            for a in range(9):
-                dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
-                V[2 * a] += w * (dr * c[0] + dz * c[1] + ring * c[2])
-                V[2 * a + 1] += w * (dr * c[3] + dz * c[4])
-                f[2 * a] += w * (dr * (P[0, 0] + dU * c[0]) + dz * (P[0, 2] + dU * c[1]) + ring * (P[1, 1] + dU * c[2]))
-                f[2 * a + 1] += w * (dr * (P[2, 0] + dU * c[3]) + dz * (P[2, 2] + dU * c[4]))
-            if not tangent:
-                continue
-            volume_tangent(F[q], C[q], dU, 0.0 if mixed else curve, A)
-            for i in range(5):
-                for j in range(5):
-                    D[i, j] = w * A[3 * ROW[i] + COLUMN[i], 3 * ROW[j] + COLUMN[j]]
-            for a in range(9):
-                dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
-                for i in range(5):
-                    DB[i, 2 * a] = D[i, 0] * dr + D[i, 1] * dz + D[i, 2] * ring
-                    DB[i, 2 * a + 1] = D[i, 3] * dr + D[i, 4] * dz
-            for a in range(9):
-                dr, dz, ring = slope[e, q, a, 0], slope[e, q, a, 1], hoop[e, q, a]
-                for j in range(18):
-                    K[e, 2 * a, j] += dr * DB[0, j] + dz * DB[1, j] + ring * DB[2, j]
-                    K[e, 2 * a + 1, j] += dr * DB[3, j] + dz * DB[4, j]
-        if mixed and tangent:
-            for i in range(18):
-                for j in range(18):
-                    K[e, i, j] += curve / volume * V[i] * V[j]
-        for a in range(9):
-            force[elements[e, a], 0] += f[2 * a]
-            force[elements[e, a], 1] += f[2 * a + 1]
+                cofactors[e, q, m] = w * C[q, ROW[m], COLUMN[m]]
+                stress[e, q, m] = w * P[ROW[m], COLUMN[m]] + dU * cofactors[e, q, m]
+            if tangent:
+                curve[e] = ddU / volume if mixed else 0.0
+                volume_tangent(F[q], C[q], dU, 0.0 if mixed else ddU, A)
+                for m in range(5):
+                    for n in range(5):
+                        moduli[e, q, m, n] = w * A[3 * ROW[m] + COLUMN[m], 3 * ROW[n] + COLUMN[n]]
     return True
 
 
@@ -127,8 +94,12 @@ class RoundBody:
         )
         jacobian = np.einsum("eai,qak->eqik", self.points[self.elements], natural)
         radius = value @ self.points[:, 0][self.elements].T
-        self.slope = np.einsum("qak,eqki->eqai", natural, np.linalg.inv(jacobian))
-        self.hoop = value[None] / radius.T[:, :, None]
+        slope = np.einsum("qak,eqki->eqai", natural, np.linalg.inv(jacobian))
+        # change of the entries of F by the displacements r, z of the nine nodes [1/m] (E,9,5,18)
+        self.gradient = np.zeros((*slope.shape[:2], 5, 18))
+        self.gradient[:, :, 0, ::2] = self.gradient[:, :, 3, 1::2] = slope[..., 0]
+        self.gradient[:, :, 1, ::2] = self.gradient[:, :, 4, 1::2] = slope[..., 1]
+        self.gradient[:, :, 2, ::2] = value[None] / radius.T[:, :, None]
         self.weight = np.linalg.det(jacobian) * np.outer(WEIGHT, WEIGHT).ravel() * 2.0 * math.pi * radius.T
         self.fixed = np.zeros_like(self.points, dtype=bool)
         self.fixed[self.points[:, 0] == 0.0, 0] = True
@@ -137,6 +108,23 @@ class RoundBody:
             self.fixed[self.base, 0] = True
         dof = (2 * self.elements[:, :, None] + np.arange(2)).reshape(-1, 18)
         self.rows, self.columns = np.repeat(dof, 18, axis=1).ravel(), np.tile(dof, (1, 18)).ravel()
+
+    def forces(self, material: Material, u: np.ndarray, tangent: bool = True) -> tuple[np.ndarray, np.ndarray] | None:
+        """Inner forces [N] (N,2) at displacements [m] (N,2), and the tangent [N/m] (E,18,18); None: inside out."""
+        E, Q, _, _ = self.gradient.shape
+        B = self.gradient.reshape(E, -1, 18)
+        turned, change = B.swapaxes(1, 2), (B @ u[self.elements].reshape(E, 18, 1)).reshape(E, Q, 5)
+        cofactors, stress = np.zeros((E, Q, 5)), np.zeros((E, Q, 5))
+        moduli, curve = np.zeros((E if tangent else 0, Q, 5, 5)), np.zeros(E)
+        law, p = compiled(material.law, LAW), np.array(material.parameters)
+        if not _integrate(law, change, self.weight, p, material.mixed, cofactors, stress, moduli, curve):
+            return None
+        force = np.zeros_like(u)
+        np.add.at(force, self.elements, (turned @ stress.reshape(E, -1, 1)).reshape(E, 9, 2))
+        if not tangent:
+            return force, np.zeros((0, 18, 18))
+        V = turned @ cofactors.reshape(E, -1, 1)
+        return force, turned @ (moduli @ self.gradient).reshape(B.shape) + curve[:, None, None] * (V @ V.swapaxes(1, 2))
 
     def edges(self, line: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Nodes (L,3) of the element edges of a line of nodes, shape functions (3,3) and areas [m²] (L,3) of points."""
@@ -180,7 +168,6 @@ def press(body: RoundBody, material: Material, indenter: Indenter, depths: Itera
 class _Press:
     def __init__(self, body: RoundBody, material: Material, indenter: Indenter) -> None:
         self.body, self.material, self.indenter = body, material, indenter
-        self.law, self.p = compiled(material.law, LAW), np.array(material.parameters)
         self.fixed = body.fixed.copy()
         self.fixed[indenter.held, 1] = True
         self.fixed[indenter.held, 0] |= indenter.bonded
@@ -210,11 +197,10 @@ class _Press:
 
     def _balance(self, u: np.ndarray, depth: float, tangent: bool = True) -> tuple[np.ndarray, np.ndarray] | None:
         """Unbalanced forces (N,2) and tangent blocks (E,18,18), contact's (L,6,6) apart; None: inside out."""
-        body, inner = self.body, np.zeros_like(u)
-        K = np.empty((len(body.elements) if tangent else 0, 18, 18))
-        if not _integrate(self.law, body.slope, body.hoop, body.weight, body.elements, u, self.p, self.material.mixed,
-                          inner, K):  # fmt: skip
+        body, elastic = self.body, self.body.forces(self.material, u, tangent)
+        if elastic is None:
             return None
+        inner, K = elastic
         self.size = float(np.linalg.norm(inner))
         self.now = float(inner[body.base, 1].sum())
         place = np.einsum("qa,lai->lqi", self.value, (body.points + u)[self.edge])

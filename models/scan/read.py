@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.scan.orientation import cross_sections, oriented
-from palpate.models.scan.stack import ScanError, Stack, checked
+from palpate.models.scan.stack import ScanError, Stack, checked, cross_sections, oriented
 
 MOST_PACKED = 1032  # [1] Largest compression ratio of deflate (zlib, technical details)
 MOST_VOXELS = 1 << 28  # [1] Of a stack: 1 GB in memory, 4 l at 0.25 mm
@@ -29,7 +28,7 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None, ax
 
     spacing  [m] between slices, rows, columns: of the file for images, where it is required; of the cross-sections for
              DICOM or NIfTI, where it replaces that of the header
-    axes     directions of slices, rows and columns, see `scan.orientation`; replaces those of the header
+    axes     directions of slices, rows and columns, see `scan.stack`; replaces those of the header
 
     The slices of the result are cross-sections of the finger for any orientation of the file.
 

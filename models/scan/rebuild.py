@@ -1,4 +1,4 @@
-"""Surfaces from outlines: shape-based interpolation between slices, and the frame of the fingertip.
+"""Surfaces from outlines: shape-based interpolation between slices, the frame of the fingertip, and its dimensions.
 
 Between slices the signed distance to the outline is interpolated (shape-based interpolation, Raya & Udupa 1990), which
 needs no correspondence of points. Beyond the last outline a surface closes as an ellipsoid: its inscribed radius falls
@@ -7,15 +7,16 @@ with the square root of the distance to the tip, extrapolated from the last two 
 The surfaces are computed in the frame of the images, then rotated to the axes of the finger (`align`).
 """
 
-from typing import Literal, NamedTuple
+import math
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from palpate.models.scan.align import FingerFrame, find_frame, turned
 from palpate.models.scan.outline import Outlines, distance, enclosed
-from palpate.models.scan.stack import ScanError
-from palpate.physics.fingertip.surfaces import FingertipSurfaces
+from palpate.models.scan.stack import ScanError, Stack
+from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 MARGIN = 1.5e-3  # [m] Of air around the finger
 Side = Literal["auto", "up", "down", "left", "right"]
@@ -119,3 +120,33 @@ def _cap(last: np.ndarray, before: np.ndarray, spacing: float) -> list[tuple[flo
     r, inner = -last.min(), -before.min()
     rest = spacing * np.clip(r**2 / max(inner**2 - r**2, 1e-12), 0.1, 1.0)
     return [(rest * (1 - t), last + r * (1 - np.sqrt(t))) for t in (0.75, 0.5, 0.25, 0.06, 0.0)]
+
+
+def measures(tip: FingertipSurfaces, depth: float = 2e-3, pitch: float = 1.2e-3) -> dict[str, float]:
+    """Sizes [mm], volumes [mm³], and the number of beams in contact with a plate at a depth [m]."""
+    inside = np.argwhere(tip.skin < 0)
+    size = (np.ptp(inside, axis=0) + 1) * tip.spacing * 1e3
+    x, y = np.meshgrid(*(tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in (0, 1)))
+    rays = cast(tip, x, y)
+    return {
+        "breadth_mm": float(size[0]),
+        "length_mm": float(size[1]),
+        "depth_mm": float(size[2]),
+        "skin_mm": float(np.nanmedian(rays.inner - rays.bottom) * 1e3),
+        "soft_volume_mm3": (tip.volume("skin") - tip.volume("bone")) * 1e9,
+        "bone_volume_mm3": tip.volume("bone") * 1e9,
+        "beams": len(fill(tip, depth, pitch).heights),
+    }
+
+
+def of_images(stack: Stack, frame: FingerFrame) -> dict[str, Any]:
+    """Number and spacing of the slices, orientation of the finger, and source of the handedness."""
+    return {
+        "slices": len(stack.volume),
+        "spacing_mm": [s * 1e3 for s in stack.spacing],
+        "tilt_deg": math.degrees(frame.tilt),
+        "roll_deg": math.degrees(frame.roll),
+        "left_and_right": {"header": "by the header", "stated": "as stated"}.get(
+            stack.handed, "unknown: each slice is assumed to lie behind the previous one (--axes)"
+        ),
+    }

@@ -97,9 +97,6 @@ def _band(lower: int, upper: int, at: int, above: int, shift: float) -> np.ndarr
     if lower == 1:
         i = np.arange(upper)
         return np.stack([np.full(upper, at), above + (i + 1) % upper, above + i], axis=1)
-    if upper == 1:
-        i = np.arange(lower)
-        return np.stack([at + i, at + (i + 1) % lower, np.full(lower, above)], axis=1)
     if lower == upper:
         i = np.arange(lower)
         j = (i + 1) % lower

@@ -28,11 +28,6 @@ def compiled(function: Callable[..., Any], signature: Any) -> types.CompileResul
     return types.CompileResultWAP(function.overloads[signature.args])  # type: ignore[attr-defined]
 
 
-def address(law: Callable[..., Any]) -> int:
-    """Address of a law's machine code in this process, for `law_at`."""
-    return compiled(law, LAW).__wrapper_address__()
-
-
 def _law_at(typingctx, address):  # type: ignore[no-untyped-def]
     law = types.FunctionType(LAW)
 

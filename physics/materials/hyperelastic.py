@@ -34,7 +34,7 @@ import numpy as np
 from palpate.physics import materials
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.kernel import kernel
-from palpate.physics.materials.compiled import LAW, address, compiled
+from palpate.physics.materials.compiled import LAW, compiled
 from palpate.registry import modules
 
 Law = Callable[..., tuple[float, float, float, float]]
@@ -190,7 +190,7 @@ _placed: dict[int, str] = {}
 
 def place_of(law: Law, name: str) -> int:
     """Address of a law's code in this process, for kernels with several laws (`compiled.law_at`)."""
-    place = address(law)
+    place = compiled(law, LAW).__wrapper_address__()
     _placed[place] = name
     return place
 

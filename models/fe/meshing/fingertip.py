@@ -70,6 +70,14 @@ class FingertipDimensions:
 
     def place(self, points: np.ndarray) -> np.ndarray:
         """World coordinates [m] (N,3) of points of the lattice (N,4)."""
+        p = self.upright(points)
+        s, c = np.sin(self.tilt), np.cos(self.tilt)
+        normal, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])
+        moved = p - np.array([0.0, 0.0, self.phalanx]) + self.radii[-1] * normal
+        return np.stack([p[:, 0], -moved @ forward, moved @ normal], axis=1)
+
+    def upright(self, points: np.ndarray) -> np.ndarray:
+        """Coordinates [m] (N,3) across, up and along the axis from the rear, of points of the lattice (N,4)."""
         box, shell = points[:, :3], points[:, 3]
         along = self.phalanx * (1.0 + np.minimum(box[:, 2], 0.0))
         middle = np.stack([0.0 * along, 0.0 * along, along], axis=1)
@@ -77,17 +85,10 @@ class FingertipDimensions:
         inside = np.minimum(shell, 1.0)[:, None]
         radius = np.interp(shell, range(1, 6), [*self.radii, self.radii[-1] + self.nail])[:, None]
         core = (1.0 - inside) * (CORE * self.bone) * ray
-        return self._world(middle + core + inside * radius * directions(box))
-
-    def _world(self, p: np.ndarray) -> np.ndarray:
-        s, c = np.sin(self.tilt), np.cos(self.tilt)
-        normal, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])
-        lowest = np.array([0.0, 0.0, self.phalanx]) - self.radii[-1] * normal
-        moved = p - lowest
-        return np.stack([p[:, 0], -moved @ forward, moved @ normal], axis=1)
+        return np.asarray(middle + core + inside * radius * directions(box))
 
     @cached_property
-    def _meshed(self) -> tuple[TetMesh, np.ndarray]:
+    def meshed(self) -> tuple[TetMesh, np.ndarray]:
         """The mesh, whose edges follow the surfaces, and its nodes' lattice coordinates (N,4)."""
         points, cells, region = lattice(self.cells, self.radii)
         elements, edges = edge_nodes(len(points), bricks(self.place(points), cells))
@@ -97,17 +98,17 @@ class FingertipDimensions:
     @property
     def mesh(self) -> TetMesh:
         """The finger; its edges follow its curved surfaces."""
-        return self._meshed[0]
+        return self.meshed[0]
 
     @cached_property
     def cut(self) -> np.ndarray:
         """Nodes on the plane of symmetry (N,) bool."""
-        return self._meshed[1][:, 0] < 1e-12
+        return self.meshed[1][:, 0] < 1e-12
 
     @cached_property
     def rear(self) -> np.ndarray:
         """Nodes of the rear face (N,) bool."""
-        return self._meshed[1][:, 2] < -1.0 + 1e-12
+        return self.meshed[1][:, 2] < -1.0 + 1e-12
 
     @cached_property
     def pad(self) -> np.ndarray:

@@ -73,15 +73,17 @@ def of_finger(finger: FingertipDimensions) -> Reducible:
     instead of a fixed bone changes the indentation by less than 0.1 % up to 0.5 N.
     """
     # mirror the half model
-    half = finger.mesh
-    away = np.abs(half.points[:, 0]) > 1e-9
+    half, spots = finger.meshed
+    across, up, along = finger.upright(spots).T
+    placed = np.stack([across, along - finger.phalanx, -up], axis=1)
+    away = np.abs(across) > 1e-9
     count = len(half.points)
     other = np.arange(count)
     other[away] = count + np.arange(away.sum())
-    points = np.concatenate([half.points, half.points[away] * (-1.0, 1.0, 1.0)])
+    points = np.concatenate([placed, placed[away] * (-1.0, 1.0, 1.0)])
     turned = half.elements[:, [1, 0, 2, 3, 4, 6, 5, 8, 7, 9]]  # a mirrored element with two corners swapped
     region = np.tile(half.region, 2)
-    whole = TetMesh(_own_frame(finger, points), np.concatenate([half.elements, other[turned]]), region)
+    whole = TetMesh(points, np.concatenate([half.elements, other[turned]]), region)
     # fixed nodes; the skin without rear and nail
     held = np.concatenate([finger.held, finger.held[away]])
     held[np.unique(whole.elements[region == BONE])] = True
@@ -102,13 +104,3 @@ def of_finger(finger: FingertipDimensions) -> Reducible:
         return {region: replace(law, mixed=False) for region, law in materials(SUBCUTIS_MODULUS / young).items()}
 
     return Reducible(mesh, laws, fixed, surface, hats(mesh, skin, corners))
-
-
-def _own_frame(finger: FingertipDimensions, points: np.ndarray) -> np.ndarray:
-    """Points in the frame of the finger, from that of `FingertipDimensions`, which is tilted above a plate."""
-    s, c = np.sin(finger.tilt), np.cos(finger.tilt)
-    up, forward = np.array([0.0, c, -s]), np.array([0.0, s, c])
-    lowest = np.array([0.0, 0.0, finger.phalanx]) - finger.radii[-1] * up
-    across = np.outer(points[:, 0], (1.0, 0.0, 0.0))
-    there = across + np.outer(points[:, 2], up) - np.outer(points[:, 1], forward) + lowest
-    return np.stack([there[:, 0], there[:, 2] - finger.phalanx, -there[:, 1]], axis=1)

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from palpate.models.build.basis import Silent, built
+from palpate.models.build.basis import built, silent
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.deformation.basis_store import SHIPPED, about, cache, find, key
 from palpate.studies.accuracy import chain
@@ -51,7 +51,7 @@ def ready(node: ReducedFE) -> float:
         if path is not None and node.stored(folder) is not None:
             return float((about(path) or {}).get("seconds", 0.0))
     begun = time.perf_counter()
-    basis, _ = built(node, Silent(), check=False)
+    basis, _ = built(node, silent, check=False)
     seconds = time.perf_counter() - begun
     inputs = node.inputs()
     content = {"key": key(inputs), "inputs": inputs, "command": node.command(), "error": {}, "seconds": seconds}

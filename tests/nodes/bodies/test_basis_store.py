@@ -12,7 +12,7 @@ from pytest import approx
 
 from palpate.launch.load.values.overrides import settings_of
 from palpate.launch.testing import FakeBus
-from palpate.models.build.basis import Silent, _organ
+from palpate.models.build.basis import _organ, silent
 from palpate.models.fe.meshing import fingertip, organ
 from palpate.models.fe.meshing.organ import Organ
 from palpate.models.fe.reduce import reducible, reduction, sampling, snapshots
@@ -170,7 +170,7 @@ def test_other_numbers_of_a_sampled_basis_ask_for_another_version():
 def test_a_shipped_basis_is_the_one_that_would_be_built_now(name):
     """The slab, without and with its nodule: its compliance at three vertices."""
     node = node_of(basis_store.shipped()[name]["command"])
-    basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(_organ(node, Silent()))
+    basis, organ = Basis.load(basis_store.SHIPPED / name), of_organ(_organ(node, silent))
     half = 0.51 * float(np.abs(basis.compliance).max()) / 32767  # of the steps that it is stored in
     for v in (0, 100, 300):
         load = np.zeros_like(organ.mesh.points)

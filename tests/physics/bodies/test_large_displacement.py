@@ -12,7 +12,7 @@ from pytest import approx
 from scipy.sparse import csc_array, eye_array, kron
 from scipy.sparse.linalg import splu
 
-from palpate.models.fe.axisymmetric import RoundBody, _integrate, line
+from palpate.models.fe.axisymmetric import RoundBody, line
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.large_displacement import (
     DEEPEST,
@@ -23,7 +23,6 @@ from palpate.physics.bodies.large_displacement import (
 )  # fmt: skip
 from palpate.physics.bodies.true_patch import HELD, MEAN
 from palpate.physics.entry_point import NO_FLOATS
-from palpate.physics.materials.compiled import LAW, compiled
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.accuracy import kidney
 from palpate.studies.peers.continuum import BED, POISSON, YOUNG
@@ -39,8 +38,7 @@ class RoundPress:
     """
 
     def __init__(self, poisson, thickness, wide, cells, bed=None):
-        material = replace(neo_hooke(1.0, poisson), mixed=False)
-        self.law, self.numbers = compiled(material.law, LAW), np.array(material.parameters)
+        self.material = replace(neo_hooke(1.0, poisson), mixed=False)
         body = RoundBody(line(1.0, cells, wide), thickness - line(1.0, cells, thickness)[::-1], slides=False)
         fixed = body.fixed.copy()
         self.springs = csc_array((body.points.size,) * 2)
@@ -62,11 +60,10 @@ class RoundPress:
 
     def balance(self, u):
         """Inner forces and tangent at displacements (2N,), of what is free; None where an element is inverted."""
-        body, inner = self.body, np.zeros_like(self.body.points)
-        K = np.empty((len(body.elements), 18, 18))
-        if not _integrate(self.law, body.slope, body.hoop, body.weight, body.elements, u.reshape(-1, 2), self.numbers,
-                          False, inner, K):  # fmt: skip
+        body, elastic = self.body, self.body.forces(self.material, u.reshape(-1, 2))
+        if elastic is None:
             return None
+        inner, K = elastic
         whole = csc_array((K.ravel(), (body.rows, body.columns)), shape=(u.size, u.size)) + self.springs
         return (inner.ravel() + self.springs @ u)[self.free], csc_array(whole)[self.free][:, self.free]
 

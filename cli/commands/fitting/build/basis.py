@@ -44,7 +44,7 @@ def basis(
     started = time.perf_counter()
     try:
         with StageBars(console(stderr=True), as_json) as stages:
-            errors = builder.make(node, path, stages, commit())
+            errors = builder.make(node, path, stages.begin, commit())
     except KeyboardInterrupt as error:
         again = "resumes after the touches already computed" if node.model == "sampled" else "starts again"
         error.add_note(f"nothing is stored; the same command {again}")

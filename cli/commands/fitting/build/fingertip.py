@@ -47,8 +47,7 @@ def fingertip(
     known_spacing = _spacing(spacing)
     try:
         from palpate.models.scan import read, segment
-        from palpate.models.scan.measures import measures, of_images
-        from palpate.models.scan.rebuild import reconstruct
+        from palpate.models.scan.rebuild import measures, of_images, reconstruct
         from palpate.views.pictures.models.scan import draw
     except ImportError as error:
         raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
