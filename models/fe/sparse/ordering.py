@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 
 LEAF = 32  # Number of nodes up to which a part is eliminated as one dense block
 ENDS = 0.32  # Fraction of a part at each end that the cut does not divide
-LARGE, TRIED = 4000, 3  # From this number of nodes on, a part is cut only along the TRIED most promising directions
+SMALL, TRIED = 150, 4  # Above this number of nodes, a part is cut only along the TRIED most promising directions
 DIRECTIONS = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [1, 0, -1]]
 )
@@ -72,15 +72,15 @@ def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
 
 
 def _ranks(points: np.ndarray, graph: csr_array) -> list[np.ndarray]:
-    """Rank of the nodes, from 0 to 1, along each direction to try; for a large part only the directions with the fewest
-    nodes next to the middle plane."""
+    """Rank of the nodes, from 0 to 1, along each direction to try: of a small part three, else those of `DIRECTIONS` with
+    the fewest nodes next to the middle plane."""
     count = len(points)
     ranks = []
-    for direction in DIRECTIONS if count > 150 else DIRECTIONS[:3]:
+    for direction in DIRECTIONS if count > SMALL else DIRECTIONS[:3]:
         rank = np.empty(count)
         rank[np.argsort(points @ direction, kind="stable")] = np.arange(count) / count
         ranks.append(rank)
-    if count < LARGE:
+    if count <= SMALL:
         return ranks
     i = np.repeat(np.arange(count), np.diff(graph.indptr))
     sizes = []
