@@ -15,8 +15,8 @@ from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, SettingError
 from palpate.nodes.base.surface import OPEN, SURFACES, OnSurface, Placed, surface_patch
 from palpate.physics.geometry.closest import ClosestPoint
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint
-from palpate.physics.geometry.orient import edge_counts
 from palpate.physics.geometry.proxy import follow, follow_mesh, memory
+from palpate.physics.geometry.topology import edge_counts
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, integers, longs, put, vector
 

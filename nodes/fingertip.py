@@ -12,7 +12,7 @@ from palpate.physics.entry_point import NO_FLOATS, NO_NODES, NO_VECTORS
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import FARTHEST, SHORTEST_STEP, Bundle, BundleState, step
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, fill
-from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
+from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 UP = (0.0, 0.0, 1.0)
 CLEAR = 1e-3  # [m] how far above the plate a lifted finger stops

@@ -14,8 +14,7 @@ from palpate.launch.load.values.source import YamlSource
 from palpate.messages import Vector3
 from palpate.nodes.base.surface import OnSurface, Placed, surface_mesh
 from palpate.physics.errors import MeshError
-from palpate.physics.geometry.heights import heights, summit
-from palpate.physics.geometry.mesh import Mesh
+from palpate.physics.geometry.mesh import Mesh, heights, summit
 
 if TYPE_CHECKING:
     from palpate.engine.graph import Graph

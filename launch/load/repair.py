@@ -7,9 +7,8 @@ from scipy.sparse.csgraph import connected_components
 from palpate.launch.load.organ import OrganFile
 from palpate.nodes.base.mesh_file import UNITS, flaws, read_triangles
 from palpate.physics.errors import MeshError
-from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh, write_ply
-from palpate.physics.geometry.orient import edge_counts, outward
+from palpate.physics.geometry.topology import crossing, edge_counts, outward
 
 
 def repaired(organ: OrganFile) -> tuple[OrganFile, list[str]]:

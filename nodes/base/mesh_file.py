@@ -10,9 +10,8 @@ import scipy  # its parts are slow to import, and are when they are used
 from palpate.nodes.base import SettingError
 from palpate.physics.extras import missing
 from palpate.physics.geometry.bvh import weld
-from palpate.physics.geometry.crossing import crossing
 from palpate.physics.geometry.mesh import Mesh
-from palpate.physics.geometry.orient import FLAT, edge_counts, outward
+from palpate.physics.geometry.topology import FLAT, crossing, edge_counts, outward
 
 LEAST_AREA = 1e-9  # [1] of all triangles, over the square of the longest side
 FORMATS = (".stl", ".ply", ".obj")
@@ -32,7 +31,7 @@ def read_mesh(path: str, scale: float) -> Mesh:
 
     Equal vertices are made one (an STL file repeats them), and vertices at open edges nearer than `NEAR`.
     Triangles without three corners, repeated triangles and vertices that no triangle holds are left out. The triangles
-    are turned outwards (`orient.outward`); those of an open sheet as most of them are.
+    are turned outwards (`topology.outward`); those of an open sheet as most of them are.
 
     SettingError: no such file, not a mesh, no triangles, no area, an implausible size, edges of more than two
     triangles.

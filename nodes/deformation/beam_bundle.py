@@ -21,7 +21,7 @@ from palpate.physics.bodies.beam_foundation_step import held_force
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.exact import row_times
 from palpate.physics.kernel import kernel
-from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
+from palpate.physics.materials.voigt import SKIN, TISSUE, ViscoelasticMaterial
 from palpate.physics.records import floats, form, integers, lend_first, longs, nth, unpacking, vector
 
 OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")

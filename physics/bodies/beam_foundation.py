@@ -38,8 +38,7 @@ from palpate.physics.contact.spread import Spreader, spread, spreader
 from palpate.physics.exact import distance
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
-from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
-from palpate.physics.materials.voigt import chain_compliance
+from palpate.physics.materials.voigt import ViscoelasticMaterial, chain_compliance
 
 SHORTEST_STEP = 1e-5  # [s] A shorter step is computed as this long
 

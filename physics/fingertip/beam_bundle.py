@@ -22,8 +22,7 @@ from palpate.physics.fingertip.bundle_step import (
 )
 from palpate.physics.fingertip.skin import Sheet, grid_triangles, sheet
 from palpate.physics.fingertip.stick_slip import workspace
-from palpate.physics.materials.viscoelastic import SKIN, TISSUE, ViscoelasticMaterial
-from palpate.physics.materials.voigt import STRAIN_LIMIT
+from palpate.physics.materials.voigt import SKIN, STRAIN_LIMIT, TISSUE, ViscoelasticMaterial
 
 LATERAL = ("shear", "cantilever")
 MOST_BEAMS = 20_000

@@ -18,7 +18,7 @@ from palpate.physics.archive import read_arrays
 from palpate.physics.errors import MISUSE, PalpateError
 from palpate.physics.exact import product
 from palpate.physics.fingertip.beam_bundle import Bundle, bundle, check_count
-from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
+from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 MATERIALS = (SKIN, TISSUE, BONE, TISSUE)  # From the plate upwards: skin, pulp, bone, tissue between bone and nail
 

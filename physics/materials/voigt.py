@@ -1,4 +1,4 @@
-"""Generalised Voigt chain: spring-damper elements in series, one backward Euler step in closed form.
+"""Generalised Voigt chain: spring-damper elements in series, one backward Euler step in closed form; its materials.
 
 One beam is h elements in series. Element j has length L_j, modulus E_j [Pa] and viscosity c_j [Pa s]:
 
@@ -13,9 +13,45 @@ It is unconditionally stable, first order in T, and valid for c_j = 0 and for an
 
 V. A. Ho, S. Hirai, "Beam bundle model of human fingertip", eq. 2-5, with phi_j = 1, which is correct for elements of
 equal length only.
+
+The moduli of tissue and skin are from Table I of the beam bundle paper and agree with Maeno, Kobayashi & Yamazaki,
+"Relationship between the structure of human finger tissue and the location of tactile receptors" (1998; quoted from
+memory). That of bone was read from a damaged table and only has to be large. The printed viscosities (0.1,
+10, 1 Pa s) give relaxation within 3 to 74 microseconds, while the paper shows seconds. Here the viscosity is E times a
+relaxation time after Pawluk & Howe (1999). Details: docs/equations/beam-bundle.md.
 """
 
+from dataclasses import dataclass
+
 from palpate.physics.kernel import kernel
+
+
+@dataclass(frozen=True)
+class ViscoelasticMaterial:
+    """A linear viscoelastic material.
+
+    status      source of the numbers: "stated", "literature", "inferred" or "assumed", in decreasing reliability
+    """
+
+    modulus: float  # [Pa] E
+    relaxation: float  # [s] viscosity / modulus: the retardation time of one Voigt element
+    poisson: float = 0.48  # [1] nu
+    status: str = "assumed"
+
+    @property
+    def viscosity(self) -> float:
+        """c [Pa s]."""
+        return self.modulus * self.relaxation
+
+    @property
+    def shear_modulus(self) -> float:
+        """G = E / 2(1 + nu) [Pa]."""
+        return self.modulus / (2 * (1 + self.poisson))
+
+
+TISSUE = ViscoelasticMaterial(3.4e4, 1.4, status="modulus stated, relaxation assumed (slow part of Pawluk & Howe)")
+SKIN = ViscoelasticMaterial(1.36e5, 0.07, status="modulus stated, relaxation assumed (middle part of Pawluk & Howe)")
+BONE = ViscoelasticMaterial(1.5e10, 0.0, status="modulus inferred, no relaxation")
 
 STRAIN_LIMIT = 0.9
 """Largest compressive strain of an element [1]: the linear law is invalid beyond it, and at 1 the length is zero."""

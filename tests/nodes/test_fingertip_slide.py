@@ -10,7 +10,7 @@ from palpate.messages import Pose
 from palpate.nodes.base import SettingError
 from palpate.nodes.fingertip import BundleContact, Slide
 from palpate.physics.fingertip.anatomy import Anatomy
-from palpate.physics.materials.viscoelastic import ViscoelasticMaterial
+from palpate.physics.materials.voigt import ViscoelasticMaterial
 
 
 class Dome(BundleContact):

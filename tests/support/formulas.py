@@ -15,8 +15,7 @@ from palpate.physics.fingertip.beam_bundle import bundle, check_count
 from palpate.physics.friction.lugre import stribeck
 from palpate.physics.geometry import nurbs_fit
 from palpate.physics.geometry.nurbs import NurbsPatch, normal_of
-from palpate.physics.materials.viscoelastic import TISSUE
-from palpate.physics.materials.voigt import chain_strain_step
+from palpate.physics.materials.voigt import TISSUE, chain_strain_step
 
 PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2))
 """Of each kernel that spreads a load, in units of R²."""

@@ -72,8 +72,8 @@ def _cut(points: np.ndarray, graph: csr_array) -> np.ndarray | None:
 
 
 def _ranks(points: np.ndarray, graph: csr_array) -> list[np.ndarray]:
-    """Rank of the nodes, from 0 to 1, along each direction to try: of a small part three, else those of `DIRECTIONS` with
-    the fewest nodes next to the middle plane."""
+    """Rank of the nodes, from 0 to 1, along each direction to try: three of a small part, else those of `DIRECTIONS`
+    with the fewest nodes next to the middle plane."""
     count = len(points)
     ranks = []
     for direction in DIRECTIONS if count > SMALL else DIRECTIONS[:3]:

@@ -13,8 +13,7 @@ from palpate.launch.load.repair import repaired
 from palpate.nodes.base import SettingError
 from palpate.nodes.base.mesh_file import flaws
 from palpate.nodes.base.surface import surface_mesh
-from palpate.physics.geometry.heights import heights, summit
-from palpate.physics.geometry.mesh import Mesh, plane
+from palpate.physics.geometry.mesh import Mesh, heights, plane, summit
 from palpate.views.page.steered import steered
 from palpate.views.run import Run
 

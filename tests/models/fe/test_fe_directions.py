@@ -144,7 +144,6 @@ def test_the_directions_that_are_tried_cut_about_as_well_as_all(shape, monkeypat
         pivots, rows = np.diff(tree.first), np.diff(tree.start)
         return float(np.sum(pivots**3 / 3 + pivots**2 * rows + pivots * rows**2))
 
-    monkeypatch.setattr(ordering, "LARGE", 150)
     few = work()
     monkeypatch.setattr(ordering, "TRIED", len(ordering.DIRECTIONS))
     assert few < 1.15 * work()

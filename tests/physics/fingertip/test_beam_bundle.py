@@ -8,8 +8,7 @@ from formulas import dome, stress_history
 from pytest import approx
 
 from palpate.physics.fingertip.beam_bundle import BundleState, bundle, step
-from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
-from palpate.physics.materials.voigt import STRAIN_LIMIT
+from palpate.physics.materials.voigt import BONE, SKIN, STRAIN_LIMIT, TISSUE, ViscoelasticMaterial
 
 ELASTIC = ViscoelasticMaterial(3.4e4, 0.0)
 ELASTIC_SKIN = ViscoelasticMaterial(1.36e5, 0.0)

@@ -141,7 +141,7 @@ def test_asymmetric_bone_shifts_the_pressure_under_a_symmetric_outline():
 
 
 def test_the_modulus_of_the_bone_does_not_matter_in_the_anatomy():
-    from palpate.physics.materials.viscoelastic import BONE, SKIN, TISSUE, ViscoelasticMaterial
+    from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
     forces = []
     for factor in (0.1, 1.0, 10.0):

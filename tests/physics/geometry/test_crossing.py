@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import Delaunay
 from scipy.spatial.transform import Rotation
 
-from palpate.physics.geometry.crossing import crossing
+from palpate.physics.geometry.topology import crossing
 
 
 def flat(rng):

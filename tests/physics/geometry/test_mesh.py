@@ -8,8 +8,8 @@ from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh, plane
 from palpate.physics.geometry.mesh_closest import MeshClosestPoint, track_mesh
 from palpate.physics.geometry.nurbs_fit import sphere
-from palpate.physics.geometry.orient import edge_counts, outward
 from palpate.physics.geometry.tessellate import tessellate
+from palpate.physics.geometry.topology import edge_counts, outward
 
 CUBE = Mesh(
     np.array([[x, y, z] for x in (-1.0, 1) for y in (-1.0, 1) for z in (-1.0, 1)]) * 0.02,

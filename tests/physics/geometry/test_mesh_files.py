@@ -16,8 +16,8 @@ from palpate.nodes.collision import Mesh as MeshNode
 from palpate.nodes.collision import Nurbs
 from palpate.physics.geometry.kidney import kidney
 from palpate.physics.geometry.mesh import Mesh, plane, write_ply
-from palpate.physics.geometry.orient import edge_counts
 from palpate.physics.geometry.tessellate import tessellate
+from palpate.physics.geometry.topology import edge_counts
 
 trimesh = pytest.importorskip("trimesh")
 

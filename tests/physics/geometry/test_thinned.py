@@ -9,8 +9,8 @@ from pytest import approx
 from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.contact.spread import kernel_values
 from palpate.physics.geometry.mesh import Mesh, plane
-from palpate.physics.geometry.orient import edge_counts
 from palpate.physics.geometry.thinned import LEAST, thinned
+from palpate.physics.geometry.topology import edge_counts
 
 SPACING, RADIUS = 1e-3, 8e-3
 
