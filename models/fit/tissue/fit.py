@@ -14,8 +14,7 @@ from palpate.models.fit.tissue import checks
 from palpate.models.fit.tissue.estimate import INDISTINGUISHABLE, Estimate, Problem, estimate, widen_by_scatter
 from palpate.models.fit.tissue.measured import LEAST_ROWS, MeasuredPress
 from palpate.models.fit.tissue.relaxing import parameters
-from palpate.models.fit.tissue.rigs import SHAPES, Law, Rig, closed_form
-from palpate.models.fit.tissue.tables import REFERENCE, check_tabulated, curve, tabulated
+from palpate.models.fit.tissue.rigs import REFERENCE, SHAPES, Law, Rig, check_tabulated, closed_form, curve, tabulated
 from palpate.physics.contact.layer import thickness_factor
 
 MIXED = 2.0
