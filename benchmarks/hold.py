@@ -23,7 +23,7 @@ from palpate.records.reader import Recording
 
 ONE = {"device": ("controller", "friction")}
 GRAPHS = {  # device: controller, frictions
-    **dict.fromkeys(("kidney", "fingertip", "nodule", "remote"), ONE),
+    **dict.fromkeys(("kidney", "fingertip", "nodule", "remote", "texture"), ONE),
     "organs": {"device": ("controller", "friction-kidney", "friction-liver")},
     "pinch": {f"device-{f}": (f"controller-{f}", f"friction-{f}") for f in ("thumb", "index")},
     "palpate-two": {f"device-{f}": (f"controller-{f}", f"friction-{f}") for f in (1, 2)},

@@ -6,7 +6,7 @@ import msgspec
 
 from palpate.messages import Contact, DeviceState, Force, Friction, Ledger, Pose
 from palpate.nodes.base import TABLE, CompiledNode, Out, Wants
-from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, PACE, begin, faded, paced, shared
+from palpate.nodes.base.absence import FADE, FADED, FALL, GAIN, GAP, PACE, begin, faded, paced, shared
 from palpate.physics.device.controller import (
     BRAKE,
     ENERGY,
@@ -55,6 +55,19 @@ def come_back(own):
     own.least = min(energy, 0.0) - LENT
 
 
+@kernel
+def forget_credit(own, released, dt):
+    """Drop the energy observed for commands that the device did not apply: before it let go, it held an older command
+    for up to `GAP` or three steps. What remains is the least energy of this interval and the one before."""
+    state = floats(own.state)
+    if released:
+        state[ENERGY, 0] = min(state[ENERGY, 0], own.credit[0], own.credit[1])
+    own.interval += dt
+    if own.interval > max(GAP, 3.0 * dt):
+        own.credit[1], own.credit[0], own.interval = own.credit[0], state[ENERGY, 0], 0.0
+    own.credit[0] = min(own.credit[0], state[ENERGY, 0])
+
+
 @kernel(error_model="numpy")
 def share_of(own, lacks, pausing, released, touching, dt):
     """The share of force and limit in this step [1].
@@ -65,6 +78,8 @@ def share_of(own, lacks, pausing, released, touching, dt):
     """
     state = floats(own.state)
     missing = own.whole and lacks
+    if own.replaces and not own.whole and not lacks and touching:
+        own.gain.value = 0.0
     if not lacks and (pausing or own.lost):
         come_back(own)
     own.whole, own.lost = own.whole or not lacks, missing
@@ -114,15 +129,15 @@ class Haptic(CompiledNode):
     limit, slew          largest force, and its largest change over time
     ramp                 time in which the largest force is permitted again after an outage
 
-    A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact, a
-    pose, or an input that the contact is computed from is missing, or the device works without the command that it had,
-    the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let go, it
-    ramps up from zero, never above limit/ramp times the time since and, with `passivity`, over a second while the hand
-    rests or is pushed out. It gives out no more energy than the hand has put in since the touch began, 0.5 mJ, and,
-    where the force has been withheld for more than 0.5 s, which is reported, 10 mJ a second from then on. A step that
-    comes late changes the force by no more than one in time. When a ledger trips the force goes to zero within
-    `ramp`, and stays there. A contact that is too steep to be shown, so that more than a hundredth of its force is
-    withheld, is told once.
+    A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact,
+    a pose, or an input that the contact is computed from is missing, or the device works without the command that it
+    had, the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let
+    go, it ramps up from zero, never above limit/ramp times the time since and, with `passivity`, over a second while
+    the hand rests or is pushed out. It gives out no more energy than the hand has put in since the touch began, 0.5
+    mJ, and, where the force has been withheld for more than 0.5 s, which is reported, 10 mJ a second from then on. A
+    step that comes late changes the force by no more than one in time. A node that is restarted during contact begins
+    without force. When a ledger trips the force goes to zero within `ramp`, and stays there. A contact that is too
+    steep to be shown, so that more than a hundredth of its force is withheld, is told once.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -140,11 +155,13 @@ class Haptic(CompiledNode):
 
     State = {
         "gains": (11,), "state": TABLE, "past": TABLE,  # of `physics.device.controller.haptic`
+        "replaces": bool,  # the node of this name that ran before is gone
         "whole": bool, "lost": bool, "had": int, "had_device": int,  # what came before; inputs as bit masks
         "pace": PACE, "gain": GAIN, "friction": FADED,
         "before": (), "least": (),  # [J] of the display: at the last step, and the least at which the force comes back
         "outage": (), "withheld": bool,  # [s] with less than the full force of a contact; whether it was long
         "open": (), "tripped": bool,  # share of the force that is left since the ledger tripped
+        "credit": (2,), "interval": (),  # [J] least energy of this interval and the one before; its age [s]
         "steep": (2,), "too_steep": bool, "steep_dt": (),  # [N] averages of the contact's force and what is withheld
     }  # fmt: skip
 
@@ -160,6 +177,9 @@ class Haptic(CompiledNode):
         begin(self.own["friction"]["gain"], FADE, FADE)
         self.own["least"], self.own["open"] = -LENT, 1.0
         self._told: set[str] = set()
+
+    def replaces(self) -> None:
+        self.own["replaces"] = True
 
     @kernel(error_model="numpy")
     def compute(
@@ -179,6 +199,7 @@ class Haptic(CompiledNode):
         if device.there:
             without, own.had_device = lost(own.had_device, device.present)
             lacks = lacks or without
+            forget_credit(own, without, dt)
         else:
             without = True
         touching = not contact.there or contact.force > 0.0

@@ -133,6 +133,10 @@ class Node:
         """Make the state; also the reset. Slow work (load, build) belongs here. The runner steps the node on examples
         and starts it again before the run, so that what is compiled is compiled by then."""
 
+    def replaces(self) -> None:
+        """Called after `start` if the run began before: a node of this name died or started late, and its state and
+        its last output are lost. On the real clock only."""
+
     def check(self) -> None:
         """SettingError where `start` would not find something that is stored outside the node; `palpate check` asks."""
 

@@ -10,85 +10,20 @@ force for 30 ms falls into the tissue, and what is pressed deeper presses back h
 import math
 import os
 import random
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 from chain_for_runs import Chain, Fate, Lost, nothing
+from lossy_touch import OVER, TAP, TICKS, TOUCH, feel, undisturbed
 from msgspec.structs import replace
 
 from palpate.launch.load.launchfile import find
-from palpate.launch.testing import FakeBus
-from palpate.messages import Message, Pose, Proximity, Surface
+from palpate.messages import Proximity, Surface
 from palpate.nodes.contact import Joint, Series
 from palpate.nodes.controller import Haptic
-from palpate.physics.device.falcon import FALCON
-from palpate.physics.device.falcon_statics import force_kernel
 
-TICKS = 900
 LONGEST = 50  # [ticks] of a loss
-PATH = (
-    "[{to: [0, 0, 0.0935], time: 0.2}, {hold: 0.15}, {to: [0.02, 0, 0.0925], time: 0.25, shape: linear},"
-    "{to: [0, 0, 0.0955], time: 0.1}, {to: [0, 0, 0.113], time: 0.15}]"
-)
-TOUCH = ("scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]", f"scene.hand.path={PATH}")
 ENERGY = 1e-3  # [J]
-OVER = 1.2  # [1]
-
-
-@dataclass
-class Felt:
-    """What the hand felt: most contact force [N], most change of its force in a tick [N], least energy taken up [J]."""
-
-    contact: float = 0.0
-    change: float = 0.0
-    energy: float = 0.0
-    places: list[tuple[float, float, float]] = field(default_factory=list)
-
-
-def feel(run: Chain, lost: Lost, stalls: Mapping[int, int] = {}) -> Felt:
-    """One touch with these losses, and with no step of any node after these steps for so many ticks."""
-    felt, energy, before = Felt(), 0.0, np.zeros(3)
-
-    def told(stream: str, message: Message) -> None:
-        if stream == "contact":
-            felt.contact = max(felt.contact, message.force)
-
-    run.begin()
-    run.lost, run.told = lost, told
-    node, geometry = run.device.node, FALCON.geometry
-    place = node.own["motion"][0].copy()
-    for k in range(TICKS):
-        run.stall(stalls.get(k, 0))
-        run.run(1)
-        force = np.array(force_kernel(geometry, *node.own["applied"], *place)[1:])
-        energy -= force @ (node.own["motion"][0] - place)
-        place = node.own["motion"][0].copy()
-        felt.change = max(felt.change, float(np.linalg.norm(force - before)))
-        felt.energy = min(felt.energy, energy)
-        felt.places.append(tuple((place + np.array(node.origin)).tolist()))
-        before = force
-    return felt
-
-
-def undisturbed(run: Chain, places: list[tuple[float, float, float]]) -> float:
-    """Most contact force [N] of the same motion with nothing lost."""
-    nodes = {slot.name: FakeBus(type(slot.node)(**slot.job.settings)) for slot in run.slots}
-    surface, most, before = None, 0.0, places[0]
-    for place in places:
-        velocity = tuple((a - b) * 1e3 for a, b in zip(place, before, strict=True))
-        (proximity,) = nodes["collision"].publish(Pose(position=place, velocity=velocity, dt=1e-3))
-        if surface is not None:
-            nodes["contact"].hold("body", surface)
-        (contact,) = nodes["contact"].publish(proximity)
-        nodes["friction"].hold("proximity", proximity)
-        (friction,) = nodes["friction"].publish(contact)
-        nodes["spread"].hold("friction", friction)
-        (load,) = nodes["spread"].publish(contact)
-        (surface,) = nodes["tissue"].publish(load)
-        most, before = max(most, contact.force), place
-    return most
 
 
 def losses(run: Chain, random_: random.Random) -> tuple[str, Lost]:
@@ -136,16 +71,10 @@ def test_a_debt_of_energy_after_an_outage_is_not_paid_in_one_blow(chain):
 def test_a_loop_that_stands_still_does_not_jump_in_the_hand(chain, begin, length):
     """A machine stalls, and all nodes with it: the simulated hand stands still as well."""
     run = chain(find("kidney").but(overrides=TOUCH))
-    base, felt = feel(run, nothing), feel(run, nothing, {begin: length})
+    base, felt = feel(run, nothing), feel(run, nothing, lambda tick, felt: run.stall(length if tick == begin else 0))
     assert felt.contact < 1.02 * base.contact and felt.change < base.change + 0.1 and felt.energy >= -ENERGY
 
 
-TAP = (
-    "scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.110]",
-    "scene.hand.path=[{to: [0, 0, 0.0935], time: 0.0425, shape: linear}, {hold: 0.3},"
-    "{to: [0, 0, 0.110], time: 0.05, shape: linear}, {to: [0, 0, 0.095], time: 0.0425, shape: linear}, {hold: 0.2}]",
-)  # fmt: skip
-"""0.4 m/s."""
 KINDS = ("single", "alternating", "bursts", "delayed", "copies")
 
 

@@ -3,7 +3,7 @@ that come late, are lost on the way, or are not sent. Only the numbers of the ti
 answer."""
 
 from collections.abc import Callable
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from itertools import count
 from types import SimpleNamespace
 
@@ -12,7 +12,9 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.load.plan import plan
 from palpate.launch.load.recording import set_recording
 from palpate.launch.run.assign import jobs
+from palpate.launch.run.wire.wires import blocked_by
 from palpate.launch.run.work import real
+from palpate.launch.run.work.worker import Worker
 from palpate.messages import Message
 from palpate.nodes.device import Simulated
 
@@ -34,6 +36,7 @@ class Chain:
     lost  which messages never come
     fate  when the messages come; by default as `late` and `lost` say
     told  hears every message that is sent
+    halted  whether a node is stopped at a tick, as by SIGSTOP
     """
 
     def __init__(self, launch: LaunchFile, late: int = 0, lost: Lost = nothing) -> None:
@@ -54,6 +57,7 @@ class Chain:
         self.way: list[tuple[int, int, Input, Message]] = []
         self._sent = count()
         self.told: Callable[[str, Message], None] = lambda stream, message: None
+        self.halted: Callable[[str, int], bool] = lambda node, tick: False
         self.begin()
 
     def begin(self) -> None:
@@ -61,9 +65,11 @@ class Chain:
         for slot in self.slots:
             slot.begin()
             slot.due = 0
+            slot.blocked = False
             for port in slot.inputs:
                 port.queue.clear()
                 port.message = None
+                port.dead = not port.stream
         self.way.clear()
         self.tick, self.clock = 0, 0
         self.ran = {slot.name: -1 for slot in self.slots}
@@ -78,7 +84,7 @@ class Chain:
         for _ in range(ticks):
             self._arrive()
             for slot in self.slots:
-                if slot.name != stopped:
+                if slot.name != stopped and not slot.blocked and not self.halted(slot.name, self.tick):
                     self._step(slot)
                     self._arrive()
             self.tick += 1
@@ -86,6 +92,29 @@ class Chain:
     def stall(self, ticks: int) -> None:
         """No node has a processor for so long."""
         self.tick += ticks
+
+    def die(self, name: str) -> None:
+        """A node ends; its readers know at once, and those that cannot do without it wait."""
+        self._death({name}, back=False)
+        self._slot(name).blocked = True
+
+    def revive(self, name: str) -> None:
+        """It is back, without a memory."""
+        slot = self._slot(name)
+        slot.begin()
+        slot.node.replaces()
+        self.ran[name] = self.tick - 1
+        self.way = [entry for entry in self.way if entry[2] not in slot.inputs]
+        heapify(self.way)
+        self._death({name}, back=True)
+        slot.blocked = False
+
+    def _death(self, nodes: set[str], back: bool) -> None:
+        blocked = blocked_by([self.worker.job], nodes)
+        Worker._handle_deaths(SimpleNamespace(slots=self.slots, parts=()), nodes, blocked, back)
+
+    def _slot(self, name: str) -> Slot:
+        return next(slot for slot in self.slots if slot.name == name)
 
     def _arrive(self) -> None:
         while self.way and self.way[0][0] <= self.tick:

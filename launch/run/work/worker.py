@@ -161,6 +161,9 @@ class Worker:
         if self._real:
             self._since = max(0, int((now() - origin) * 1e-9 * self.job.rate))
             self.tick = max(self.tick, self._since - 1)  # ignore messages from before a restart
+            if self._since > 0:
+                for slot in self.slots:
+                    slot.node.replaces()
         self._tell_observers({slot.name: slot.health.report() for slot in self.slots})
 
     def finish(self) -> None:

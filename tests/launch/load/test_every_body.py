@@ -14,7 +14,7 @@ BODIES = sorted({*bodies(), "deformation.MassSpring", "deformation.Rigid"})
 PRESSED = {
     "kidney": ["tissue"], "cartesian": ["tissue"], "falcon": ["tissue"], "falcons": ["tissue"], "fingertip": ["tissue"],
     "nodule": ["tissue"], "organs": ["kidney", "liver"], "palpate-two": ["tissue"], "pinch": ["tissue"],
-    "remote": ["tissue"],
+    "remote": ["tissue"], "texture": ["tissue"],
 }  # fmt: skip
 """Graphs with bodies, and the nodes that these are."""
 

@@ -5,6 +5,7 @@ from itertools import count
 
 import pytest
 
+from palpate.engine.clock import now
 from palpate.engine.slot import Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.load.launchfile import find
@@ -91,3 +92,16 @@ def test_a_node_steps_if_it_is_due_and_not_blocked_and_has_its_inputs():
     host, node = Host(), Node("steps")
     run_tick([node, Node("later", due=6), Node("dead", blocked=True), Node("lacks")], 5, host)
     assert host.stepped == [("steps", 5)] and node.steps == [(5, 7, [], 2e-3)]
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_worker_that_begins_after_the_run_tells_its_nodes_that_they_replace_others(late):
+    launch = replace(find("kidney").but(place="fused"), record=None)
+    planned = plan(launch.load())
+    [job] = jobs(planned, launch.placement(planned), clock="real", ticks=TICKS)
+    worker = Worker(job, None, lambda report: None)
+    worker.start()
+    worker.begin(now() + (-1_000_000_000 if late else 1_000_000_000))
+    [controller] = [slot.node for slot in worker.slots if slot.name == "controller"]
+    assert controller.own["replaces"] == late
+    worker.stop()
