@@ -3,7 +3,8 @@
 By default MassSpring has the force law of a ball; under a patch of fixed width the law differs. The touch of the graph
 is recorded once and computed again by the reference. Its indentation s and force f during contact determine
 
-    MassSpring   f = K s^n (1 + c s')    K, n, c by least squares of f: for each n a linear problem in K and K c >= 0
+    MassSpring   f = K <s + tau s'>^n (1 + c s')    K, n, c, tau by least squares of f: for each n and tau a linear
+                 problem in K and K c >= 0
     BeamBundle   all moduli times a and all relaxation times times b, by least squares of s under the loads of the
                  reference. Below the strain limit s is linear in 1/a, so the best a for each b has a closed form
 
@@ -35,6 +36,8 @@ from palpate.studies.search import Show, record_touch, relative_error, write
 
 QUANTITIES = ("force", "indentation", "shape")
 LEAST = 20  # Fewest samples in contact for a fit
+MOST_RETARDATION = 0.2  # [s]
+NEGLIGIBLE = 1e-3  # [1] Decrease of the residual below which a retardation is not fitted
 SLOWER = (1e-4, 1e2)  # Range of the factor of the relaxation times
 PatchLoad = tuple[np.ndarray, np.ndarray, tuple[float, float, float], tuple[float, float, float]]
 """Nodes (k) and forces [N] (k,3) of a load, foot [m] (3) and outward normal [1] (3)."""
@@ -132,18 +135,27 @@ def words(errors: dict[str, float]) -> str:
 
 
 def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[str, Any]:
-    """K [N/m^n], n in [1, 3] and c >= 0 [s/m] of f = K s^n (1 + c s') through s [m], s' [m/s] and f [N] (T,)."""
+    """K [N/m^n], n in [1, 3], c >= 0 [s/m] and tau in [0, `MOST_RETARDATION`] [s] of f = K <s + tau s'>^n (1 + c s')
+    through s [m], s' [m/s] and f [N] (T,)."""
     deepest = float(depth.max())
 
-    def solved(n: float) -> tuple[np.ndarray, float]:
-        elastic = (depth / deepest) ** n
+    def solved(n: float, tau: float) -> tuple[np.ndarray, float]:
+        elastic = np.maximum((depth + tau * rate) / deepest, 0.0) ** n
         return optimize.nnls(np.stack([elastic, elastic * rate], axis=1), force)
 
-    n = float(optimize.minimize_scalar(lambda n: solved(n)[1], bounds=(1.0, 3.0), method="bounded").x)
-    (k, kc), _ = solved(n)
+    def exponent(tau: float) -> float:
+        return float(optimize.minimize_scalar(lambda n: solved(n, tau)[1], bounds=(1.0, 3.0), method="bounded").x)
+
+    def residual(tau: float) -> float:
+        return solved(exponent(tau), tau)[1]
+
+    best = optimize.minimize_scalar(residual, bounds=(0.0, MOST_RETARDATION), method="bounded", options={"xatol": 1e-6})
+    tau = float(best.x) if best.fun < (1.0 - NEGLIGIBLE) * residual(0.0) else 0.0
+    n = exponent(tau)
+    (k, kc), _ = solved(n, tau)
     if not k > 0.0:
         raise ArgumentError("no power law fits: the force of the reference does not rise with its indentation")
-    rounded = {"stiffness": k / deepest**n, "exponent": n, "damping": kc / k}
+    rounded = {"stiffness": k / deepest**n, "exponent": n, "damping": kc / k, "retardation": tau}
     return {name: float(f"{value:.6g}") for name, value in rounded.items()}
 
 

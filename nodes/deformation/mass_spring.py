@@ -10,12 +10,14 @@ from palpate.nodes.base import ARRAY, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
 from palpate.physics.bodies.mass_spring import (
+    AT_REST,
     NodalBody,
     deeper,
     mean_hardness,
     move,
     nodal_body,
     normal_force,
+    retarded,
     shared,
     shifted,
 )
@@ -32,9 +34,9 @@ _body_of = unpacking(NodalBody)
 class MassSpring(CompiledNode, WithNodule):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
-    The total normal force moves one indentation s by the law K s^n <1 + c s'>; that law is the terminal law as it
-    stands, so contact and body together solve the same equations as one solver would. The surface follows by the nodal
-    law.
+    The total normal force moves one indentation s by the law K <s + tau s'>^n <1 + c s'>. In an implicit step this law
+    is a terminal law, so contact and body together solve the same equations as one solver would. The surface follows by
+    the nodal law. A solid under a patch of fixed width follows tau (n = 1), a ball on a solid n = 1.5.
 
     Several contacts share their forces where their patches overlap: F_i + sum_j O_ij F_j moves s_i, O from 1 at one
     place to 0 at twice the patches' radius. The surface is the deeper of their dents.
@@ -46,6 +48,8 @@ class MassSpring(CompiledNode, WithNodule):
     stiffness: Annotated[float, "N/m^n", msgspec.Meta(gt=0)] = 3.0e3
     exponent: Annotated[float, "1", msgspec.Meta(ge=1, le=3)] = 1.5
     damping: Annotated[float, "s/m", NotNegative, Switch("relaxation")] = 5.0
+    retardation: Annotated[float, "s", NotNegative, Switch("relaxation")] = 0.0
+    """Kelvin-Voigt: viscosity over modulus."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch under a finger, where several press
@@ -59,8 +63,9 @@ class MassSpring(CompiledNode, WithNodule):
         about="The vertices of the surface that are displaced, and how far [m]; each contact as deep as all forces "
         "press it.",
     )  # fmt: skip
-    State = SEVERAL | {"body": form(NodalBody), "hard": ARRAY, "forces": ARRAY, "acting": ARRAY}
-    """The surface; factor on K of each vertex where there is a nodule; normal forces [N] of contacts, alone and all."""
+    State = SEVERAL | {"body": form(NodalBody), "hard": ARRAY, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY}
+    """The surface; factor on K of each vertex where there is a nodule; of each contact: normal force [N] alone and of
+    all, factor on K under it."""
 
     shared = "hard", "body.law", "body.nodal", "body.edges"
 
@@ -81,11 +86,12 @@ class MassSpring(CompiledNode, WithNodule):
         self._count = count
         make_room(self, count)
         self._held["laws"][:, :3] = self.stiffness, self.exponent, self.damping
+        self.hold("factors", np.ones(count))
         self.hold("forces", np.zeros(count))
         self.hold("acting", np.zeros(count))
         if self.own["shape"]:
             law = (self.stiffness, self.exponent, self.damping, self.tangential_stiffness, self.tangential_damping)
-            self.hold("body", nodal_body(self.mesh(), *law, self._hardness, count))
+            self.hold("body", nodal_body(self.mesh(), *law, self._hardness, count, self.retardation))
 
     @kernel
     def idle(own, load, out, dt):
@@ -106,16 +112,19 @@ class MassSpring(CompiledNode, WithNodule):
                 other = nth(load, j)
                 coupling[i, j] = shared(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
-        stored = 0.0
+        stored, factors = 0.0, floats(own.factors)
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
-            stiffness = laws[i, 0]  # over a nodule that of the last load
             if own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
                 normal, hardness = vector(each.normal), floats(own.hard)
-                stiffness = own.stiffness * mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
-            s = indentation(acting[i], dt, stiffness, own.exponent, own.damping, 0.0, laws[i, 4])
-            laws[i, 0], laws[i, 4] = stiffness, s
+                factors[i] = mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
+            stiffness, previous = own.stiffness * factors[i], laws[i, 4]
+            moving, rest = retarded(stiffness, own.exponent, own.retardation, dt)
+            s = indentation(acting[i], dt, moving, own.exponent, own.damping, rest * previous, previous)
+            if not acting[i] > 0.0 and s < AT_REST:
+                s = 0.0
+            laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * s, s
             if own.energy:
                 grown = own.exponent + 1.0
                 share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
@@ -123,7 +132,7 @@ class MassSpring(CompiledNode, WithNodule):
         if own.energy:
             one(out.stored, stored)
         send_laws(own, out)
-        out.step = dt
+        out.step, out.relaxation = dt, own.retardation
         if not own.shape:
             return
         body, count = _body_of(own.body), 0

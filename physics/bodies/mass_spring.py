@@ -3,12 +3,13 @@
 Node j of area A_j carries the pressure p_j = f_j/A_j. Its normal law is the law of the contact for a fraction of the
 total normal force f [N],
 
-    K u^n <1 + c (u - u_j)/T> = f p_j/p_max,
+    K <u + tau (u - u_j)/T>^n <1 + c (u - u_j)/T> = f p_j/p_max,
 
 so that the node with the largest pressure moves by the indentation s of the contact, and at rest
-u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- <u - T/c>. Along the surface each node
-has a linear spring k_t and damper d_t, by backward Euler: u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the
-total. A compact list contains the nodes that are loaded or have not recovered.
+u(d) = s (k(d)/k(0))^{1/n} for a force spread by a kernel k. Without load, u <- max(u tau/(T + tau), u - T/c). Along
+the surface each node has a linear spring k_t and damper d_t, by backward Euler:
+u_t <- (f_t T p_j/p_max + d_t u_t)/(k_t T + d_t), f_t the total. A compact list contains the nodes that are loaded or
+have not recovered.
 """
 
 import math
@@ -18,7 +19,7 @@ import numpy as np
 
 from palpate.physics.bodies import patch
 from palpate.physics.bodies.stretch import Neighbours, StretchWorkspace, limit_stretch, neighbours
-from palpate.physics.contact.terminal import indentation
+from palpate.physics.contact.terminal import free_recovery, indentation, power_of
 from palpate.physics.dot import dot
 from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
@@ -92,6 +93,20 @@ def _size(x):
 
 
 @kernel(error_model="numpy")
+def retarded(stiffness, exponent, retardation, dt):
+    """The law K <s + tau s'>^n of a Kelvin-Voigt body in a step of dt > 0 [s] as a terminal law, K_T <s - s_free>^n:
+
+        K_T = K/m^n,    s_free = (1 - m) s_prev,    m = T/(T + tau)
+
+    Returns K_T [N/m^n] and 1 - m [1]. retardation tau >= 0 [s]; with 0 the law does not depend on the step. To first
+    order in tau this is the law of viscoelastic spheres (N. V. Brilliantov et al., Phys. Rev. E 53 (1996) 5382-5392):
+    K (s^n + n tau s^(n-1) s').
+    """
+    rest = retardation / (dt + retardation)
+    return stiffness / power_of(1.0 - rest, exponent), rest
+
+
+@kernel(error_model="numpy")
 def mean_hardness(nodes, forces, normal, hardness):
     """Mean of the factor on K over a load, weighted by the normal forces; 1 without load."""
     total = weighted = 0.0
@@ -144,7 +159,7 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, stat
     """One step of the nodal law; returns the number of displaced nodes.
 
     nodes (k), forces [N] (k,3)   the load; normal [1] (3): outward at the contact
-    law      (6)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m]
+    law      (7)     K [N/m^n], n, c [s/m], k_t [N/m], d_t [N s/m], shortest edge [m], tau [s]
     nodal    (2,V)   factor on K of each node, and inverse nodal areas [1/m²]
     where, active (V)  slot of each node in the list, -1 outside, and node of each slot
     state    (V,10)  by slot: u [m], u_t [m] (3), normal [1] (3) of the last load, load [N] (3)
@@ -152,7 +167,8 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, stat
     room             workspace of `stretch.limit_stretch`
     count            length of the list before the step
     """
-    stiffness, exponent, damping, k_t, d_t, shortest = law[0], law[1], law[2], law[3], law[4], law[5]
+    exponent, damping, k_t, d_t, shortest = law[1], law[2], law[3], law[4], law[5]
+    stiffness, rest = retarded(law[0], exponent, law[6], dt)
     hardness, per_area = nodal[0], nodal[1]
     total, peak, count = take_load(nodes, forces, normal, per_area, where, active, state, count)
     # backward Euler along the surface, u_t <- keep u_t + gain f_t; `share` makes pressures fractions of the total
@@ -168,13 +184,13 @@ def nodal_step(nodes, forces, normal, dt, law, nodal, edges, where, active, stat
         if push > 0.0:
             scale = share * per_area[active[slot]]
             local = stiffness * hardness[active[slot]]
-            state[slot, 0] = indentation(push * scale, dt, local, exponent, damping, 0.0, u)
+            state[slot, 0] = indentation(push * scale, dt, local, exponent, damping, rest * u, u)
             scale *= gain
             for k in range(3):
                 state[slot, 4 + k] = normal[k]
                 state[slot, 1 + k] += scale * (state[slot, 7 + k] + push * normal[k])
         else:
-            state[slot, 0] = max(0.0, u - dt / damping) if damping > 0.0 else 0.0
+            state[slot, 0] = free_recovery(u, rest * u, damping, dt)
         widest = max(widest, state[slot, 1] ** 2 + state[slot, 2] ** 2 + state[slot, 3] ** 2)
     # limit differences between neighbours, remove recovered nodes, add both parts of the displacement
     if 2.0 * math.sqrt(widest) > MOST_STRAIN * shortest:
@@ -232,12 +248,13 @@ def nodal_body(
     tangential_damping: float,
     hardness: np.ndarray | None = None,
     contacts: int = 1,
+    retardation: float = 0.0,
 ) -> NodalBody:
     """A body at rest.
 
     stiffness K [N/m^n], exponent n >= 1, damping c [s/m], tangential_stiffness k_t [N/m] > 0,
-    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node. Nodal areas are at least 1e-6 of the
-    mean.
+    tangential_damping d_t [N s/m] >= 0, hardness (V) factor on K of each node, retardation tau >= 0 [s]. Nodal areas
+    are at least 1e-6 of the mean.
     """
     size, several = len(mesh.vertices), len(mesh.vertices) if contacts > 1 else 0
     mean = float(mesh.areas.mean())
@@ -246,7 +263,8 @@ def nodal_body(
     edges = neighbours(mesh)
     shortest = float(edges.spans.min(initial=math.inf))
     return NodalBody(
-        np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest]), nodal, edges,
+        np.array([stiffness, exponent, damping, tangential_stiffness, tangential_damping, shortest, retardation]),
+        nodal, edges,
         np.full((contacts, size), -1, np.int32), np.zeros((contacts, size), np.int32),
         np.zeros((contacts, size, 10)), np.zeros((contacts, size, 3)), np.zeros(contacts, np.int32),
         StretchWorkspace.of(size), np.zeros(several, np.int32), np.zeros((several, 3)),

@@ -24,12 +24,16 @@ TAP = (
 )
 
 
-@pytest.mark.parametrize(("n", "c"), [(1.0, 0.0), (1.5, 5.0), (2.2, 1.0)])
-def test_a_power_law_is_found_again_from_its_own_force(n, c):
+@pytest.mark.parametrize(
+    ("n", "c", "tau"), [(1.0, 0.0, 0.0), (1.5, 5.0, 0.0), (2.2, 1.0, 0.0), (1.0, 0.0, 0.02), (1.4, 2.0, 0.007)]
+)
+def test_a_power_law_is_found_again_from_its_own_force(n, c, tau):
     t = np.linspace(0.01, 1.0, 300)
     depth, rate = 5e-3 * np.sin(3.0 * t) ** 2 + 1e-5, 5e-3 * 3.0 * np.sin(6.0 * t)
-    found = power_law(depth, rate, 900.0 * depth**n * (1.0 + c * rate))
+    force = 900.0 * np.maximum(depth + tau * rate, 0.0) ** n * (1.0 + c * rate)
+    found = power_law(depth[force > 0.0], rate[force > 0.0], force[force > 0.0])
     assert found["exponent"] == approx(n, abs=2e-3) and found["damping"] == approx(c, abs=0.02)
+    assert found["retardation"] == approx(tau, rel=0.01)
     assert found["stiffness"] * 5e-3 ** found["exponent"] == approx(900.0 * 5e-3**n, rel=1e-3)
 
 

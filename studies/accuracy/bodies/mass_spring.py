@@ -40,8 +40,9 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
 
 
 def _calibrated(touch: BenchCase) -> dict[str, Any]:
-    """As `palpate fit body`: K, n and c from ReducedFE on one test case, used for all of them."""
-    return _constants() | ({"damping": 0.0} if touch.retardation == 0.0 else {}) | (NODULE if touch.nodule else {})
+    """As `palpate fit body`: K, n, c and tau from ReducedFE on one test case, used for all of them."""
+    elastic = {"damping": 0.0, "retardation": 0.0} if touch.retardation == 0.0 else {}
+    return _constants() | elastic | (NODULE if touch.nodule else {})
 
 
 @lru_cache(maxsize=1)

@@ -18,7 +18,7 @@ from palpate.nodes.spread import Kernel
 from palpate.physics.bodies.mass_spring import MOST_STRAIN
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.spread import kernel_values
-from palpate.physics.contact.terminal import terminal_force
+from palpate.physics.contact.terminal import indentation, law_at, terminal_force
 from palpate.physics.geometry.mesh import plane
 
 K, N, C = 3.0e3, 1.5, 5.0
@@ -216,3 +216,60 @@ def test_the_field_is_left_out_where_nobody_wants_it():
     (lean,) = FakeBus(node).publish(on)
     assert full.nodes.size == 2 and lean.nodes.size == 0
     assert lean.previous_indentation == full.previous_indentation > 0
+
+
+def retarded_path(dt, forces, **law):
+    """Indentations [m] of the node under these normal forces [N], one a step of dt [s]."""
+    node = MassSpring(surface="plane", vertices=400, position=(0, 0, 0), **law)
+    bus, depths = FakeBus(node, rate=1.0 / dt), []
+    for f in forces:
+        (sent,) = bus.publish(Load(nodes=[0], forces=[(0.0, 0.0, -f)], foot=(0, 0, 0), normal=UP))
+        depths.append(sent.previous_indentation)
+    return np.array(depths)
+
+
+def test_a_retarded_spring_converges_to_the_kelvin_voigt_solid_with_order_1():
+    """Under f = F sin(wt) from rest, K (s + tau s') = f has s = F/K (sin wt - wq cos wt + wq e^(-t/q))/(1 + (wq)^2)."""
+    tau, w, force = 0.02, 2.0 * math.pi * 5.0, 2.0
+    errors = []
+    for dt in (1e-3, 5e-4, 2.5e-4):
+        t = dt * np.arange(1, round(0.09 / dt) + 1)
+        found = retarded_path(dt, force * np.sin(w * t), stiffness=250.0, exponent=1.0, damping=0.0, retardation=tau)
+        q = w * tau
+        exact = force / 250.0 * (np.sin(w * t) - q * np.cos(w * t) + q * np.exp(-t / tau)) / (1.0 + q * q)
+        errors.append(np.abs(found - exact).max() / exact.max())
+    assert errors[0] < 0.02
+    assert math.log2(errors[0] / errors[1]) == approx(1.0, abs=0.1) == math.log2(errors[1] / errors[2])
+
+
+@given(st.floats(1.0, 3.0), st.floats(0.0, 10.0), st.floats(0.0, 0.2), st.integers(0, 10**6))
+@settings(max_examples=25, deadline=None)
+def test_a_retarded_spring_gives_back_no_more_than_it_got(n, c, tau, seed):
+    rng = np.random.default_rng(seed)
+    forces = np.repeat(rng.uniform(0.0, 4.0, 40) * rng.integers(0, 2, 40), rng.integers(1, 30, 40))
+    law = {"stiffness": 250.0 * 8e-3 ** (1.0 - n), "exponent": n, "damping": c, "retardation": tau}
+    depths = retarded_path(1e-3, forces, **law)
+    work = np.cumsum(forces * np.diff(depths, prepend=0.0))
+    stored = law["stiffness"] * depths ** (n + 1.0) / (n + 1.0)
+    assert (work >= stored - 1e-9).all() and (depths >= 0.0).all()
+
+
+def test_without_load_a_retarded_spring_recovers_exponentially_and_then_sleeps():
+    law = {"stiffness": 250.0, "exponent": 1.0, "damping": 0.0, "retardation": 0.01}
+    depths = retarded_path(1e-3, [2.0] * 200 + [0.0] * 400, **law)
+    assert depths[199] == approx(2.0 / 250.0, rel=1e-6)
+    assert depths[200:260] == approx(depths[199] * (10.0 / 11.0) ** np.arange(1, 61), rel=1e-9)
+    assert depths[-1] == 0.0
+
+
+def test_the_law_of_a_retarded_spring_is_that_of_any_step_length():
+    """A contact at another rate converts the law; for this body the conversion is exact, for every exponent."""
+    node = MassSpring(surface="plane", vertices=400, exponent=1.4, damping=0.0, retardation=0.01)
+    bus = FakeBus(node)
+    (sent,) = bus.publish(Load(nodes=[0], forces=[(0.0, 0.0, -1.0)], foot=(0, 0, 0), normal=UP))
+    before, force, length = sent.previous_indentation, 1.7, 3e-3
+    law = sent.stiffness, sent.exponent, 0.0, sent.rest_indentation, before
+    stiffness, free = law_at(length, before, law, sent.step, sent.relaxation)
+    share = length / (length + 0.01)
+    expected = (1.0 - share) * before + share * (force / node.stiffness) ** (1.0 / 1.4)
+    assert indentation(force, length, stiffness, 1.4, 0.0, free, before) == approx(expected, rel=1e-9)
