@@ -37,7 +37,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--duration", type=float, default=6.3, help="[s] of simulated time a point")
     given = parser.parse_args()
-    stiffness = {"linspace": [1.5e3, 4.5e3, given.points]}
+    stiffness = {"linspace": [130, 390, given.points]}
     study = palpate.Study("kidney", {"tissue.stiffness": stiffness}, duration=given.duration)
     task = Task(study.launch, study.keep, study._about["versions"], None)
     print(f"kidney, {given.duration:g} s of simulated time a point, {given.points} points, {given.rounds} rounds; "
@@ -53,7 +53,7 @@ def main() -> None:
         home = Path(folder)
         with local(1, home / "one.log") as one, local(2, home / "two.log") as two:
             for number, client in enumerate((one, two)):
-                warm = palpate.Study("kidney", {"tissue.stiffness": [1.1e3, 1.2e3, 1.3e3, 1.4e3]}, duration=0.5)
+                warm = palpate.Study("kidney", {"tissue.stiffness": [110, 120, 125, 128]}, duration=0.5)
                 warm.run(home / f"warm{number}", client)
             for turn in range(given.rounds):
                 ways: dict[str, Callable[[], object]] = {

@@ -154,7 +154,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Begin an episode: `draw`, every node as at its start, and one tick. `options`: settings by node, which go
-        before those drawn, {"tissue": {"stiffness": 2e3}}."""
+        before those drawn, {"tissue": {"stiffness": 200}}."""
         changes = self.begin(seed, options)
         if not self._started:
             self.stepper.start()

@@ -32,7 +32,7 @@ Graph = Annotated[
 ]
 Sets = Annotated[
     list[str] | None,
-    typer.Option("--set", help="Set one value: tissue.stiffness=2e3, scene.finger.thickness='3 mm', rate=500."),
+    typer.Option("--set", help="Set one value: tissue.stiffness=200, scene.finger.thickness='3 mm', rate=500."),
 ]
 SceneOption = Annotated[str | None, typer.Option("--scene", help="Scene to use instead of the graph's.")]
 PlaceOption = Annotated[

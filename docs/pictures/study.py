@@ -23,7 +23,7 @@ def main(folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as results:
         for target, (name, quantity) in PICTURES.items():
-            study, _ = load(find(name))
+            study = load(find(name))
             study.run(Path(results, name)).plot(quantity).savefig(folder / target)
     return [folder / target for target in PICTURES]
 

@@ -1,6 +1,6 @@
 """What a study varies: values that are crossed with one another, and samples of distributions.
 
-{"tissue.stiffness": {"linspace": [2e3, 4e3, 5]},             # crossed with all others
+{"tissue.stiffness": {"linspace": [200, 400, 5]},             # crossed with all others
  "finger.thickness, finger.finger_damping": [["3 mm", 6], ["4 mm", 8]],     # these two together
  "tissue.damping": {"uniform": [2, 8]}}                       # sampled, together with all other distributions
 """

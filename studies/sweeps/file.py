@@ -2,7 +2,7 @@
 
 graph: kidney                     # or a launch file or graph; `scene`, `duration`, `set` as there
 over:                             # what varies
-  tissue.stiffness: {linspace: [2e3, 4e3, 5]}
+  tissue.stiffness: {linspace: [200, 400, 5]}
   tissue.use: [deformation.MassSpring, deformation.Rigid]
 keep: [peak contact.force, curve contact.force]
 """
@@ -26,7 +26,7 @@ class _File(msgspec.Struct, kw_only=True):
     """What the file says: the arguments of `Study`."""
 
     graph: Text = "kidney"
-    over: Annotated[_Mapping, msgspec.Meta(description="a mapping such as {tissue.stiffness: [2e3, 4e3]}")]
+    over: Annotated[_Mapping, msgspec.Meta(description="a mapping such as {tissue.stiffness: [200, 400]}")]
     keep: Annotated[list[str], msgspec.Meta(description="a list such as [peak contact.force]")]
     scene: str | dict[str, Any] | None = None
     duration: Annotated[float, quantity("s", 1e-9, 1e9)] | None = None

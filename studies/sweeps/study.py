@@ -1,6 +1,6 @@
 """A study: one graph at many points.
 
-study = palpate.Study("kidney", over={"tissue.stiffness": {"linspace": [2e3, 4e3, 8]}}, keep=["peak contact.force"])
+study = palpate.Study("kidney", over={"tissue.stiffness": {"linspace": [200, 400, 8]}}, keep=["peak contact.force"])
 study.run("out/")
 study.table()
 """
@@ -70,7 +70,7 @@ class Study:
         limit: float | str | None = "10 min",
     ) -> None:
         if not over:
-            raise ArgumentError("over: found nothing, expected what varies, such as {'tissue.stiffness': [2e3, 4e3]}")
+            raise ArgumentError("over: found nothing, expected what varies, such as {'tissue.stiffness': [200, 400]}")
         if isinstance(keep, str) or not keep:
             raise ArgumentError(f"keep: found {keep!r}, expected a list such as ['peak contact.force']")
         given = scene if isinstance(scene, Mapping) or scene is None else find_file(str(scene), SCENES, what="scene")

@@ -209,7 +209,7 @@ def test_settings_of_one_episode_end_with_it():
     with pytest.raises(SettingError, match="no setting 'stifness'"):
         env.reset(options={"tissue": {"stifness": 1.0}})
     env.reset()
-    assert env.tick.settings("tissue")["stiffness"] == 3000.0
+    assert env.tick.settings("tissue")["stiffness"] == 257.0
     env.close()
 
 

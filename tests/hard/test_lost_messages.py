@@ -69,10 +69,11 @@ def test_a_debt_of_energy_after_an_outage_is_not_paid_in_one_blow(chain):
 
 @pytest.mark.parametrize(("begin", "length"), [(310, 30), (500, 100), (600, 10)])
 def test_a_loop_that_stands_still_does_not_jump_in_the_hand(chain, begin, length):
-    """A machine stalls, and all nodes with it: the simulated hand stands still as well."""
+    """A machine stalls, and all nodes with it: the simulated hand stands still as well, and the viscous part of the
+    force ends with its motion."""
     run = chain(find("kidney").but(overrides=TOUCH))
     base, felt = feel(run, nothing), feel(run, nothing, lambda tick, felt: run.stall(length if tick == begin else 0))
-    assert felt.contact < 1.02 * base.contact and felt.change < base.change + 0.1 and felt.energy >= -ENERGY
+    assert felt.contact < 1.02 * base.contact and felt.change < base.change + 0.2 and felt.energy >= -ENERGY
 
 
 KINDS = ("single", "alternating", "bursts", "delayed", "copies")

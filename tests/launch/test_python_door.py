@@ -186,9 +186,9 @@ def test_settings_change_between_two_ticks():
     for tick in palpate.steps("kidney", duration=0.4, sets=QUICK):
         if tick.number == 249:
             before = tick.contact.force
-            assert tick.settings("tissue")["stiffness"] != 50.0
-            tick.set("tissue", stiffness=50.0, nodule_depth="7 mm")
-            assert tick.settings("tissue")["stiffness"] == 50.0 and tick.settings("tissue")["nodule_depth"] == 0.007
+            assert tick.settings("tissue")["stiffness"] != 5.0
+            tick.set("tissue", stiffness=5.0, nodule_depth="7 mm")
+            assert tick.settings("tissue")["stiffness"] == 5.0 and tick.settings("tissue")["nodule_depth"] == 0.007
         after = tick.contact.force
     assert tick.number == 399
     assert 0.0 < after < 0.5 * before

@@ -69,7 +69,9 @@ def test_what_does_nothing_keeps_its_rate(write, tmp_path):
 def kidney(tmp_path_factory):
     """A press that comes down at once, and a slide."""
     path = "[{to: [0, 0, 0.0935], time: 0.15}, {to: [0.005, 0, 0.0935], time: 0.1, shape: linear}]"
-    sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.107]", f"scene.hand.path={path}"]
+    sets = ["scene.surface.vertices=400", "scene.hand.begin=[0, 0, 0.107]", f"scene.hand.path={path}",
+            "scene.tissue.stiffness=3e3", "scene.tissue.exponent=1.5", "scene.tissue.damping=5",
+            "scene.tissue.retardation=0"]  # fmt: skip
     return record_touch(find("kidney").but(duration=0.25, overrides=sets), tmp_path_factory.mktemp("kidney") / "t.mcap")
 
 

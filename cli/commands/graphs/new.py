@@ -29,7 +29,7 @@ graph: {graph}
 clock: simulated                     # or real
 duration: 2 s
 record: all                          # or sources (smaller, the rest is recomputed), or NAME.mcap
-# set: {{rate: 500}}                   # values as for `--set`, such as tissue.stiffness: 2e3
+# set: {{rate: 500}}                   # values as for `--set`, such as tissue.stiffness: 200
 """
 
 

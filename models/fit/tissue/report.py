@@ -119,7 +119,8 @@ def scene(fit: TissueFit) -> str:
     if young is not None:
         tissue = under_finger(young[0] / (1.0 - _poisson(fit) ** 2))
         why = (
-            f"Hertz's law of a finger of {1e3 * FINGER_RADIUS:g} mm with the modulus at rest, without strain stiffening"
+            f"the law of a finger's patch of {1e3 * FINGER_RADIUS:g} mm with the modulus at rest, without strain "
+            "stiffening"
         )
     elif "exponent" in values:
         ratio = 1.0 if fit.rig.kind == "fingertip" else math.sqrt(FINGER_RADIUS / fit.rig.radius)
@@ -135,9 +136,8 @@ def scene(fit: TissueFit) -> str:
         tissue = {"stiffness": force / depth**exponent, "exponent": exponent}
         why = f"a power law with the force and the stiffness of the exponential at {1e3 * depth:.3g} mm"
     if fit.relaxation == "hunt-crossley":
-        tissue["damping"] = values["damping"]
-    elif fit.relaxation == "kelvin-voigt":  # K s^n (1 + n tau s'/s), at half the depth
-        tissue["damping"] = tissue["exponent"] * values["retardation"] / (0.5 * depth)
+        tissue |= {"damping": values["damping"], "retardation": 0.0}
+    elif fit.relaxation == "kelvin-voigt":
         tissue["retardation"] = values["retardation"]
     body = yaml.safe_dump({"extends": "kidney", "tissue": {k: float(f"{v:.6g}") for k, v in tissue.items()}},
                           sort_keys=False)  # fmt: skip

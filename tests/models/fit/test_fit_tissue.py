@@ -225,7 +225,7 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     assert "a press determines only E/(1 - nu²)" in (out / "report.md").read_text()
     assert {p.name for p in out.iterdir()} == {"scene.yaml", "report.md", "report.json", "fit.png", "profiles.png"}
     scene = yaml.safe_load((out / "scene.yaml").read_text())
-    assert scene["tissue"]["stiffness"] == approx(16 / 9 * young["value"] * math.sqrt(8e-3), rel=1e-3)
+    assert scene["tissue"]["stiffness"] == approx(257 / (19e3 / (1 - 0.45**2)) * 4 / 3 * young["value"], rel=1e-3)
     checked = CliRunner().invoke(app, ["check", "kidney", "--scene", str(out / "scene.yaml")])
     assert checked.exit_code == 0, checked.output
 
@@ -285,7 +285,8 @@ def test_data_of_every_fit_are_plain():
 
 
 def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_path):
-    sets = ["scene.surface.vertices=200", "scene.hand.begin=[0, 0, 0.1105]", "tissue.damping=0",
+    sets = ["scene.surface.vertices=200", "scene.hand.begin=[0, 0, 0.1105]", "tissue.retardation=0",
+            "tissue.stiffness=3e3", "tissue.exponent=1.5",
             "contact.finger_damping=0", "scene.hand.path=[{to: [0, 0, 0.095], time: 0.6}, {hold: 0.1}]"]  # fmt: skip
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=0.7).path
     for rig in ("ball", "fingertip"):

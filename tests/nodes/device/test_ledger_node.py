@@ -20,7 +20,8 @@ BOUNCE = (
     "scene.hand.path=[" + "{to: [0, 0, 0.095], time: 0.15}, {to: [0, 0, 0.103], time: 0.15}, " * 4
     + "{to: [0, 0, 0.115], time: 0.15}]",
 )  # fmt: skip
-GIVING = ("tissue.use=nodes_that_make_energy.Giving", "scene.tissue.damping=0")
+GIVING = ("tissue.use=nodes_that_make_energy.Giving", "scene.tissue.stiffness=3e3", "scene.tissue.exponent=1.5",
+          "scene.tissue.retardation=0")  # fmt: skip
 STROKE = (
     "scene.surface.vertices=1500",
     "scene.energy.ledger=true",
