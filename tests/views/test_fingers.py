@@ -13,9 +13,9 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.messages.grip import Grip
 from palpate.records.reader import Recording
-from palpate.views.fingers import fingers, links_of, links_of_plan
 from palpate.views.pictures import draw
 from palpate.views.pictures.touch import TouchStreams
+from palpate.views.shown import fingers, links_of, links_of_plan
 from palpate.views.surface.moments import bodies_of, instants
 
 

@@ -24,12 +24,12 @@ from palpate.physics.geometry.mesh import plane
 from palpate.records import stored
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.bodies import Bodies
 from palpate.views.pictures import PictureError, compression, deformation, draw, force
 from palpate.views.pictures.device import absorbed
-from palpate.views.pictures.regions import _stretches, regions
+from palpate.views.pictures.friction import _stretches, regions
 from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
+from palpate.views.shown import Bodies
 from palpate.views.surface import off_screen, render
 from palpate.views.surface.moments import bodies_of, choose, displaced, dragged, instants
 

@@ -5,7 +5,7 @@ messages that the page does not read in time, so the page cannot slow the run.
 """
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -33,12 +33,64 @@ from palpate.messages import (
     unpack,
 )
 from palpate.physics.geometry.mesh import Mesh
-from palpate.views.bodies import Bodies
 from palpate.views.page.steered import Shown, Touched
+from palpate.views.shown import Bodies
 
 KEPT = 400  # limit of buffered messages of a finger's small streams between two frames
 Last = dict[type[Message], Message]
 Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
+
+VERSION = 1  # of the records for external renderers (docs/renderers.md)
+RATE = 60.0  # [1/s] of frames while a renderer listens
+MESH = struct.Struct("<4sHHIIfI")
+"""Magic, version, fingers, vertices, triangles, thickness of the fingertip [m], 0."""
+FRAME = struct.Struct("<4sHHIId")  # Magic, version, fingers, moved vertices, late ticks, time [s]
+FINGER = struct.Struct("<12f3fI")
+"""Tip, foot [m], normal [1], force on the hand [N] (3 each), normal force [N], indentation, compression [m], state."""
+TOUCHES, TIP, FORCE, FRICTION, STICKS = (1 << bit for bit in range(5))
+"""Bits of the state: in contact; tip, force and friction are known; the contact sticks."""
+ZERO = (0.0, 0.0, 0.0)
+
+
+class FrameSource:
+    """Provides the frames of a page.
+
+    files         HTML and script of the page
+    command       the command that prints its address
+    status, keep  status text, and whether the recording of the current run is kept. Status None: frames only on request
+    panel         texts and questions of an experiment, shown over the picture. None: no panel
+    mesh, frame   the newest ones, packed for the page (see `feed`)
+    rate          [1/s] highest rate of frames
+    on_news       called, from any thread, when one of these changes
+    """
+
+    files = ("index.html", "page.js")
+    command = "palpate run --view"
+    status: str | None = None
+    keep = False
+    panel: dict[str, Any] | None = None
+    mesh = frame = b""
+    rate = 30.0
+
+    def __init__(self) -> None:
+        self.on_news: Callable[[], object] = lambda: None
+
+    def open(self) -> None:
+        """Called when the server is open."""
+
+    def close(self) -> None:
+        """Called when the server has closed."""
+
+    def begin(self) -> list[bytes]:
+        """Messages to a page when it opens."""
+        return []
+
+    def take(self, page: object, text: str | bytes) -> list[bytes]:
+        """Execute a request of a page; returns the answers. PalpateError, MsgspecError: the request is invalid."""
+        return []
+
+    def leave(self, page: object) -> None:
+        """Called when a page is closed."""
 
 
 class StreamReader:
@@ -198,3 +250,25 @@ def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second:
     text = msgspec.json.encode(head)
     text += b" " * (-len(text) % 4)
     return struct.pack("<I", len(text)) + text + indices.tobytes() + first.tobytes() + second.tobytes()
+
+
+def binary(data: bytes) -> bytes:
+    """The record for external renderers, without JSON, of a mesh or frame of the page (`packed`)."""
+    (length,) = struct.unpack_from("<I", data)
+    head = msgspec.json.decode(data[4 : 4 + length])
+    first, second, _ = (4 * size for size in head["sizes"])
+    indices, values = data[4 + length : 4 + length + first], data[4 + length + first : 4 + length + first + second]
+    if head["kind"] == "mesh":
+        counts = len(head.get("fingers", (0,))), len(values) // 12, len(indices) // 12
+        return MESH.pack(b"PLPM", VERSION, *counts, head.get("thickness", 0.0), 0) + values + indices
+    fingers = [head, *head["others"]]
+    begin = FRAME.pack(b"PLPF", VERSION, len(fingers), len(indices) // 4, head["late"], head["time"])
+    return b"".join((begin, *map(_finger, fingers), indices, values))
+
+
+def _finger(told: dict[str, Any]) -> bytes:
+    state = TOUCHES * (told["load"] > 0.0) + TIP * ("tip" in told) + FORCE * ("force" in told)
+    state += FRICTION * ("stick" in told) + STICKS * bool(told.get("stick"))
+    places = told.get("tip", told["foot"]), told["foot"], told["normal"], told.get("force", ZERO)
+    numbers = told["load"], told["depth"], told["squeeze"]
+    return FINGER.pack(*(number for place in places for number in place), *numbers, state)

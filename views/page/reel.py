@@ -16,10 +16,9 @@ from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.errors import PageError
-from palpate.views.fingers import fingers, links_of
-from palpate.views.page.feed import Curve, frame, kinds_of, picture, surface_frame
-from palpate.views.page.source import FrameSource
+from palpate.views.page.feed import Curve, FrameSource, frame, kinds_of, picture, surface_frame
 from palpate.views.page.steered import THICKNESS, receptors_of, shapes, streams_of, thickness_of
+from palpate.views.shown import fingers, links_of
 from palpate.views.surface.colour import able
 
 POINTS = 4000  # points of the curves of force and indentation: more than the pixels of a screen

@@ -1,11 +1,14 @@
-"""Replaces the devices of a graph by hands that follow the page's pointer, and selects what the page shows."""
+"""Replaces the devices of a graph by hands that follow the page's pointers, and selects what the page shows."""
 
+import contextlib
 import os
-from collections.abc import Iterable
+import socket
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import yaml
 
 from palpate.engine.imports import full_name
@@ -30,15 +33,18 @@ from palpate.messages import (
     Vector3,
 )
 from palpate.nodes.base import SettingError
-from palpate.views.bodies import Bodies
+from palpate.nodes.device.mouse import FARTHEST
 from palpate.views.errors import PageError
-from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
+from palpate.views.shown import Bodies, Finger, bodies, fingers, links_of_plan
 
 Receptors = dict[str, list[float]]
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Spikes, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
 THICKNESS = 4e-3  # [m] default thickness of a fingertip
 Shown = dict[type[Message], str]
+Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
+Sample = tuple[Count, tuple[Metres, Metres, Metres], Count]  # number, position [m, world] and buttons
 
 
 @dataclass(frozen=True)
@@ -182,3 +188,39 @@ def _place(planned: Plan) -> Placement:
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
     loop = ProcessGroup("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
     return Placement([loop, *([ProcessGroup("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])
+
+
+class Pointers:
+    """Sends the samples of the pages' pointers to the hands of a run; the page that sent the last one steers.
+
+    sockets  one for each finger
+    begins   [m] (3) start of each finger, to which it returns when the steering page closes
+    """
+
+    def __init__(self, sockets: Sequence[Path], begins: Sequence[Vector3]) -> None:
+        self.sockets, self.begins = sockets, begins
+        self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._outlet.setblocking(False)
+        self._steering: object = None
+
+    def steer(self, page: object, finger: int, sample: Sample) -> None:
+        """Forward a sample of a page. PageError: no such finger."""
+        if finger >= len(self.sockets):
+            raise PageError(f"finger: found {finger}, expected less than {len(self.sockets)}")
+        self._steering = page
+        self._send(finger, sample)
+
+    def leave(self, page: object) -> None:
+        """A page closes: if it steered, its hands return to their start."""
+        if self._steering is page:
+            self._steering = None
+            for finger, begin in enumerate(self.begins):
+                self._send(finger, (0, begin, 0))
+
+    def close(self) -> None:
+        self._outlet.close()
+
+    def _send(self, finger: int, sample: Sample) -> None:
+        """Send a sample; it is lost while no run is active."""
+        with contextlib.suppress(OSError):
+            self._outlet.sendto(msgspec.msgpack.encode(sample), str(self.sockets[finger]))

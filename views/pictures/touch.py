@@ -23,7 +23,7 @@ from palpate.messages import (
 from palpate.messages.grip import Grip
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
-from palpate.views.fingers import Finger, fingers, links_of
+from palpate.views.shown import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
 MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] fraction of the contacts' duration; [s]

@@ -10,10 +10,9 @@ from palpate.engine.imports import UntrustedError, recorded_class
 from palpate.messages import Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
-from palpate.views.bodies import Bodies
 from palpate.views.errors import PictureError
-from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
+from palpate.views.shown import Bodies, bodies, links_of
 from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35  # smallest indentation of an instant, as a fraction of the deepest
