@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import File, Json, NoPictures, Trust
+from palpate.cli.terminal.options import File, Json, NoPictures, Trust, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.cli.terminal.progress import ticks
 
@@ -26,7 +26,7 @@ def compare(
     reference: Annotated[
         str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
     ] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG; FILE-compare.png if left out.")] = None,
+    out: Annotated[Path | None, out_option("PNG; FILE-compare.png if left out.")] = None,
     no_pictures: NoPictures = False,
     trust: Trust = None,
     as_json: Json = False,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, NoPictures
+from palpate.cli.terminal.options import Json, NoPictures, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say
 
 if TYPE_CHECKING:
@@ -21,10 +21,7 @@ def force(
         Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N).")
     ] = None,
     subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="YAML to write; else SESSIONS.model.yaml. Pictures go next to it."),
-    ] = None,
+    out: Annotated[Path | None, out_option("YAML to write; else SESSIONS.model.yaml. Pictures go next to it.")] = None,
     no_pictures: NoPictures = False,
     mean: Annotated[
         str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential.")

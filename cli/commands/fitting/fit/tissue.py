@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.options import Force, Json, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def tissue(
     ] = None,
     touch: Annotated[str, typer.Option(help="Contact point: fit, or detected (from the force alone).")] = "fit",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
+    out: Annotated[Path, out_option("Folder for scene, report and pictures.")] = Path("fit"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
