@@ -1,7 +1,6 @@
 """Pictures of a recording: the data behind them, and that they are made whatever the recording and the machine lack."""
 
 import importlib.util
-import io
 import math
 import subprocess
 import sys
@@ -11,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from msgspec import structs
-from rich.console import Console
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -100,12 +98,11 @@ def hide(monkeypatch, *names):
 
 def drawn(recording, folder):
     """Names of the pictures, and what was told."""
-    out = io.StringIO()
-    made = draw(recording, folder, Console(file=out, width=400))
+    lines: list[str] = []
+    made = draw(recording, folder, lines.append)
     for path in made:
         assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    lines = [line.strip() for line in out.getvalue().splitlines() if line.strip()]
-    return [path.name for path in made], [line for line in lines if not line.startswith("drawing the pictures")]
+    return [path.name for path in made], lines
 
 
 @pytest.fixture(scope="module")

@@ -77,7 +77,7 @@ def film(
     rate: float = 25.0,
     speed: float = 1.0,
     of: Colour = COLOURS["displacement"],
-    tell: Callable[[str], object] = lambda text: None,
+    warn: Callable[[str], object] = lambda text: None,
     done: Callable[[float], object] = lambda share: None,
 ) -> int:
     """Write a film of a recording; returns the number of frames.
@@ -85,8 +85,8 @@ def film(
     rate   [1/s] frame rate
     speed  [1] playback speed: 0.5 is slow motion
     of     colour of the surface
-    tell   receives a line about bodies that are not shown
-    done   receives the fraction of drawn frames; 0 after the input has been checked
+    warn   receives a line about bodies that are not shown
+    done   receives the fraction of drawn frames
 
     RecordingError, PictureError, ArgumentError: the film cannot be drawn. OSError: the file cannot be written.
     """
@@ -96,13 +96,12 @@ def film(
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
-    done(0.0)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
     shown = bodies_of(touch)
     if shown.left_out:
-        tell(shown.left_out)
+        warn(shown.left_out)
     by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
