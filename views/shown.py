@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +16,7 @@ from palpate.messages import Contact, Friction, Load, Proximity, Surface
 from palpate.nodes.base.surface import complete
 from palpate.physics.geometry.mesh import Mesh
 from palpate.records.stored import Stored
+from palpate.views.errors import PageError, PictureError
 
 Streams = Mapping[str, tuple[str, str]]  # sender and full type name of each stream
 
@@ -71,14 +72,6 @@ def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
 _ADDED = {full_name(Contact), full_name(Friction)}
 
 
-def bodies(links: Iterable[Link], streams: Streams) -> tuple[list[str], dict[str, str]]:
-    """The streams of all surfaces, and for each stream of loads the surface that it presses."""
-    surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
-    pressed = {sends: surfaces[hears] for hears, _, sends in links if hears in surfaces}
-    loads = {s: pressed[p] for s, (p, kind) in streams.items() if kind == full_name(Load) and p in pressed}
-    return list(surfaces.values()), loads
-
-
 def links_of_plan(planned: Plan) -> tuple[list[Link], Streams]:
     links = [(name, edge.port, edge.producer) for name in planned.order for edge in planned.edges[name]]
     nodes = planned.graph.nodes
@@ -107,11 +100,21 @@ class Bodies:
     others: Sequence[str] = ()
 
     @classmethod
-    def of(cls, meshes: Mapping[str, Mesh], streams: Sequence[str], loads: Mapping[str, str]) -> Bodies:
-        """The bodies of these streams that have a mesh; `loads`: the body's stream for each stream of loads."""
+    def of(cls, links: Iterable[Link], streams: Streams, mesh: Callable[[str], Mesh]) -> Bodies:
+        """The bodies of all surfaces; `mesh` makes that of a stream. PictureError, PageError: the first has none."""
+        surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
+        meshes: dict[str, Mesh] = {}
+        for stream in surfaces.values():
+            try:
+                meshes[stream] = mesh(stream)
+            except (PictureError, PageError):
+                if not meshes:
+                    raise
         shown = list(meshes)
-        pressed = {load: shown.index(body) for load, body in loads.items() if body in meshes}
-        return cls(shown, list(meshes.values()), pressed, [stream for stream in streams if stream not in meshes])
+        pressed = {sends: surfaces[hears] for hears, _, sends in links if surfaces.get(hears) in meshes}
+        senders = {s: producer for s, (producer, kind) in streams.items() if kind == full_name(Load)}
+        loads = {s: shown.index(pressed[producer]) for s, producer in senders.items() if producer in pressed}
+        return cls(shown, list(meshes.values()), loads, [s for s in surfaces.values() if s not in meshes])
 
     @property
     def left_out(self) -> str:

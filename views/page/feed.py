@@ -5,7 +5,7 @@ messages that the page does not read in time, so the page cannot slow the run.
 """
 
 import struct
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -33,8 +33,7 @@ from palpate.messages import (
     unpack,
 )
 from palpate.physics.geometry.mesh import Mesh
-from palpate.views.page.steered import Shown, Touched
-from palpate.views.shown import Bodies
+from palpate.views.page.steered import Touched
 
 KEPT = 400  # limit of buffered messages of a finger's small streams between two frames
 Last = dict[type[Message], Message]
@@ -98,7 +97,7 @@ class StreamReader:
 
     def __init__(self, run: Running, touched: Touched) -> None:
         self.touched = touched
-        self.kinds = {HEALTH: Health} | kinds_of(touched.fingers, touched.near, touched.bodies)
+        self.kinds = {HEALTH: Health} | kinds_of(touched)
         self.newest: dict[str, Message] = {}
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
@@ -150,40 +149,36 @@ class StreamReader:
         head = {"kind": "frame", "late": max(self.late.values(), default=0)}
         if not count:
             return None
-        return picture(head, self.newest, touched.bodies, touched.fingers, touched.near, touched.thickness, curves)
+        return picture(head, self.newest, touched, curves)
 
 
 def picture(
-    head: dict[str, Any], newest: Mapping[str, Message], shown: Bodies, fingers: Sequence[Shown],
-    near: Sequence[Sequence[str]], thickness: float, curves: Sequence[Curve] = (),
-) -> bytes | None:  # fmt: skip
+    head: dict[str, Any], newest: Mapping[str, Message], touched: Touched, curves: Sequence[Curve] = ()
+) -> bytes | None:
     """The frame of the newest messages by stream; None if a finger has no contact message yet. The proximity of a
-    finger is that with the smallest gap. Other arguments: see `steered.Touched` and `told`."""
+    finger is that with the smallest gap. The head has the last messages of the first finger, with its curve; those of
+    the other fingers are in `others`."""
     every: list[Last] = []
-    for finger, organs in zip(fingers, near, strict=True):
+    for finger, organs in zip(touched.fingers, touched.near, strict=True):
         last: Last = {kind: newest[stream] for kind, stream in finger.items() if stream in newest}
         close = [one for stream in organs if isinstance(one := newest.get(stream), Proximity)]
         every.append(last | ({Proximity: min(close, key=lambda one: one.gap)} if close else {}))
     if any(Contact not in last for last in every):
         return None
     shapes = {stream: one for stream, one in newest.items() if isinstance(one, Surface)}
-    loads = {stream: one for stream, one in newest.items() if stream in shown.loads and isinstance(one, Load)}
-    return frame(head | told(every, thickness, curves) | shown.pressed(loads), shown.surface(shapes))
+    bodies = touched.bodies
+    loads = {stream: one for stream, one in newest.items() if stream in bodies.loads and isinstance(one, Load)}
+    first, *others = (
+        now(last, touched.thickness) | curve for last, curve in zip(every, curves or [{}] * len(every), strict=True)
+    )
+    return frame(head | first | {"others": others} | bodies.pressed(loads), bodies.surface(shapes))
 
 
-def kinds_of(fingers: Iterable[Shown], near: Iterable[Iterable[str]], shown: Bodies) -> dict[str, type[Message]]:
+def kinds_of(touched: Touched) -> dict[str, type[Message]]:
     """The message type of each stream that the page shows."""
-    kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
-    kinds |= {stream: Proximity for organs in near for stream in organs}
-    return kinds | dict.fromkeys(shown.streams, Surface) | dict.fromkeys(shown.loads, Load)
-
-
-def told(fingers: list[Last], thickness: float, curves: Sequence[Curve] = ()) -> dict[str, Any]:
-    """The head of a frame: the last messages of the first finger, with forces and indentations before them; those of
-    the other fingers in `others`."""
-    every: Sequence[Curve] = curves or [{}] * len(fingers)
-    head, *others = (now(last, thickness) | curve for last, curve in zip(fingers, every, strict=True))
-    return head | {"others": others}
+    kinds = {stream: kind for finger in touched.fingers for kind, stream in finger.items()}
+    kinds |= {stream: Proximity for organs in touched.near for stream in organs}
+    return kinds | dict.fromkeys(touched.bodies.streams, Surface) | dict.fromkeys(touched.bodies.loads, Load)
 
 
 def frame(head: dict[str, Any], surface: Surface | None) -> bytes:

@@ -1,6 +1,5 @@
 """Chooses instants of a touch, and reads the deformed surface at them."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PictureError
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
-from palpate.views.shown import Bodies, bodies, links_of
+from palpate.views.shown import Bodies, links_of
 from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35  # smallest indentation of an instant, as a fraction of the deepest
@@ -61,14 +60,10 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 
     PictureError: no stream of surfaces, or no mesh of the first body.
     """
-    streams, loads = bodies(*links_of(touch.recording))
-    if not streams:
+    found = Bodies.of(*links_of(touch.recording), lambda stream: _mesh(touch, stream))
+    if not found.streams:
         raise PictureError("the recording has no stream of surfaces")
-    meshes = {streams[0]: _mesh(touch, streams[0])}
-    for stream in streams[1:]:
-        with suppress(PictureError):
-            meshes[stream] = _mesh(touch, stream)
-    return Bodies.of(meshes, streams, loads)
+    return found
 
 
 def _mesh(touch: TouchStreams, stream: str) -> Mesh:
