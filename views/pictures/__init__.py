@@ -14,6 +14,7 @@ from palpate.messages import Contact, Surface
 from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.views.errors import PictureError
+from palpate.views.pictures.style import decimate, entitle, look
 
 OF_A_FINGER = ("force", "compression", "friction", "device")  # one picture per finger
 PICTURES = ("grip", *OF_A_FINGER, "texture", "energy", "slip", "pad", "pins", "softness", "afferents")
@@ -36,17 +37,12 @@ def draw(
     if importlib.util.find_spec("matplotlib") is None:
         warn(missing("no pictures", "matplotlib", "view"))
         return []
-    from matplotlib import rc_context
-
-    from palpate.views.pictures.style import LOOK
-
-    with rc_context(LOOK):
+    with look():
         return _draw(Recording(recording), folder, warn, done)
 
 
 def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], done: Callable[..., object]) -> list[Path]:
     from palpate.views.pictures.deformation import Views
-    from palpate.views.pictures.style import decimate, entitle
     from palpate.views.pictures.touch import TouchStreams
 
     touch = TouchStreams(recording)

@@ -7,8 +7,10 @@ from matplotlib.figure import Figure
 
 from palpate.records.compare import Variant
 from palpate.views.pictures.style import figure as blank
+from palpate.views.pictures.style import look
 
 
+@look()
 def drawn(variants: Sequence[Variant]) -> Figure:
     """One picture: force and indentation over time of every variant, and their differences from the first."""
     figure = blank(11, 6.5, f"One touch, {len(variants)} variants; differences from {variants[0].name}")
@@ -23,7 +25,5 @@ def drawn(variants: Sequence[Variant]) -> Figure:
             below.plot(times, (curve[mine, column] - first[theirs, column]) * factor, linewidth=1.2)
         above.set_ylabel(label)
         below.set(ylabel=f"difference, {label}", xlabel="time [s]")
-        for axis in (above, below):
-            axis.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=8)
     return figure

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +59,15 @@ LOOK: Any = {
     "figure.titlesize": 15,
     "savefig.dpi": DPI,
 }
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """Draw in this style; also a decorator of functions that draw."""
+    from matplotlib import rc_context
+
+    with rc_context(LOOK):
+        yield
 
 
 def figure(width: float, height: float, title: str, current: bool = False) -> Figure:
