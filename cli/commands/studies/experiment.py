@@ -83,9 +83,10 @@ def _confirm(text: str) -> bool | None:
 
 def _analyse(folder: Path, as_json: bool) -> None:
     from palpate.studies.psychophysics.analysis import analyse, save
+    from palpate.studies.psychophysics.pictures import draw
 
     outcomes = analyse(folder)
-    files = [*save(outcomes, folder), *_pictures(outcomes, folder)]
+    files = [*save(outcomes, folder), *drawn(draw, outcomes, folder)]
     if as_json:
         print_json({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
@@ -99,12 +100,6 @@ def _analyse(folder: Path, as_json: bool) -> None:
     console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
     for one in files:
         say(one)
-
-
-def _pictures(outcomes: list, folder: Path) -> list[Path]:
-    from palpate.studies.psychophysics.pictures import draw
-
-    return drawn(draw, outcomes, folder)
 
 
 def _shown(number: Estimate) -> list[str]:

@@ -1,10 +1,12 @@
 """Pictures of `palpate fit force`: data with the fitted curve and its band, and regressions."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from palpate.models.fit.curve_fit import fit_curve
 from palpate.models.fit.report import Chosen
@@ -12,8 +14,20 @@ from palpate.physics.contact.force_band import truncated_quantile
 from palpate.physics.contact.force_models import MODELS
 from palpate.views.pictures.style import INK, NORMAL, REGION_A, TISSUE, figure, look
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
 STYLES = dict(zip(MODELS, ("k:", "g-", "b--", "m-.", "r-"), strict=True))
 """Colour and dashes of each model; some regressions hardly differ."""
+
+
+@look()
+def draw(chosen: Sequence[Chosen], model: Path) -> list[Path]:
+    """Draw the pictures of each subject into a folder next to the model file."""
+    folder = model.with_name(f"{model.name.removesuffix('.yaml')}-pictures")
+    folder.mkdir(parents=True, exist_ok=True)
+    return [path for k, one in enumerate(chosen, 1) for path in draw_choice(one, folder / f"subject-{k}")]
 
 
 @look()

@@ -1,13 +1,18 @@
 """Pictures of `palpate fit tissue`: force and residuals, and the profile of each parameter."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from palpate.models.fit.tissue.fit import TissueFit
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.views.pictures.style import figure, log_ticks, look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @look()
