@@ -433,11 +433,11 @@ def test_only_the_part_with_the_contacts_is_read_of_a_long_recording(tmp_path):
     file = record(tmp_path / "r.mcap", {"a": [press(max(depth, 0.0)) for depth in depths], "b": poses})
     touch = TouchStreams(Recording(file))
     begin, end = touch.shown
-    for columns in (touch.contact, touch.pose):
+    for columns in (touch.contact, touch[Pose]):
         assert columns["time"][0] == pytest.approx(begin) and columns["time"][-1] == pytest.approx(end)
         assert 500 <= len(columns["tick"]) <= 510
-    assert touch.pose["position"][0, 2] == pytest.approx(begin)
-    assert len(TouchStreams(Recording(file), whole=True).pose["tick"]) == len(depths)
+    assert touch[Pose]["position"][0, 2] == pytest.approx(begin)
+    assert len(TouchStreams(Recording(file), whole=True)[Pose]["tick"]) == len(depths)
 
 
 def test_a_long_line_keeps_its_least_and_greatest_values_in_each_column():

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from palpate.messages import Contact, Surface
+from palpate.messages import Contact, Slip, Surface
 from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.views.errors import PictureError
@@ -59,7 +59,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
             if text := views.bodies.left_out:
                 warn(text)
     except PictureError as error:
-        if touch.stream_of(Surface) is not None and touch.slip is None:  # otherwise no surface, or a pad
+        if touch.stream_of(Surface) is not None and touch[Slip] is None:  # otherwise no surface, or a pad
             warn(f"no picture of the surface: {error}")
     try:
         for number, name in enumerate(PICTURES, 1):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.messages import Friction
+from palpate.messages import Friction, Proximity
 from palpate.views.pictures import style
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
@@ -34,7 +34,7 @@ DIPS_FOR = 2.5  # Stribeck speeds above which friction no longer falls: e^(-2.5^
 
 def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None if one was not recorded."""
-    contact, friction, near = touch.contact, touch.friction, touch.proximity
+    contact, friction, near = touch.contact, touch[Friction], touch[Proximity]
     if contact is None or friction is None or near is None:
         return None
     tables: list[Columns] = together(contact, friction, near)
@@ -75,10 +75,14 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
     for axes in (upper, lower):
         for region, colour, letter in ((a, style.REGION_A, "A"), (b, style.REGION_B, "B")):
             if region is not None:
-                style.shade(axes, time[region.start], time[region.stop - 1], colour, letter)
+                begin, end = time[region.start], time[region.stop - 1]
+                axes.axvspan(begin, end, color=colour, linewidth=0)
+                place = axes.get_xaxis_transform()
+                axes.text((begin + end) / 2, 0.97, letter, transform=place, ha="center", va="top", weight="bold")
         style.over_time(axes, time, touch.shown, touch.span)
-    style.trace(upper, time, normal, time, style.NORMAL, "normal force")
-    style.trace(upper, time, friction, time, style.FRICTION, "friction force")
+    for force, colour, label in ((normal, style.NORMAL, "normal force"), (friction, style.FRICTION, "friction force")):
+        upper.plot(time, force, color=colour, alpha=0.25, linewidth=0.6)
+        upper.plot(time, style.mean(force, time), color=colour, label=label)
     upper.legend(loc="upper left", ncols=2)
     upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.2), xlabel="")
     upper.tick_params(labelbottom=False)

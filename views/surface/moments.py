@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from palpate.engine.imports import UntrustedError, recorded_class
-from palpate.messages import Surface
+from palpate.messages import Force, Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PictureError
@@ -181,7 +181,8 @@ def _finger(touch: TouchStreams, ticks: set[int]) -> dict[int, _Row]:
     if touch.contact is None:
         return {}
     tips = _tips(touch)
-    forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
+    sent = touch[Force]
+    forces = {} if sent is None else dict(zip(sent["tick"].tolist(), sent["force"], strict=True))
     columns = (touch.contact[name] for name in ("tick", "time", "foot", "normal", "force", "indentation"))
     return {
         int(tick): (float(time), foot, tips.get(tick, _NOWHERE), normal, forces.get(tick, np.zeros(3)), load, depth)
