@@ -7,7 +7,7 @@ import os
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from palpate.cli.machine.lateness import Lateness, measure
+from palpate.cli.machine.diagnostics import Lateness, measure
 from palpate.launch.run.launcher import Launcher
 
 

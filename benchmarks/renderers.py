@@ -22,7 +22,7 @@ from websockets.sync.client import connect
 
 from palpate.launch.load.launchfile import find
 from palpate.views.page import serve
-from palpate.views.page.renderers import FRAME, binary
+from palpate.views.page.feed import FRAME, binary
 from palpate.views.page.session import Session
 
 SPAN = 4.0  # [s]

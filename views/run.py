@@ -55,9 +55,9 @@ class Comparison:
 
     def plot(self) -> Figure:
         """Force and indentation of every variant over time, and their differences from the first."""
-        from palpate.views.pictures.compare import drawn
+        from palpate.views.pictures.compare import figure
 
-        return drawn(self.variants)
+        return figure(self.variants)
 
 
 class Run:

@@ -8,6 +8,7 @@ import platform
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -18,6 +19,9 @@ TUNING = (
     " `core:` in a placement), switch off deep sleep states; give a virtual machine dedicated cores."
 )
 ON_TIME = 0.5e-3  # [s] latency of the 99.9 % wake-up up to which the machine can run at 1 kHz
+PRIORITY = 60  # of SCHED_RR
+PERIOD = 1e-3  # [s]
+TIMERSLACK = 29
 
 MESA = "Install Mesa (libosmesa6 or libegl1)."
 _PICTURE = (
@@ -170,10 +174,56 @@ def _libusb() -> Iterator[Diagnostic]:
 
 def _wake_ups(seconds: float) -> Iterator[Diagnostic]:
     """Wake-up latency at 1 kHz, with normal and with real-time priority."""
-    from palpate.cli.machine.lateness import PRIORITY, measure, words
-
     idle = "Real-time priority (SCHED_RR above) removes most of it; so does an idle machine."
     for what, priority, cure in (("wake-ups", None, idle), ("wake-ups, SCHED_RR", PRIORITY, TUNING)):
         if (late := measure(seconds, priority)) is not None:
             kept = late.p999 < ON_TIME
             yield Diagnostic(what, "ok" if kept else "note", words(late), "" if kept else cure)
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """Wake-up latency [s]: median, 99 %, 99.9 %, maximum; and the fraction later than a whole period."""
+
+    p50: float
+    p99: float
+    p999: float
+    worst: float
+    missed: float
+
+
+def measure(seconds: float, priority: int | None, period: float = PERIOD) -> Lateness | None:
+    """Measure the latency of wake-ups at the end of each period [s]. None: the priority is not permitted.
+
+    priority  of SCHED_RR; None: normal scheduling. The previous policy is restored.
+    """
+    import numpy as np
+
+    policy, given = os.sched_getscheduler(0), os.sched_getparam(0)
+    libc = ctypes.CDLL(None)
+    try:
+        if priority is not None:
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
+        libc.prctl(TIMERSLACK, 1)
+        count = max(10, round(seconds / period))
+        late = np.zeros(count)
+        begin = time.monotonic()
+        for k in range(count):
+            due = begin + (k + 1) * period
+            left = due - time.monotonic()
+            if left > 0.0:
+                time.sleep(left)
+            late[k] = time.monotonic() - due
+    except PermissionError:
+        return None
+    finally:
+        os.sched_setscheduler(0, policy, given)
+    late = np.maximum(late, 0.0)
+    p50, p99, p999 = np.percentile(late, (50, 99, 99.9))
+    return Lateness(float(p50), float(p99), float(p999), float(late.max()), float(np.mean(late > period)))
+
+
+def words(lateness: Lateness) -> str:
+    parts = [f"{name} {1e3 * value:.3f}" for name, value in (
+        ("p50", lateness.p50), ("p99", lateness.p99), ("p99.9", lateness.p999), ("max", lateness.worst))]  # fmt: skip
+    return f"{', '.join(parts)} ms late; {100 * lateness.missed:.2f} % miss their millisecond"

@@ -13,7 +13,7 @@ import typer
 
 if TYPE_CHECKING:
     from palpate.launch.load.launchfile import LaunchFile
-    from palpate.views.page.source import FrameSource
+    from palpate.views.page.feed import FrameSource
 
 
 REMOTE = """\

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,29 @@ def _names(incomplete: str) -> list[str]:
 def _as_json(context: typer.Context, value: bool) -> bool:
     context.find_root().meta["palpate.json"] = value
     return value
+
+
+def instant(text: str) -> float:
+    """A time as in launch files, in s: 2, '1200 ms', 0. BadParameter: not a time."""
+    from palpate.launch.load.values.units import UnitError, convert
+
+    try:
+        return convert(text, "s")
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+
+
+def seconds(text: str) -> float:
+    """A duration in s. BadParameter: not a duration, or out of range."""
+    duration = instant(text)
+    if not 1e-9 <= duration <= 1e9:
+        raise typer.BadParameter(f"found {text!r}; expected a time from 1e-9 to 1e9 s")
+    return duration
+
+
+def out_option(help: str) -> Any:
+    """The option for the file or the folder to write."""
+    return typer.Option("-o", "--out", help=help)
 
 
 Graph = Annotated[
@@ -79,30 +102,18 @@ Trust = Annotated[
         callback=_trust,
     ),
 ]
+Duration = Annotated[
+    float | None,
+    typer.Option(
+        parser=seconds, metavar="TIME", help="Duration on the graph's clock: seconds, or with a unit: '800 ms'."
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite files that exist.")]
 NoPictures = Annotated[bool, typer.Option("--no-pictures", help="Draw no pictures.")]
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="No live view and no tables: one line with the outcome, and warnings.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON for programs.", callback=_as_json, is_eager=True)]
-
-
-def instant(text: str) -> float:
-    """A time as in launch files, in s: 2, '1200 ms', 0. BadParameter: not a time."""
-    from palpate.launch.load.values.units import UnitError, convert
-
-    try:
-        return convert(text, "s")
-    except UnitError as error:
-        raise typer.BadParameter(str(error)) from None
-
-
-def seconds(text: str) -> float:
-    """A duration in s. BadParameter: not a duration, or out of range."""
-    duration = instant(text)
-    if not 1e-9 <= duration <= 1e9:
-        raise typer.BadParameter(f"found {text!r}; expected a time from 1e-9 to 1e9 s")
-    return duration
 
 
 def chosen(
@@ -119,6 +130,15 @@ def chosen(
     return find(graph).but(
         overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
     )
+
+
+def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:
+    """The launch file to write, by default runs/GRAPH-WHAT.yaml. OSError: it cannot be written."""
+    from palpate.physics.writable import check_file
+
+    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-{what}.yaml")
+    check_file(file)
+    return file
 
 
 def with_organ_file(

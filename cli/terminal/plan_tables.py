@@ -34,11 +34,6 @@ def running(planned: Plan, placement: Placement) -> Table:
     return table(("", "node", "class", "inputs (~ held)", "process"), rows, title=title, fixed=("node", "class"))
 
 
-def processes(placement: Placement) -> str:
-    """Why `--place auto` groups the nodes as it does, a line for each process; nothing for other placements."""
-    return "\n".join(f"process {group.name}: {group.why}" for group in placement.groups if group.why)
-
-
 def skipped(planned: Plan) -> Table:
     word = Text("skip", style="yellow")
     return table(("", "", ""), ((word, name, reason) for name, reason in planned.skipped.items()))

@@ -98,7 +98,6 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
 def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Path]:
     """Draw the pictures of a run that was not interrupted. If there are none, add the reason to the run's notes."""
     from palpate.records.stored import RecordingError
-    from palpate.views.pictures import draw
 
     if folder is None or outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
@@ -106,12 +105,21 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
         outcome.result.notes.append(f"no pictures: interrupted; palpate picture {outcome.recording} draws them")
         return []
     try:
-        if not silent and not console().is_terminal:
-            say("drawing the pictures; this takes seconds")
-        return draw(outcome.recording, folder, console=None if silent else console())
+        return standard_pictures(outcome.recording, folder, silent)
     except (RecordingError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")
     except KeyboardInterrupt:
         outcome.result.notes.append("no pictures: interrupted")
         outcome.result.signal = signal.SIGINT
     return []
+
+
+def standard_pictures(file: Path, folder: Path, silent: bool) -> list[Path]:
+    """Draw the pictures of a recording into a folder; unless silent with progress, and a line for each that cannot be
+    drawn. RecordingError, OSError."""
+    from palpate.cli.terminal.progress import StageBars
+    from palpate.views.pictures import draw
+
+    with StageBars(silent) as stages:
+        done = stages.begin("drawing the pictures", "this takes seconds")
+        return draw(file, folder, lambda text: None if silent else say(text, "yellow"), done)

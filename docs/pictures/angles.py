@@ -13,13 +13,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from palpate.physics.fingertip.anatomy import Anatomy
 from palpate.physics.fingertip.beam_bundle import BundleState, step
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, fill
-from palpate.views.pictures.style import FINGER, LOOK, NORMAL, SPEED, TISSUE, figure
+from palpate.views.pictures.style import FINGER, NORMAL, SPEED, TISSUE, figure, look
 
 PULPS = {
     "pulp with a bulge of 2.2 mm (the default)": (Anatomy(), TISSUE),
@@ -57,7 +56,7 @@ def slide(tip: FingertipSurfaces, degrees: float, dt: float = 1e-2) -> Slide:
 
 def draw(path: Path) -> None:
     """One figure, four panels."""
-    with rc_context(LOOK):
+    with look():
         out = figure(13.0, 7.4, "Inclination of a fingertip: contact, friction and stick")
         (shape, area), (friction, stick) = out.subplots(2, 2)
         for name, (anatomy, colour) in PULPS.items():

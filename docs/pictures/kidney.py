@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from rich.console import Console
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
@@ -27,7 +26,7 @@ def main() -> None:
         outcome = execute(find("kidney").but(place="fused", record=folder / "kidney.mcap"))
         if not outcome.result.ok or outcome.recording is None:
             raise SystemExit("\n".join(map(str, outcome.result.deaths)))
-        made = {path.stem: path for path in draw(outcome.recording, folder, Console())}
+        made = {path.stem: path for path in draw(outcome.recording, folder, print)}
         if "deformation" not in made:
             raise SystemExit(1)
         with Image.open(made["deformation"]) as picture:

@@ -9,7 +9,6 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from matplotlib import rc_context
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
@@ -19,7 +18,7 @@ from palpate.nodes.texture import Spectral
 from palpate.physics.texture.surface import density, third_octaves
 from palpate.records.reader import Recording
 from palpate.views.pictures import texture
-from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, LOOK, NORMAL, SPEED, figure
+from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, NORMAL, SPEED, figure, look
 from palpate.views.pictures.touch import TouchStreams
 
 FOLDER = Path(__file__).parent
@@ -63,7 +62,7 @@ def spectra() -> None:
 
 
 def main() -> None:
-    with rc_context(LOOK):
+    with look():
         spectra()
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "texture.mcap"

@@ -24,8 +24,7 @@ from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
-from palpate.views.page.pointers import Count, Pointers, Sample
-from palpate.views.page.steered import steered, touched
+from palpate.views.page.steered import Count, Pointers, Sample, steered, touched
 
 LOOK = 0.2  # [s] between looks at whether the page was closed
 MOMENT = 1.0  # [s] that a title without a text is shown

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.studies.psychophysics.analysis import ALL, Outcome
 from palpate.studies.psychophysics.functions import proportion
 from palpate.views.pictures.plot import PREFIXES
-from palpate.views.pictures.style import FINGER, INK, LOOK, TISSUE, figure, log_ticks
+from palpate.views.pictures.style import FINGER, INK, TISSUE, figure, log_ticks, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,13 +25,11 @@ NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "c
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
     """A picture for each task, a panel for each participant and block."""
-    from matplotlib import rc_context
-
     files = []
     for task in dict.fromkeys(one.task for one in outcomes):
         own = [one for one in outcomes if one.task == task and one.participant != ALL][:MOST]
         columns, rows = min(len(own), ROW), math.ceil(len(own) / ROW)
-        with rc_context(LOOK):
+        with look():
             fig = figure(max(4.0 * columns, 5.0), 3.4 * rows + 0.5, task)
             for number, one in enumerate(own, 1):
                 axes = fig.add_subplot(rows, columns, number)

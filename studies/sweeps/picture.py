@@ -14,7 +14,7 @@ from palpate.physics.extras import missing
 from palpate.studies.sweeps.keep import Kept
 from palpate.views.errors import PictureError
 from palpate.views.pictures.plot import PREFIXES
-from palpate.views.pictures.style import FRICTION, INK, LOOK, NORMAL, figure
+from palpate.views.pictures.style import FRICTION, INK, NORMAL, figure, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -40,9 +40,7 @@ def draw(study: Any, name: str, ax: Axes | None = None) -> Figure:
         raise PictureError(f"this study keeps no {name!r}. {choices('Kept', name, known)}")
     found.sort(key=lambda one: one.how != "curve")
     one = found[0] if study.sensitivity is None else next((k for k in found if k.how != "curve"), found[0])
-    from matplotlib import rc_context
-
-    with rc_context(LOOK):
+    with look():
         axes = figure(9.0, 4.6, f"{study.name}: {one.text}", current=True).subplots() if ax is None else ax
         if one.how == "curve":
             _curves(study, one, axes)

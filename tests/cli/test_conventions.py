@@ -321,14 +321,16 @@ def test_a_plot_is_the_current_figure_of_pyplot():
 @pytest.mark.parametrize("stopped", [False, True])
 def test_pictures_say_that_they_take_time_and_are_left_out_after_ctrl_c(stopped, tmp_path, monkeypatch, capsys):
     drawn = []
-    monkeypatch.setattr("palpate.views.pictures.draw", lambda file, folder, console: drawn.append(file) or [])
+    monkeypatch.setattr(
+        "palpate.views.pictures.draw", lambda file, folder, warn, done: done(0.0) or drawn.append(file) or []
+    )
     file = tmp_path / "run.mcap"
     file.touch()
     plan = SimpleNamespace(graph=SimpleNamespace(notes=(), rate=1000.0), skipped={})
     result = Result(ticks=5, signal=signal.SIGINT if stopped else 0)
     ended(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
           tmp_path, [], False, False)  # fmt: skip
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join("".join(capsys.readouterr()).split())
     assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in said) is not stopped
     assert ("no pictures: interrupted; palpate picture" in said) is stopped
 

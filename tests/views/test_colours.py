@@ -81,14 +81,10 @@ def file(tmp_path_factory):
 def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch):
     needs_drawing()
     labels = []
-    monkeypatch.setattr(films.FilmFrame, "show", lambda *_: None)
-    first = films.FilmFrame.__init__
-
-    def noted(frame, of, most, *rest):
-        labels.append((of.label, most))
-        first(frame, of, most, *rest)
-
-    monkeypatch.setattr(films.FilmFrame, "__init__", noted)
+    first = films._figure
+    monkeypatch.setattr(
+        films, "_figure", lambda of, most, *more: labels.append((of.label, most)) or first(of, most, *more)
+    )
     target = tmp_path / "a.png"
     result = CliRunner().invoke(app, ["picture", str(file), "--at", "0.3", "-o", str(target), "--colour", name])
     assert result.exit_code == 0, result.output

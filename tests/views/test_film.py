@@ -1,7 +1,6 @@
 """`palpate picture --at` and `--film`: the surface at one instant and through a recording."""
 
 import importlib.util
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,7 +58,7 @@ def test_a_gif_is_written_frame_by_frame(tmp_path):
     def frames():
         for shade in ("black", "grey", "white"):
             figure.set_facecolor(shade)
-            yield SimpleNamespace(figure=figure)
+            yield figure
 
     counted = []
     films._write(tmp_path / "grey.gif", frames(), 10.0, counted.append)
@@ -91,7 +90,7 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
     touch = films.TouchStreams(Recording(file))
     shown = films.bodies_of(touch)
     instants = films.instants_at(touch, shown, [100, 200, 300])
-    titles = [frame._title.get_text() for frame in films._frames(shown.mesh, instants, COLOURS["displacement"])]
+    titles = [one.axes[0].get_title(loc="left") for one in films._frames(shown.mesh, instants, COLOURS["displacement"])]
     assert [(count, total) for count, _, total in scenes] == [(2, 3), (1, 3)]
     assert len({most for _, most, _ in scenes}) == 1
     assert titles[0].startswith("0.10 s") and titles[2].startswith("0.30 s")

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from palpate.engine.imports import full_name
 from palpate.launch.load.launchfile import find
@@ -13,9 +12,9 @@ from palpate.launch.run.execute import execute
 from palpate.messages import Contact, Force, Friction, Pose, Surface
 from palpate.messages.grip import Grip
 from palpate.records.reader import Recording
-from palpate.views.fingers import fingers, links_of, links_of_plan
 from palpate.views.pictures import draw
 from palpate.views.pictures.touch import TouchStreams
+from palpate.views.shown import fingers, links_of, links_of_plan
 from palpate.views.surface.moments import bodies_of, instants
 
 
@@ -87,7 +86,7 @@ def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
 def test_the_pictures_show_each_finger_and_the_grip(pinched, tmp_path, monkeypatch):
     there = importlib.util.find_spec
     monkeypatch.setattr(importlib.util, "find_spec", lambda n, *more: None if n == "pyvista" else there(n, *more))
-    made = [path.stem for path in draw(pinched, tmp_path, Console(quiet=True))]
+    made = [path.stem for path in draw(pinched, tmp_path)]
     each = [
         f"{name}-contact-{f}" for name in ("force", "compression", "friction", "device") for f in ("thumb", "index")
     ]

@@ -26,8 +26,8 @@ pytest.importorskip("websockets")
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from palpate.views.page.feed import FrameSource
 from palpate.views.page.server import PageServer
-from palpate.views.page.source import FrameSource
 
 WAIT = 90.0  # [s] that a busy machine may take
 PRESSED = (0.0, 0.0, 0.101)

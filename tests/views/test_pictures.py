@@ -1,7 +1,6 @@
 """Pictures of a recording: the data behind them, and that they are made whatever the recording and the machine lack."""
 
 import importlib.util
-import io
 import math
 import subprocess
 import sys
@@ -11,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from msgspec import structs
-from rich.console import Console
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -24,12 +22,12 @@ from palpate.physics.geometry.mesh import plane
 from palpate.records import stored
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
-from palpate.views.bodies import Bodies
 from palpate.views.pictures import PictureError, compression, deformation, draw, force
 from palpate.views.pictures.device import absorbed
-from palpate.views.pictures.regions import _stretches, regions
+from palpate.views.pictures.friction import _stretches, regions
 from palpate.views.pictures.style import COLUMNS, decimate, figure, mean
 from palpate.views.pictures.touch import TouchStreams, millijoules, together, touches, work
+from palpate.views.shown import Bodies
 from palpate.views.surface import off_screen, render
 from palpate.views.surface.moments import bodies_of, choose, displaced, dragged, instants
 
@@ -100,12 +98,11 @@ def hide(monkeypatch, *names):
 
 def drawn(recording, folder):
     """Names of the pictures, and what was told."""
-    out = io.StringIO()
-    made = draw(recording, folder, Console(file=out, width=400))
+    lines: list[str] = []
+    made = draw(recording, folder, lines.append)
     for path in made:
         assert path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    lines = [line.strip() for line in out.getvalue().splitlines() if line.strip()]
-    return [path.name for path in made], [line for line in lines if not line.startswith("drawing the pictures")]
+    return [path.name for path in made], lines
 
 
 @pytest.fixture(scope="module")
@@ -436,11 +433,11 @@ def test_only_the_part_with_the_contacts_is_read_of_a_long_recording(tmp_path):
     file = record(tmp_path / "r.mcap", {"a": [press(max(depth, 0.0)) for depth in depths], "b": poses})
     touch = TouchStreams(Recording(file))
     begin, end = touch.shown
-    for columns in (touch.contact, touch.pose):
+    for columns in (touch.contact, touch[Pose]):
         assert columns["time"][0] == pytest.approx(begin) and columns["time"][-1] == pytest.approx(end)
         assert 500 <= len(columns["tick"]) <= 510
-    assert touch.pose["position"][0, 2] == pytest.approx(begin)
-    assert len(TouchStreams(Recording(file), whole=True).pose["tick"]) == len(depths)
+    assert touch[Pose]["position"][0, 2] == pytest.approx(begin)
+    assert len(TouchStreams(Recording(file), whole=True)[Pose]["tick"]) == len(depths)
 
 
 def test_a_long_line_keeps_its_least_and_greatest_values_in_each_column():

@@ -1,11 +1,8 @@
 """Pictures of a sliding fingertip, of pins and of the band of force: the data behind them, and that they are made."""
 
-import io
-
 import numpy as np
 import pytest
 from pytest import approx
-from rich.console import Console
 from test_pictures import UP, press, record, surface
 
 from palpate.launch.load.launchfile import find
@@ -26,10 +23,10 @@ def run(graph, folder, *sets, duration):
 
 
 def drawn(file, folder):
-    out = io.StringIO()
-    made = draw(file, folder, Console(file=out, width=400))
+    lines: list[str] = []
+    made = draw(file, folder, lines.append)
     assert all(path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n" and path.stat().st_size > 10_000 for path in made)
-    return {path.stem for path in made}, out.getvalue().strip()
+    return {path.stem for path in made}, "\n".join(lines)
 
 
 @pytest.fixture

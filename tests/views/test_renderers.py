@@ -22,8 +22,7 @@ from test_page import PRESSED, WAIT, Server, until
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from palpate.views.page.feed import packed
-from palpate.views.page.renderers import binary
+from palpate.views.page.feed import binary, packed
 
 SAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "renderers"
 THREE = "three@0.170.0"

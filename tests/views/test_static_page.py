@@ -8,9 +8,8 @@ pytest.importorskip("websockets")
 pytest.importorskip("playwright.sync_api")
 
 from palpate.physics.geometry.mesh import plane
-from palpate.views.page.feed import packed, surface_frame
+from palpate.views.page.feed import FrameSource, packed, surface_frame
 from palpate.views.page.server import PageServer
-from palpate.views.page.source import FrameSource
 
 pytestmark = NEEDED
 FINGER = {"time": 1.25, "normal": [0, 0, 1], "foot": [0, 0, 0], "load": 2.6, "depth": 8e-3, "squeeze": 1e-3,

@@ -72,8 +72,8 @@ def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
     force = Recording(file).columns("contact")["force"]
     assert head["name"] == "touch.mcap" and head["body"] == "deformation.MassSpring"
     assert len(head["t"]) == len(force) < POINTS and max(head["f"]) == force.max() > 0.5
-    assert places.reshape(-1, 3) == pytest.approx(reel.bodies.mesh.vertices, abs=1e-7)
-    assert len(triangles) == reel.bodies.mesh.triangles.size and len(normals) == len(places)
+    assert places.reshape(-1, 3) == pytest.approx(reel.touched.bodies.mesh.vertices, abs=1e-7)
+    assert len(triangles) == reel.touched.bodies.mesh.triangles.size and len(normals) == len(places)
 
 
 def test_a_long_recording_keeps_its_peaks(file, monkeypatch):

@@ -87,7 +87,7 @@ def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
     at(page, 0.3)
     reel = shown.source.reels[0]
     surface = next(one for one in reel.last(0.3).values() if isinstance(one, Surface))
-    expected = painted(COLOURS["strain"], reel.bodies.mesh, surface)
+    expected = painted(COLOURS["strain"], reel.touched.bodies.mesh, surface)
     drawn = np.array(page.evaluate("Array.from(palpate.reels[0].scene.values)"))
     assert expected.max() > 0.05 and drawn == pytest.approx(expected, abs=2e-4)
     assert page.text_content("#top") == f"{100 * expected.max():.0f} %"
@@ -161,7 +161,7 @@ def test_the_fingertip_is_drawn_in_the_dent_as_in_pictures(page, shown):
     at(page, 0.3)
     reel, head = shown.source.reels[0], page.evaluate("palpate.reels[0].newest.head")
     surface = next(one for one in reel.last(0.3).values() if isinstance(one, Surface))
-    vertices = reel.bodies.mesh.vertices
+    vertices = reel.touched.bodies.mesh.vertices
     expected = dragged(vertices, displaced(surface, len(vertices)), np.array([head["foot"]]), np.array([head["up"]]))
     drawn = page.evaluate("({ foot, up }) => palpate.reels[0].scene.dragged(foot, up)", head)
     assert np.linalg.norm(expected) > 1e-4 and drawn == pytest.approx(expected[0], abs=1e-5)

@@ -11,8 +11,7 @@ from msgspec.structs import replace
 from palpate.launch.load.launchfile import LaunchFile, find
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
-from palpate.views.pictures.friction import beyond_dip, sliding
-from palpate.views.pictures.regions import regions
+from palpate.views.pictures.friction import beyond_dip, regions, sliding
 from palpate.views.pictures.touch import TouchStreams, touches, work
 
 T = 1e-3  # [s]

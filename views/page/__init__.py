@@ -8,8 +8,8 @@ from palpate.physics.extras import missing
 from palpate.views.errors import PageError
 
 if TYPE_CHECKING:
+    from palpate.views.page.feed import FrameSource
     from palpate.views.page.server import PageServer
-    from palpate.views.page.source import FrameSource
 
 
 def check() -> None:

@@ -5,7 +5,7 @@ messages that the page does not read in time, so the page cannot slow the run.
 """
 
 import struct
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -33,12 +33,63 @@ from palpate.messages import (
     unpack,
 )
 from palpate.physics.geometry.mesh import Mesh
-from palpate.views.bodies import Bodies
-from palpate.views.page.steered import Shown, Touched
+from palpate.views.page.steered import Touched
 
 KEPT = 400  # limit of buffered messages of a finger's small streams between two frames
 Last = dict[type[Message], Message]
 Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
+
+VERSION = 1  # of the records for external renderers (docs/renderers.md)
+RATE = 60.0  # [1/s] of frames while a renderer listens
+MESH = struct.Struct("<4sHHIIfI")
+"""Magic, version, fingers, vertices, triangles, thickness of the fingertip [m], 0."""
+FRAME = struct.Struct("<4sHHIId")  # Magic, version, fingers, moved vertices, late ticks, time [s]
+FINGER = struct.Struct("<12f3fI")
+"""Tip, foot [m], normal [1], force on the hand [N] (3 each), normal force [N], indentation, compression [m], state."""
+TOUCHES, TIP, FORCE, FRICTION, STICKS = (1 << bit for bit in range(5))
+"""Bits of the state: in contact; tip, force and friction are known; the contact sticks."""
+ZERO = (0.0, 0.0, 0.0)
+
+
+class FrameSource:
+    """Provides the frames of a page.
+
+    files         HTML and script of the page
+    command       the command that prints its address
+    status, keep  status text, and whether the recording of the current run is kept. Status None: frames only on request
+    panel         texts and questions of an experiment, shown over the picture. None: no panel
+    mesh, frame   the newest ones, packed for the page (see `feed`)
+    rate          [1/s] highest rate of frames
+    on_news       called, from any thread, when one of these changes
+    """
+
+    files = ("index.html", "page.js")
+    command = "palpate run --view"
+    status: str | None = None
+    keep = False
+    panel: dict[str, Any] | None = None
+    mesh = frame = b""
+    rate = 30.0
+
+    def __init__(self) -> None:
+        self.on_news: Callable[[], object] = lambda: None
+
+    def open(self) -> None:
+        """Called when the server is open."""
+
+    def close(self) -> None:
+        """Called when the server has closed."""
+
+    def begin(self) -> list[bytes]:
+        """Messages to a page when it opens."""
+        return []
+
+    def take(self, page: object, text: str | bytes) -> list[bytes]:
+        """Execute a request of a page; returns the answers. PalpateError, MsgspecError: the request is invalid."""
+        return []
+
+    def leave(self, page: object) -> None:
+        """Called when a page is closed."""
 
 
 class StreamReader:
@@ -46,7 +97,7 @@ class StreamReader:
 
     def __init__(self, run: Running, touched: Touched) -> None:
         self.touched = touched
-        self.kinds = {HEALTH: Health} | kinds_of(touched.fingers, touched.near, touched.bodies)
+        self.kinds = {HEALTH: Health} | kinds_of(touched)
         self.newest: dict[str, Message] = {}
         self.late: dict[str, int] = {}
         self.context = zmq.Context()
@@ -98,40 +149,36 @@ class StreamReader:
         head = {"kind": "frame", "late": max(self.late.values(), default=0)}
         if not count:
             return None
-        return picture(head, self.newest, touched.bodies, touched.fingers, touched.near, touched.thickness, curves)
+        return picture(head, self.newest, touched, curves)
 
 
 def picture(
-    head: dict[str, Any], newest: Mapping[str, Message], shown: Bodies, fingers: Sequence[Shown],
-    near: Sequence[Sequence[str]], thickness: float, curves: Sequence[Curve] = (),
-) -> bytes | None:  # fmt: skip
+    head: dict[str, Any], newest: Mapping[str, Message], touched: Touched, curves: Sequence[Curve] = ()
+) -> bytes | None:
     """The frame of the newest messages by stream; None if a finger has no contact message yet. The proximity of a
-    finger is that with the smallest gap. Other arguments: see `steered.Touched` and `told`."""
+    finger is that with the smallest gap. The head has the last messages of the first finger, with its curve; those of
+    the other fingers are in `others`."""
     every: list[Last] = []
-    for finger, organs in zip(fingers, near, strict=True):
+    for finger, organs in zip(touched.fingers, touched.near, strict=True):
         last: Last = {kind: newest[stream] for kind, stream in finger.items() if stream in newest}
         close = [one for stream in organs if isinstance(one := newest.get(stream), Proximity)]
         every.append(last | ({Proximity: min(close, key=lambda one: one.gap)} if close else {}))
     if any(Contact not in last for last in every):
         return None
     shapes = {stream: one for stream, one in newest.items() if isinstance(one, Surface)}
-    loads = {stream: one for stream, one in newest.items() if stream in shown.loads and isinstance(one, Load)}
-    return frame(head | told(every, thickness, curves) | shown.pressed(loads), shown.surface(shapes))
+    bodies = touched.bodies
+    loads = {stream: one for stream, one in newest.items() if stream in bodies.loads and isinstance(one, Load)}
+    first, *others = (
+        now(last, touched.thickness) | curve for last, curve in zip(every, curves or [{}] * len(every), strict=True)
+    )
+    return frame(head | first | {"others": others} | bodies.pressed(loads), bodies.surface(shapes))
 
 
-def kinds_of(fingers: Iterable[Shown], near: Iterable[Iterable[str]], shown: Bodies) -> dict[str, type[Message]]:
+def kinds_of(touched: Touched) -> dict[str, type[Message]]:
     """The message type of each stream that the page shows."""
-    kinds = {stream: kind for finger in fingers for kind, stream in finger.items()}
-    kinds |= {stream: Proximity for organs in near for stream in organs}
-    return kinds | dict.fromkeys(shown.streams, Surface) | dict.fromkeys(shown.loads, Load)
-
-
-def told(fingers: list[Last], thickness: float, curves: Sequence[Curve] = ()) -> dict[str, Any]:
-    """The head of a frame: the last messages of the first finger, with forces and indentations before them; those of
-    the other fingers in `others`."""
-    every: Sequence[Curve] = curves or [{}] * len(fingers)
-    head, *others = (now(last, thickness) | curve for last, curve in zip(fingers, every, strict=True))
-    return head | {"others": others}
+    kinds = {stream: kind for finger in touched.fingers for kind, stream in finger.items()}
+    kinds |= {stream: Proximity for organs in touched.near for stream in organs}
+    return kinds | dict.fromkeys(touched.bodies.streams, Surface) | dict.fromkeys(touched.bodies.loads, Load)
 
 
 def frame(head: dict[str, Any], surface: Surface | None) -> bytes:
@@ -198,3 +245,25 @@ def packed(head: dict[str, Any], indices: np.ndarray, first: np.ndarray, second:
     text = msgspec.json.encode(head)
     text += b" " * (-len(text) % 4)
     return struct.pack("<I", len(text)) + text + indices.tobytes() + first.tobytes() + second.tobytes()
+
+
+def binary(data: bytes) -> bytes:
+    """The record for external renderers, without JSON, of a mesh or frame of the page (`packed`)."""
+    (length,) = struct.unpack_from("<I", data)
+    head = msgspec.json.decode(data[4 : 4 + length])
+    first, second, _ = (4 * size for size in head["sizes"])
+    indices, values = data[4 + length : 4 + length + first], data[4 + length + first : 4 + length + first + second]
+    if head["kind"] == "mesh":
+        counts = len(head.get("fingers", (0,))), len(values) // 12, len(indices) // 12
+        return MESH.pack(b"PLPM", VERSION, *counts, head.get("thickness", 0.0), 0) + values + indices
+    fingers = [head, *head["others"]]
+    begin = FRAME.pack(b"PLPF", VERSION, len(fingers), len(indices) // 4, head["late"], head["time"])
+    return b"".join((begin, *map(_finger, fingers), indices, values))
+
+
+def _finger(told: dict[str, Any]) -> bytes:
+    state = TOUCHES * (told["load"] > 0.0) + TIP * ("tip" in told) + FORCE * ("force" in told)
+    state += FRICTION * ("stick" in told) + STICKS * bool(told.get("stick"))
+    places = told.get("tip", told["foot"]), told["foot"], told["normal"], told.get("force", ZERO)
+    numbers = told["load"], told["depth"], told["squeeze"]
+    return FINGER.pack(*(number for place in places for number in place), *numbers, state)

@@ -9,8 +9,7 @@ from palpate.launch.load.launchfile import LaunchFile
 from palpate.launch.run.launcher import Launcher
 from palpate.launch.run.wire.discover import Running
 from palpate.nodes.base.effect import effects
-from palpate.views.page.feed import StreamReader, mesh_frame
-from palpate.views.page.source import FrameSource
+from palpate.views.page.feed import FrameSource, StreamReader, mesh_frame
 from palpate.views.page.steered import Touched, watched
 
 ENDING = 15.0  # [s] timeout of a graceful shutdown

@@ -9,17 +9,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from palpate.messages import Contact, Message, Proximity, Spikes, Surface
+from palpate.engine.imports import full_name
+from palpate.messages import Contact, Message, Surface
 from palpate.records.format.mcap_file import Broken, McapRecords
 from palpate.records.format.mcap_file import messages as messages_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 from palpate.views.errors import PageError
-from palpate.views.fingers import fingers, links_of
-from palpate.views.page.feed import Curve, frame, kinds_of, picture, surface_frame
-from palpate.views.page.source import FrameSource
-from palpate.views.page.steered import THICKNESS, receptors_of, shapes, streams_of, thickness_of
+from palpate.views.page.feed import Curve, FrameSource, frame, kinds_of, mesh_frame, picture
+from palpate.views.page.steered import watched
+from palpate.views.shown import fingers, links_of
 from palpate.views.surface.colour import able
 
 POINTS = 4000  # points of the curves of force and indentation: more than the pixels of a screen
@@ -37,31 +37,23 @@ class RecordingSource:
 
     def __init__(self, path: Path) -> None:
         self.recording = Recording(path)
-        links = links_of(self.recording)
-        found = fingers(*links)
-        self.fingers = shown = [streams_of(finger) for finger in found]
-        self.near, names = [finger.near for finger in found], shown[0]
+        found = fingers(*links_of(self.recording))
         for kind, what in ((Contact, "touch"), (Surface, "body")):
-            if not any(kind in finger for finger in shown):
+            if not any(full_name(kind) in finger for finger in found):
                 streams = ", ".join(sorted(self.recording.streams)) or "none"
                 raise RecordingError(f"{path}: no {what} in it to show: no stream of {kind.__name__} among {streams}")
-        planned = plan_of(self.recording)
-        senders = {name: self.recording.streams[stream].producer for name, stream in names.items()}
         try:
-            self.bodies = shapes(planned)
-            self.thickness = thickness_of(planned, senders[Proximity]) if Proximity in senders else THICKNESS
+            self.touched = watched(plan_of(self.recording), found)
         except PageError as error:
             raise RecordingError(f"{path}: {error}") from None
-        self.receptors = receptors_of(planned, senders[Spikes]) if Spikes in senders else {}
-        self.use = planned.graph.nodes[senders[Surface]].use
         self._file = self.recording.file().open("rb")
         self._records = McapRecords(self._file)
         self._open = lru_cache(maxsize=BACK + 2)(self._decoded)
         self._begins: list[float] = []
         self._places: list[int] = []
-        kinds = kinds_of(shown, self.near, self.bodies)
+        kinds = kinds_of(self.touched)
         self._kinds = {stream: kind for stream, kind in kinds.items() if stream in self.recording.streams}
-        self.curves = self._listen([finger[Contact] for finger in shown])
+        self.curves = self._listen([finger[Contact] for finger in self.touched.fingers])
 
     def close(self) -> None:
         self._file.close()
@@ -122,17 +114,15 @@ class RecordingSource:
 
     def begin(self, number: int, name: str) -> bytes:
         """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
-        return surface_frame(self.bodies.mesh, {
-            "reel": number, "name": name, "body": self.use, "colours": self._colours(), **self.curves[0],
-            "others": self.curves[1:], "receptors": self.receptors,
-        })  # fmt: skip
+        about = {"reel": number, "name": name, "colours": self._colours(), "others": self.curves[1:]}
+        return mesh_frame(self.touched, about | self.curves[0])
 
     def _colours(self) -> list[str]:
         """The colours that the surface can have, as it is where the force is greatest."""
         time = max((f, t) for curve in self.curves for t, f in zip(curve["t"], curve["f"], strict=True))[1]
         newest = self.last(time)
-        surface = self.bodies.surface({name: one for name, one in newest.items() if isinstance(one, Surface)})
-        loads = ["load"] if any(name in self.bodies.loads for name in newest) else []
+        surface = self.touched.bodies.surface({name: one for name, one in newest.items() if isinstance(one, Surface)})
+        loads = ["load"] if any(name in self.touched.bodies.loads for name in newest) else []
         return loads + (able(surface) if surface is not None else ["displacement", "strain"])
 
     def frame(self, time: float, number: int) -> bytes:
@@ -140,7 +130,7 @@ class RecordingSource:
         times = self.curves[0]["t"]
         newest = self.last(min(max(time, times[0]), times[-1]))
         head: dict[str, Any] = {"kind": "frame", "reel": number, "asked": time}
-        return picture(head, newest, self.bodies, self.fingers, self.near, self.thickness) or frame(head, None)
+        return picture(head, newest, self.touched) or frame(head, None)
 
 
 class Ask(msgspec.Struct, forbid_unknown_fields=True):

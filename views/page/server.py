@@ -25,8 +25,7 @@ from websockets.http11 import Request, Response
 
 from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
-from palpate.views.page.renderers import RATE, binary
-from palpate.views.page.source import FrameSource
+from palpate.views.page.feed import RATE, FrameSource, binary
 
 HOST, ANY = "127.0.0.1", "0.0.0.0"
 LOOPBACK = ("127.0.0.1", "localhost", "::1")

@@ -18,8 +18,7 @@ from palpate.physics.errors import PalpateError
 from palpate.views.errors import PageError
 from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
-from palpate.views.page.pointers import Count, Pointers, Sample
-from palpate.views.page.steered import steered, touched
+from palpate.views.page.steered import Count, Pointers, Sample, steered, touched
 
 
 class PageRequest(msgspec.Struct, forbid_unknown_fields=True):

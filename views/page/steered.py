@@ -1,11 +1,14 @@
-"""Replaces the devices of a graph by hands that follow the page's pointer, and selects what the page shows."""
+"""Replaces the devices of a graph by hands that follow the page's pointers, and selects what the page shows."""
 
+import contextlib
 import os
-from collections.abc import Iterable
+import socket
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import yaml
 
 from palpate.engine.imports import full_name
@@ -30,15 +33,19 @@ from palpate.messages import (
     Vector3,
 )
 from palpate.nodes.base import SettingError
-from palpate.views.bodies import Bodies
+from palpate.nodes.device.mouse import FARTHEST
+from palpate.physics.geometry.mesh import Mesh
 from palpate.views.errors import PageError
-from palpate.views.fingers import Finger, bodies, fingers, links_of_plan
+from palpate.views.shown import Bodies, Finger, fingers, links_of_plan
 
 Receptors = dict[str, list[float]]
 SHOWN = (Pose, Proximity, Contact, Friction, Force, ForceBand, Pins, Spikes, Pointed, Load, Surface)
 POINTER = "palpate-pointer"
 THICKNESS = 4e-3  # [m] default thickness of a fingertip
 Shown = dict[type[Message], str]
+Count = Annotated[int, msgspec.Meta(ge=0, lt=2**32)]
+Metres = Annotated[float, msgspec.Meta(ge=-FARTHEST, le=FARTHEST)]
+Sample = tuple[Count, tuple[Metres, Metres, Metres], Count]  # number, position [m, world] and buttons
 
 
 @dataclass(frozen=True)
@@ -112,9 +119,11 @@ def touched(planned: Plan) -> Touched:
     return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
-def watched(planned: Plan) -> Touched:
-    """What a page shows of a plan that it does not steer. PageError: no body with a mesh, or no contact."""
-    return _shown(planned, (Surface, Contact), Placement([ProcessGroup("loop", planned.order)]))
+def watched(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
+    """What a page shows of a plan that it does not steer, or of its recording with these streams of each finger.
+    PageError: no body with a mesh, or no contact."""
+    needed = () if recorded else (Surface, Contact)
+    return _shown(planned, needed, Placement([ProcessGroup("loop", planned.order)]), recorded)
 
 
 def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
@@ -122,8 +131,10 @@ def streams_of(finger: Finger, kinds: Iterable[type[Message]] = SHOWN) -> Shown:
     return {kind: finger[full_name(kind)] for kind in kinds if full_name(kind) in finger}
 
 
-def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement) -> Touched:
-    nodes, found = planned.graph.nodes, fingers(*links_of_plan(planned))
+def _shown(
+    planned: Plan, needed: tuple[type[Message], ...], place: Placement, recorded: Sequence[Finger] = ()
+) -> Touched:
+    nodes, found = planned.graph.nodes, recorded or fingers(*links_of_plan(planned))
     shown = [streams_of(finger) for finger in found]
     senders = {stream: name for name in planned.order for stream in nodes[name].streams}
     streams = shown[0]
@@ -132,7 +143,8 @@ def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement) -
             raise PageError(f"{planned.graph.path.stem}: no node sends {kind.__name__}; a page needs a body, its "
                             "contact and the finger. Try: palpate touch kidney")  # fmt: skip
     body = senders[streams[Surface]]
-    thickness = thickness_of(planned, senders[streams[Proximity]]) if Proximity in streams else THICKNESS
+    collision = planned.make(senders[streams[Proximity]]) if Proximity in streams else None
+    thickness = getattr(collision, "thickness", THICKNESS)
     return Touched(
         body=body,
         use=planned.graph.nodes[body].use,
@@ -140,33 +152,27 @@ def _shown(planned: Plan, needed: tuple[type[Message], ...], place: Placement) -
         place=place,
         fingers=shown,
         near=[finger.near for finger in found],
-        thickness=thickness,
+        thickness=float(thickness),
         begins=[nodes[senders[f[Pointed]]].settings["begin"] for f in shown if Pointed in f],
-        receptors=receptors_of(planned, senders[streams[Spikes]]) if Spikes in streams else {},
+        receptors=_receptors(planned, senders[streams[Spikes]]) if Spikes in streams else {},
     )
 
 
 def shapes(planned: Plan) -> Bodies:
     """The bodies of a plan that have a mesh. PageError: the first one has none."""
-    streams, loads = bodies(*links_of_plan(planned))
-    meshes = {}
-    for stream in streams:
+
+    def mesh(stream: str) -> Mesh:
         body = stream.partition(".")[0]
         try:
-            meshes[stream] = planned.make(body).mesh()  # type: ignore[attr-defined]
+            return planned.make(body).mesh()  # type: ignore[attr-defined, no-any-return]
         except (AttributeError, SettingError, ValueError, OSError) as error:
-            if not meshes:
-                use = planned.graph.nodes[body].use
-                raise PageError(f"node {body!r} ({use}) has no mesh to show: {error}") from None
-    return Bodies.of(meshes, streams, loads)
+            use = planned.graph.nodes[body].use
+            raise PageError(f"node {body!r} ({use}) has no mesh to show: {error}") from None
+
+    return Bodies.of(*links_of_plan(planned), mesh)
 
 
-def thickness_of(planned: Plan, collision: str) -> float:
-    """Thickness of the fingertip, from skin to bone edge [m]."""
-    return float(getattr(planned.make(collision), "thickness", THICKNESS))
-
-
-def receptors_of(planned: Plan, node: str) -> Receptors:
+def _receptors(planned: Plan, node: str) -> Receptors:
     """Places and types of the receptors of a node of afferents; empty where it cannot be made."""
     try:
         made = planned.make(node).made()  # type: ignore[attr-defined]
@@ -182,3 +188,39 @@ def _place(planned: Plan) -> Placement:
     slow = [name for name in planned.order if planned.graph.nodes[name].every > 1]
     loop = ProcessGroup("loop", [name for name in planned.order if name not in slow], core=(cores[-1],), priority=80)
     return Placement([loop, *([ProcessGroup("rest", slow, core=tuple(cores[:-1] or cores))] if slow else [])])
+
+
+class Pointers:
+    """Sends the samples of the pages' pointers to the hands of a run; the page that sent the last one steers.
+
+    sockets  one for each finger
+    begins   [m] (3) start of each finger, to which it returns when the steering page closes
+    """
+
+    def __init__(self, sockets: Sequence[Path], begins: Sequence[Vector3]) -> None:
+        self.sockets, self.begins = sockets, begins
+        self._outlet = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._outlet.setblocking(False)
+        self._steering: object = None
+
+    def steer(self, page: object, finger: int, sample: Sample) -> None:
+        """Forward a sample of a page. PageError: no such finger."""
+        if finger >= len(self.sockets):
+            raise PageError(f"finger: found {finger}, expected less than {len(self.sockets)}")
+        self._steering = page
+        self._send(finger, sample)
+
+    def leave(self, page: object) -> None:
+        """A page closes: if it steered, its hands return to their start."""
+        if self._steering is page:
+            self._steering = None
+            for finger, begin in enumerate(self.begins):
+                self._send(finger, (0, begin, 0))
+
+    def close(self) -> None:
+        self._outlet.close()
+
+    def _send(self, finger: int, sample: Sample) -> None:
+        """Send a sample; it is lost while no run is active."""
+        with contextlib.suppress(OSError):
+            self._outlet.sendto(msgspec.msgpack.encode(sample), str(self.sockets[finger]))

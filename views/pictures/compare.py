@@ -1,18 +1,26 @@
 """One touch computed by several models: curves and their differences."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from palpate.records.compare import Variant
 from palpate.views.pictures.style import figure as blank
+from palpate.views.pictures.style import look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
-def drawn(variants: Sequence[Variant]) -> Figure:
+@look()
+def figure(variants: Sequence[Variant]) -> Figure:
     """One picture: force and indentation over time of every variant, and their differences from the first."""
-    figure = blank(11, 6.5, f"One touch, {len(variants)} variants; differences from {variants[0].name}")
-    axes = figure.subplots(2, 2, sharex=True)
+    out = blank(11, 6.5, f"One touch, {len(variants)} variants; differences from {variants[0].name}")
+    axes = out.subplots(2, 2, sharex=True)
     first = np.array(variants[0].curves).reshape(-1, 3)
     units = ((1, "force [N]", 1.0), (2, "indentation [mm]", 1e3))
     for (column, label, factor), (above, below) in zip(units, axes.T, strict=True):
@@ -23,7 +31,12 @@ def drawn(variants: Sequence[Variant]) -> Figure:
             below.plot(times, (curve[mine, column] - first[theirs, column]) * factor, linewidth=1.2)
         above.set_ylabel(label)
         below.set(ylabel=f"difference, {label}", xlabel="time [s]")
-        for axis in (above, below):
-            axis.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=8)
-    return figure
+    return out
+
+
+def draw(variants: Sequence[Variant], path: Path) -> list[Path]:
+    picture = figure(variants)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    picture.savefig(path, dpi=140)
+    return [path]

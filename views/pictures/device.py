@@ -4,14 +4,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.messages import Force
+from palpate.messages import Force, Pose
 from palpate.views.pictures.style import ENERGY, FINGER, INK, NORMAL, REGION_A, SPEED, figure, mean, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams
 
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None without a recorded force."""
-    force = touch.force
+    force = touch[Force]
     if force is None:
         return None
     time, size = force["time"], np.linalg.norm(force["force"], axis=1)
@@ -32,7 +32,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     low, high = upper.get_ylim()
     upper.set_ylim(low, high + 0.2 * (high - low))
     lower.axhline(0.0, color="#77777f", linewidth=0.8)
-    energy = absorbed(force, touch.pose)
+    energy = absorbed(force, touch[Pose])
     if energy is None:
         energy, how = force["energy"], "since the last change of state, by the passivity observer"
     else:

@@ -12,7 +12,7 @@ PARTS = ("fingertip", FINGER), ("tissue", TISSUE), ("friction", FRICTION)
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None without a recorded Ledger."""
-    ledger = touch.ledger
+    ledger = touch[Ledger]
     if ledger is None:
         return None
     time, bound = ledger["time"], touch.settings(touch.stream_of(Ledger)).get("bound", 0.0)

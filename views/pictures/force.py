@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.messages import ForceBand
+from palpate.messages import ForceBand, Pose
 from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, TISSUE, figure, mean, noise
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
@@ -24,9 +24,9 @@ def draw(touch: TouchStreams) -> Figure | None:
     approach = contact["compression"] + contact["indentation"]
     measured = not approach.any()
     if measured:
-        if touch.pose is None:
+        if (pose := touch[Pose]) is None:
             return None
-        contact = _depths(contact, touch.pose, slices)
+        contact = _depths(contact, pose, slices)
         approach = contact["indentation"]
     chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
     ways = [
@@ -72,9 +72,10 @@ def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:
 
 def beside(touch: TouchStreams) -> tuple[Columns, Columns] | None:
     """The force band and the contact at its ticks; None without a band or a touch."""
-    if touch.band is None or touch.contact is None:
+    sent = touch[ForceBand]
+    if sent is None or touch.contact is None:
         return None
-    band, contact = together(touch.band, touch.contact)
+    band, contact = together(sent, touch.contact)
     return (band, contact) if (band["mean"] > 0.0).any() else None
 
 

@@ -1,4 +1,9 @@
-"""Normal and friction force over time and over the sliding speed."""
+"""Normal and friction force over time and over the sliding speed, in the parts of a recording that show their relation.
+
+Region A: the finger slides at constant speed while the normal force varies.
+Region B: the normal force is constant while the sliding speed rises.
+Both depend only on normal force and speed, not on friction, so that the choice does not bias the result.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +11,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.messages import Friction
+from palpate.messages import Friction, Proximity
 from palpate.views.pictures import style
-from palpate.views.pictures.regions import BEYOND_DIP, regions
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+SPEED_BAND = 1.25  # largest ratio of maximum to minimum of a constant speed
+FORCE_BAND = 1.06  # the same for the normal force
+LEAST_CHANGE = 1.5  # smallest ratio for the other quantity
+SLOWEST = 5e-3  # [m/s] lowest sliding speed
+BEYOND_DIP = 0.05  # [m/s] default speed above which friction no longer falls with speed
+LIGHTEST = 0.05  # smallest normal force, as a fraction of the largest
+SHORTEST = 0.05  # [s]
 
 WIDE = 0.04  # [s] of the running mean in region B
 SLOW = 1.3  # limit of slow samples, as a multiple of the lowest speed of region B
@@ -22,7 +34,7 @@ DIPS_FOR = 2.5  # Stribeck speeds above which friction no longer falls: e^(-2.5^
 
 def sliding(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
     """Time [s], normal force [N], friction force [N] and sliding speed [m/s]; None if one was not recorded."""
-    contact, friction, near = touch.contact, touch.friction, touch.proximity
+    contact, friction, near = touch.contact, touch[Friction], touch[Proximity]
     if contact is None or friction is None or near is None:
         return None
     tables: list[Columns] = together(contact, friction, near)
@@ -63,10 +75,14 @@ def _time(upper: Axes, lower: Axes, data: tuple, a: slice | None, b: slice | Non
     for axes in (upper, lower):
         for region, colour, letter in ((a, style.REGION_A, "A"), (b, style.REGION_B, "B")):
             if region is not None:
-                style.shade(axes, time[region.start], time[region.stop - 1], colour, letter)
+                begin, end = time[region.start], time[region.stop - 1]
+                axes.axvspan(begin, end, color=colour, linewidth=0)
+                place = axes.get_xaxis_transform()
+                axes.text((begin + end) / 2, 0.97, letter, transform=place, ha="center", va="top", weight="bold")
         style.over_time(axes, time, touch.shown, touch.span)
-    style.trace(upper, time, normal, time, style.NORMAL, "normal force")
-    style.trace(upper, time, friction, time, style.FRICTION, "friction force")
+    for force, colour, label in ((normal, style.NORMAL, "normal force"), (friction, style.FRICTION, "friction force")):
+        upper.plot(time, force, color=colour, alpha=0.25, linewidth=0.6)
+        upper.plot(time, style.mean(force, time), color=colour, label=label)
     upper.legend(loc="upper left", ncols=2)
     upper.set(ylabel="force [N]", ylim=(0.0, float(normal.max()) * 1.2), xlabel="")
     upper.tick_params(labelbottom=False)
@@ -117,3 +133,61 @@ def _region_b(axes: Axes, data: tuple, region: slice | None) -> None:
 def _none(axes: Axes, text: str) -> None:
     axes.set_axis_off()
     axes.text(0.5, 0.5, text, ha="center", va="center", color="#77777f", wrap=True, transform=axes.transAxes)
+
+
+def regions(
+    time: np.ndarray, normal: np.ndarray, speed: np.ndarray, beyond: float = BEYOND_DIP
+) -> tuple[slice | None, slice | None]:
+    """Regions A and B as slices of the samples; None if there is no such region.
+
+    time    [s]   (n)  rising
+    normal  [N]   (n)  normal force
+    speed   [m/s] (n)  of sliding
+    beyond  [m/s] ()   least speed in region B: above it friction no longer falls with speed
+    """
+    if len(time) < 3:
+        return None, None
+    normal, speed = style.mean(normal, time), style.mean(speed, time)
+    pressed = normal > max(LIGHTEST * float(normal.max()), 0.0)
+    a = _best(time, speed, normal, pressed & (speed > SLOWEST), SPEED_BAND, rising=False)
+    b = _best(time, normal, speed, pressed & (speed > beyond), FORCE_BAND, rising=True)
+    return a, b
+
+
+def _best(
+    time: np.ndarray, held: np.ndarray, varied: np.ndarray, allowed: np.ndarray, band: float, *, rising: bool
+) -> slice | None:
+    """The interval in which one quantity stays within its band and the other changes enough. Of several, the one with
+    the largest product of range and duration, so that a short lift-off is not chosen."""
+    best, stretch = 0.0, None
+    for begin, end in _stretches(held, allowed, band):
+        part = varied[begin:end]
+        if rising:
+            top = int(part.argmax())
+            bottom = int(part[: top + 1].argmin())
+            begin, end = begin + bottom, begin + top + 1
+        low, high = float(varied[begin:end].min()), float(varied[begin:end].max())
+        duration = float(time[end - 1] - time[begin])
+        if high >= LEAST_CHANGE * low and duration >= SHORTEST and (high - low) * duration > best:
+            best, stretch = (high - low) * duration, slice(begin, end)
+    return stretch
+
+
+def _stretches(held: np.ndarray, allowed: np.ndarray, band: float) -> list[tuple[int, int]]:
+    """All maximal intervals of allowed samples with max(held) <= band min(held)."""
+    stretches: list[tuple[int, int]] = []
+    begin, low, high = 0, np.inf, -np.inf
+    for i, (ok, value) in enumerate(zip([*allowed.tolist(), False], [*held.tolist(), 0.0], strict=True)):
+        lower, higher = min(low, value), max(high, value)
+        if ok and higher <= band * lower:
+            low, high = lower, higher
+            continue
+        if i > begin:
+            stretches.append((begin, i))
+        if ok:  # restart after the last sample that is not in a band with this one
+            before = held[begin:i]
+            begin += 1 + int(np.flatnonzero((before > band * value) | (value > band * before))[-1])
+            low, high = float(held[begin : i + 1].min()), float(held[begin : i + 1].max())
+        else:
+            begin, low, high = i + 1, np.inf, -np.inf
+    return stretches

@@ -12,7 +12,7 @@ COLOURS = (FINGER, NORMAL, SPEED, FRICTION, TISSUE)
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None if no grip was recorded, or nothing was held."""
-    grip = touch.grip
+    grip = touch[Grip]
     if grip is None or not grip["normal"].any():
         return None
     time = grip["time"]

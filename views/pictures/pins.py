@@ -17,9 +17,10 @@ COLUMNS = 5
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None if no pins were recorded, or nothing was touched."""
-    if touch.pins is None or touch.contact is None:
+    columns = touch[Pins]
+    if columns is None or touch.contact is None:
         return None
-    pins, contact = together(touch.pins, touch.contact)
+    pins, contact = together(columns, touch.contact)
     rows = moments(contact["force"])
     if not rows:
         return None

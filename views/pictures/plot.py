@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.physics.extras import missing
 from palpate.views.errors import PictureError
+from palpate.views.pictures.style import ENERGY, FRICTION, INK, NORMAL, TISSUE, figure, look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,14 +31,10 @@ def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
         raise PictureError(
             f"nothing to plot; name fields of {run.path} as STREAM.FIELD; streams: {', '.join(run.streams)}"
         )
-    from matplotlib import rc_context
-
-    from palpate.views.pictures.style import ENERGY, FRICTION, INK, LOOK, NORMAL, TISSUE, figure
-
     across = None if over is None else _drawable(run, over)
     if across is not None and across.values.ndim > 1:
         raise PictureError(f"{over!r} is a vector; expected a number to plot over, such as contact.indentation")
-    with rc_context(LOOK):
+    with look():
         out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name, current=True)
         panels = out.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, names, strict=True):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from palpate.messages import Slip
+from palpate.messages import Friction, Slip
 from palpate.views.pictures.style import ENERGY, FINGER, FRICTION, INK, NORMAL, REGION_A, REGION_B, figure, over_time
 from palpate.views.pictures.touch import Columns, TouchStreams, together
 
@@ -44,9 +44,10 @@ def phases(normal: np.ndarray, friction: np.ndarray, incipient: np.ndarray, gros
 
 def slides(touch: TouchStreams) -> tuple[Columns, Columns, Columns, Phases] | None:
     """Contact, friction and slip at common ticks, and the phases; None if one is missing or nothing was touched."""
-    if touch.slip is None or touch.contact is None or touch.friction is None:
+    every = touch.contact, touch[Friction], touch[Slip]
+    if any(columns is None for columns in every):
         return None
-    contact, friction, slip = together(touch.contact, touch.friction, touch.slip)
+    contact, friction, slip = together(*(columns for columns in every if columns is not None))
     if not (contact["force"] > 0.0).any():
         return None
     size = np.linalg.norm(friction["force"], axis=1)

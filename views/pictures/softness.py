@@ -18,10 +18,11 @@ OUTSIDE = "outside Hertz theory"
 
 def draw(touch: TouchStreams) -> Figure | None:
     """None if no pins show a force, or their node cannot be made here."""
-    if touch.pins is None or touch.contact is None:
+    sent = touch[Pins]
+    if sent is None or touch.contact is None:
         return None
     node = touch.make(touch.stream_of(Pins))
-    pins, contact = together(touch.pins, touch.contact)
+    pins, contact = together(sent, touch.contact)
     if not isinstance(node, PinArray) or node.shows != "force" or not (contact["force"] > 0.0).any():
         return None
     limit = 0.25 * node.finger.radius**2 * (1.0 / node.finger.radius + node.curvature)  # [m] δ = a²/R at a = R_f/2

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -57,6 +59,15 @@ LOOK: Any = {
     "figure.titlesize": 15,
     "savefig.dpi": DPI,
 }
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """Draw in this style; also a decorator of functions that draw."""
+    from matplotlib import rc_context
+
+    with rc_context(LOOK):
+        yield
 
 
 def figure(width: float, height: float, title: str, current: bool = False) -> Figure:
@@ -158,17 +169,3 @@ def deformation_bar(figure: Figure, top: float, label: str, **place: Any) -> Non
 
     bar = figure.colorbar(ScalarMappable(Normalize(0.0, top), deformation_colours()), label=label, **place)
     bar.outline.set_visible(False)  # type: ignore[operator]
-
-
-def trace(axes: Axes, x: np.ndarray, values: np.ndarray, time: np.ndarray, colour: str, label: str) -> None:
-    """Draw the running mean as a line in front of the samples."""
-    axes.plot(x, values, color=colour, alpha=0.25, linewidth=0.6)
-    axes.plot(x, mean(values, time), color=colour, label=label)
-
-
-def shade(axes: Axes, begin: float, end: float, colour: str, letter: str) -> None:
-    """Shade an interval of time, with its letter at the top."""
-    axes.axvspan(begin, end, color=colour, linewidth=0)
-    axes.text(
-        (begin + end) / 2, 0.97, letter, transform=axes.get_xaxis_transform(), ha="center", va="top", weight="bold"
-    )

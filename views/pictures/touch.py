@@ -8,37 +8,14 @@ from typing import Any
 import numpy as np
 
 from palpate.engine.imports import full_name, recorded_class
-from palpate.messages import (
-    Contact,
-    Force,
-    ForceBand,
-    Friction,
-    Ledger,
-    Message,
-    Pins,
-    Pose,
-    Proximity,
-    Slip,
-)
-from palpate.messages.grip import Grip
+from palpate.messages import Contact, Force, Message
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
-from palpate.views.fingers import Finger, fingers, links_of
+from palpate.views.shown import Finger, fingers, links_of
 
 Columns = dict[str, np.ndarray]
 MARGIN, LEAST_MARGIN = 0.1, 0.1  # [1] fraction of the contacts' duration; [s]
 GAP = 0.05  # [s] shorter losses of contact do not end a touch
-
-
-def _columns(kind: type[Message]) -> cached_property[Columns | None]:
-    """The columns of the finger's stream of a message type."""
-
-    def read(touch: TouchStreams) -> Columns | None:
-        name = touch.stream_of(kind)
-        columns = touch.recording.columns(name, touch.read) if name is not None else None
-        return columns if columns is not None and len(columns["tick"]) else None
-
-    return cached_property(read)
 
 
 class TouchStreams:
@@ -50,6 +27,7 @@ class TouchStreams:
 
     def __init__(self, recording: Recording, finger: Finger | None = None, whole: bool = False) -> None:
         self.recording = recording
+        self._columns: dict[type[Message], Columns | None] = {}
         every = fingers(*links_of(recording))
         self._finger = every[0] if finger is None else finger
         self._whole = whole or len(every) > 1  # pictures of several fingers show the same instants
@@ -63,15 +41,13 @@ class TouchStreams:
         """The finger's stream of a message type; None if it has none."""
         return self._finger.get(full_name(kind))
 
-    friction = _columns(Friction)
-    proximity = _columns(Proximity)
-    force = _columns(Force)
-    pose = _columns(Pose)
-    ledger = _columns(Ledger)
-    slip = _columns(Slip)
-    pins = _columns(Pins)
-    grip = _columns(Grip)
-    band = _columns(ForceBand)
+    def __getitem__(self, kind: type[Message]) -> Columns | None:
+        """The columns of the finger's stream of a message type."""
+        if kind not in self._columns:
+            name = self.stream_of(kind)
+            columns = self.recording.columns(name, self.read) if name is not None else None
+            self._columns[kind] = columns if columns is not None and len(columns["tick"]) else None
+        return self._columns[kind]
 
     @cached_property
     def _contacts(self) -> tuple[Columns | None, tuple[float, float] | None, tuple[float, float]]:

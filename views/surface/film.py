@@ -16,6 +16,8 @@ from palpate.physics.extras import missing
 from palpate.physics.writable import check_file
 from palpate.records.reader import Recording
 from palpate.views.errors import PictureError
+from palpate.views.pictures.style import deformation_bar, look
+from palpate.views.pictures.style import figure as blank
 from palpate.views.pictures.touch import TouchStreams
 from palpate.views.surface.colour import COLOURS, Colour, check, painted, top
 from palpate.views.surface.moments import Instant, bodies_of, instants_at
@@ -30,25 +32,6 @@ BATCH = 100  # instants drawn at a time: 140 MB of pixels
 ENDINGS = (".mp4", ".gif")
 DPI = 100
 QUICKEST = 50.0  # [1/s] frame rate of a GIF; browsers slow down faster ones
-
-
-class FilmFrame:
-    """The figure of one instant: surface, colour bar, time, force; `show` updates it to another instant."""
-
-    def __init__(self, of: Colour, most: float, pixels: np.ndarray, instant: Instant) -> None:
-        from palpate.views.pictures.style import INK, deformation_bar, figure
-
-        self.figure: Figure = figure(7.68, 4.32, "")
-        axes = self.figure.subplots()
-        axes.set_axis_off()
-        self._image = axes.imshow(pixels)
-        self._title = axes.set_title("", fontsize=12, color=INK)
-        deformation_bar(self.figure, most * of.scale, of.label, ax=axes, shrink=0.7)
-        self.show(pixels, instant)
-
-    def show(self, pixels: np.ndarray, instant: Instant) -> None:
-        self._image.set_data(pixels)
-        self._title.set_text(instant.title())
 
 
 def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacement"]) -> float:
@@ -67,7 +50,7 @@ def picture(file: Path, at: float, target: Path, of: Colour = COLOURS["displacem
     check(of, [instant.surface], f"{file} at {instant.time:.3f} s")
     for frame in _frames(shown.mesh, [instant], of):
         target.parent.mkdir(parents=True, exist_ok=True)
-        frame.figure.savefig(target)
+        frame.savefig(target)
     return instant.time
 
 
@@ -77,7 +60,7 @@ def film(
     rate: float = 25.0,
     speed: float = 1.0,
     of: Colour = COLOURS["displacement"],
-    tell: Callable[[str], object] = lambda text: None,
+    warn: Callable[[str], object] = lambda text: None,
     done: Callable[[float], object] = lambda share: None,
 ) -> int:
     """Write a film of a recording; returns the number of frames.
@@ -85,8 +68,8 @@ def film(
     rate   [1/s] frame rate
     speed  [1] playback speed: 0.5 is slow motion
     of     colour of the surface
-    tell   receives a line about bodies that are not shown
-    done   receives the fraction of drawn frames; 0 after the input has been checked
+    warn   receives a line about bodies that are not shown
+    done   receives the fraction of drawn frames
 
     RecordingError, PictureError, ArgumentError: the film cannot be drawn. OSError: the file cannot be written.
     """
@@ -96,13 +79,12 @@ def film(
     _check_libraries("film", "matplotlib", "pyvista", "imageio_ffmpeg", "PIL")
     touch = TouchStreams(Recording(file), whole=True)
     ticks, times = _recorded(touch)
-    done(0.0)
     count = 1 + int((times[-1] - times[0]) * rate / speed)
     moments = times[0] + np.arange(count) * speed / rate
     chosen = ticks[np.minimum(np.searchsorted(times, moments - 1e-9), len(ticks) - 1)]
     shown = bodies_of(touch)
     if shown.left_out:
-        tell(shown.left_out)
+        warn(shown.left_out)
     by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
@@ -112,14 +94,10 @@ def film(
     return count
 
 
-def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[FilmFrame]:
-    """The figure updated to each instant; the same object each time."""
-    from matplotlib import rc_context
-
-    from palpate.views.pictures.style import LOOK
-
+def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Figure]:
+    """Surface, colour bar, time and force at each instant; the same figure each time."""
     most = top(of, max(float(painted(of, mesh, one.surface).max()) for one in instants))
-    frame = None
+    image: Any = None
     for begin in range(0, len(instants), BATCH):
         batch = instants[begin : begin + BATCH]
         values = [painted(of, mesh, one.surface) for one in batch]
@@ -129,14 +107,24 @@ def _frames(mesh: Any, instants: Sequence[Instant], of: Colour) -> Iterator[Film
         finally:
             rendering.close()
         for pixels, instant in zip(wide, batch, strict=True):
-            with rc_context(LOOK):
-                if frame is None:
-                    frame = FilmFrame(of, most, pixels, instant)
-                frame.show(pixels, instant)
-            yield frame
+            with look():
+                if image is None:
+                    figure, image = _figure(of, most, pixels)
+                image.set_data(pixels)
+                image.axes.set_title(instant.title(), fontsize=12)
+            yield figure
 
 
-def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callable[[int], object]) -> None:
+def _figure(of: Colour, most: float, pixels: np.ndarray) -> tuple[Figure, Any]:
+    """A figure with the pixels and the colour bar, and the image in it."""
+    figure = blank(7.68, 4.32, "")
+    axes = figure.subplots()
+    axes.set_axis_off()
+    deformation_bar(figure, most * of.scale, of.label, ax=axes, shrink=0.7)
+    return figure, axes.imshow(pixels)
+
+
+def _write(target: Path, frames: Iterator[Figure], rate: float, done: Callable[[int], object]) -> None:
     """Write frames that share one figure, with matplotlib's writer for this file type; `done` receives the count."""
     from matplotlib import rc_context
     from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
@@ -152,7 +140,7 @@ def _write(target: Path, frames: Iterator[FilmFrame], rate: float, done: Callabl
         look = {"animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe()}
         writer = FFMpegWriter(fps=fps)
     first = next(frames)
-    with rc_context(look), writer.saving(first.figure, str(target), DPI):
+    with rc_context(look), writer.saving(first, str(target), DPI):
         for number, _ in enumerate(chain([first], frames), 1):
             writer.grab_frame()
             done(number)

@@ -1,19 +1,17 @@
 """Chooses instants of a touch, and reads the deformed surface at them."""
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from palpate.engine.imports import UntrustedError, recorded_class
-from palpate.messages import Surface
+from palpate.messages import Force, Surface
 from palpate.nodes.base import Node, SettingError
 from palpate.physics.geometry.mesh import Mesh
-from palpate.views.bodies import Bodies
 from palpate.views.errors import PictureError
-from palpate.views.fingers import bodies, links_of
 from palpate.views.pictures.touch import Columns, TouchStreams, together, touches
+from palpate.views.shown import Bodies, links_of
 from palpate.views.surface.render import RIGHT
 
 SHALLOWEST = 0.35  # smallest indentation of an instant, as a fraction of the deepest
@@ -62,14 +60,10 @@ def bodies_of(touch: TouchStreams) -> Bodies:
 
     PictureError: no stream of surfaces, or no mesh of the first body.
     """
-    streams, loads = bodies(*links_of(touch.recording))
-    if not streams:
+    found = Bodies.of(*links_of(touch.recording), lambda stream: _mesh(touch, stream))
+    if not found.streams:
         raise PictureError("the recording has no stream of surfaces")
-    meshes = {streams[0]: _mesh(touch, streams[0])}
-    for stream in streams[1:]:
-        with suppress(PictureError):
-            meshes[stream] = _mesh(touch, stream)
-    return Bodies.of(meshes, streams, loads)
+    return found
 
 
 def _mesh(touch: TouchStreams, stream: str) -> Mesh:
@@ -187,7 +181,8 @@ def _finger(touch: TouchStreams, ticks: set[int]) -> dict[int, _Row]:
     if touch.contact is None:
         return {}
     tips = _tips(touch)
-    forces = {} if touch.force is None else dict(zip(touch.force["tick"].tolist(), touch.force["force"], strict=True))
+    sent = touch[Force]
+    forces = {} if sent is None else dict(zip(sent["tick"].tolist(), sent["force"], strict=True))
     columns = (touch.contact[name] for name in ("tick", "time", "foot", "normal", "force", "indentation"))
     return {
         int(tick): (float(time), foot, tips.get(tick, _NOWHERE), normal, forces.get(tick, np.zeros(3)), load, depth)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
@@ -21,23 +21,19 @@ PER_TICK = 2e-3  # [s] computing time per tick of a run and its replay at two ra
 
 
 def rates(
-    graph: Graph,
+    graph: options.Graph,
     error: Annotated[
         str, typer.Option(help="Allowed RMS error, % of peak, of each effect's output and of the force.")
     ] = "1 %",
-    sets: Sets = None,
-    scene: SceneOption = None,
-    duration: Annotated[
-        float | None, typer.Option(help="Duration of the touch that is measured.", parser=seconds, metavar="TIME")
-    ] = None,
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    duration: options.Duration = None,
     speeds: Annotated[
         str,
         typer.Option(help="Speeds of the simulated hand, as multiples of the graph's speed; the worst case counts."),
     ] = "0.5, 1, 2",
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-rates.yaml.")
-    ] = None,
-    as_json: Json = False,
+    out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-rates.yaml.")] = None,
+    as_json: options.Json = False,
 ) -> None:
     """Find the lowest update rate of each effect for a given error.
 
@@ -45,18 +41,16 @@ def rates(
     runs the graph at these speeds and on motions outside the search, raises the rates until the error is within the
     limit, and writes a launch file. If no rates meet the limit, nothing is written and the exit code is 1.
     """
-    from palpate.physics.writable import check_file
     from palpate.studies import rates as study
     from palpate.studies.motions import at_speeds, reached
     from palpate.studies.search import read_error
 
     share, _ = read_error(error)
     fast = study.read_speeds(speeds)
-    launch = chosen(graph, sets, scene).but(duration=duration)
+    launch = options.chosen(graph, sets, scene).but(duration=duration)
     planned = launch.plan()
     study.effects_of(planned)
-    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-rates.yaml")
-    check_file(file)
+    file = options.launch_file(launch, out, "rates")
     took = sum(one.duration or 0.0 for one in at_speeds(launch, fast).values()) * (3 if reached(launch, fast)[1] else 1)
     title = f"rates: a touch of {launch.duration or 0.0:g} s, then again at other rates"
     with steps(title, 4, silent=as_json, seconds=PER_TICK * took * planned.graph.rate) as done:

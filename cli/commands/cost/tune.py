@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
@@ -21,40 +21,33 @@ PER_TICK = 1e-3  # [s] computing time per tick of the touch for one body, includ
 
 
 def tune(
-    graph: Graph,
+    graph: options.Graph,
     budget: Annotated[
         float | None,
-        typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=seconds, metavar="TIME"),
+        typer.Option(help="Processor time per tick, all nodes, p99: '0.5 ms'.", parser=options.seconds, metavar="TIME"),
     ] = None,
     error: Annotated[
         str | None, typer.Option(help="Allowed RMS error, % of peak: '2 % force'; also indentation or shape.")
     ] = None,
-    sets: Sets = None,
-    scene: SceneOption = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(help="Duration of the touch that is used for tuning.", parser=seconds, metavar="TIME"),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-tuned.yaml.")
-    ] = None,
-    as_json: Json = False,
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    duration: options.Duration = None,
+    out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-tuned.yaml.")] = None,
+    as_json: options.Json = False,
 ) -> None:
     """Find the best tissue model for a time or error budget.
 
     The most accurate model within a time budget, or the fastest within an error, on this machine. Writes a launch file
     for `palpate run`, runs it, and prints predicted and measured figures. Exit code 1 if no model qualifies.
     """
-    from palpate.physics.writable import check_file
     from palpate.studies import tune as study
     from palpate.studies.search import read_error
 
     if budget is None and error is None:
         raise typer.BadParameter("expected --budget '0.5 ms', --error '2 % force', or both")
     goal = study.Goal(budget, *(read_error(error, study.QUANTITIES) if error is not None else (None, "force")))
-    launch = chosen(graph, sets, scene).but(duration=duration)
-    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-tuned.yaml")
-    check_file(file)
+    launch = options.chosen(graph, sets, scene).but(duration=duration)
+    file = options.launch_file(launch, out, "tuned")
     loaded = launch.load()
     bodies, length = len(study.candidates(loaded)), launch.duration or 0.0
     title, count = f"tune: a touch of {length:g} s, then again with {bodies} bodies", bodies + 2

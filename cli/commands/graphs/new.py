@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.options import Force, Json, out_option
 from palpate.cli.terminal.output import print_json
 
 EXAMPLE = "palpate new graph mine --like kidney"
@@ -40,7 +40,7 @@ def new(
     takes: Annotated[str, typer.Option(help="For a node: message type that drives it.")] = TAKES,
     sends: Annotated[str, typer.Option(help="For a node: message type that it sends.")] = SENDS,
     compiled: Annotated[bool, typer.Option("--compiled", help="For a node: its step is a compiled kernel.")] = False,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder to write to.")] = Path(),
+    out: Annotated[Path, out_option("Folder to write to.")] = Path(),
     force: Force = False,
     as_json: Json = False,
 ) -> None:

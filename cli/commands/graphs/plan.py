@@ -56,8 +56,8 @@ def plan(
 
         screen = console()
         screen.print(plan_tables.running(planned, placement))
-        if why := plan_tables.processes(placement):
-            screen.print(why)
+        for group in (group for group in placement.groups if group.why):  # of `--place auto`
+            screen.print(f"process {group.name}: {group.why}")
         if planned.skipped:
             screen.print()
             screen.print(plan_tables.skipped(planned))

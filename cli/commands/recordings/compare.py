@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import File, Json, NoPictures, Trust
+from palpate.cli.terminal.options import File, Json, NoPictures, Trust, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.cli.terminal.progress import ticks
 
@@ -26,7 +26,7 @@ def compare(
     reference: Annotated[
         str | None, typer.Option(help='Reference: "recorded" or changed values; by default the first variant.')
     ] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="PNG; FILE-compare.png if left out.")] = None,
+    out: Annotated[Path | None, out_option("PNG; FILE-compare.png if left out.")] = None,
     no_pictures: NoPictures = False,
     trust: Trust = None,
     as_json: Json = False,
@@ -41,6 +41,7 @@ def compare(
     from palpate.records.compare import RECORDED
     from palpate.records.compare import compare as work
     from palpate.records.reader import Recording
+    from palpate.views.pictures.compare import draw
 
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
     wanted = [[] if given == [RECORDED] else given for given in wanted]
@@ -53,7 +54,7 @@ def compare(
     with ticks("computing", silent=as_json) as show:
         outcomes = work(recording, wanted, reference=base, show=show)
     target = out or file.with_name(f"{file.stem}-compare.png")
-    paths = drawn(_draw, outcomes, target) if not no_pictures else []
+    paths = [] if no_pictures else drawn(draw, outcomes, target)
     if as_json:
         print_json({"ok": True, "complete": recording.complete, "ending": recording.ending,
                     "reference": outcomes[0].name,
@@ -65,14 +66,6 @@ def compare(
         say(recording.ending, "yellow")
     for path in paths:
         say(f"picture {path}", wrap=True)
-
-
-def _draw(variants: list[Variant], path: Path) -> list[Path]:
-    from palpate.views.pictures.compare import drawn as figure
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure(variants).savefig(path, dpi=140)
-    return [path]
 
 
 def _print(variants: list[Variant]) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import File, Json, Trust, one_of
+from palpate.cli.terminal.options import File, Json, Trust, one_of, out_option
 from palpate.cli.terminal.output import print_json, say
 from palpate.physics.errors import TROUBLE
 
@@ -17,10 +17,7 @@ def export(
     file: File,
     to: Annotated[str, typer.Option(help="foxglove, parquet, csv; wav, hjif: a texture; mcap: a complete recording.")],
     out: Annotated[
-        Path | None,
-        typer.Option(
-            "-o", "--out", help="File (foxglove, wav, hjif, mcap) or folder; by default next to the recording."
-        ),
+        Path | None, out_option("File (foxglove, wav, hjif, mcap) or folder; default: next to FILE.")
     ] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[

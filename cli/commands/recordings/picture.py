@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import ColourOption, File, Json, Trust, instant
-from palpate.cli.terminal.output import console, print_json
+from palpate.cli.terminal.options import ColourOption, File, Json, Trust, instant, out_option
+from palpate.cli.terminal.output import print_json, say
+from palpate.cli.terminal.run_summary import standard_pictures
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
@@ -26,10 +26,7 @@ def picture(
         typer.Option(help="The surface at this instant: 1.2, '1200 ms'.", parser=instant, metavar="TIME"),
     ] = None,
     film: Annotated[bool, typer.Option("--film", help="A film of the surface, MP4 or GIF.")] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="File, or folder of the standard pictures; default: next to the recording."),
-    ] = None,
+    out: Annotated[Path | None, out_option("File, or folder of the standard pictures; default: next to FILE.")] = None,
     over: Annotated[str | None, typer.Option(help="Field to draw over, instead of time.", metavar="FIELD")] = None,
     colour: ColourOption = "displacement",
     rate: Annotated[float, typer.Option(help="Frames per second of the film.", min=1, max=60)] = 25.0,
@@ -58,11 +55,9 @@ def picture(
         made = [out or file.with_suffix(".mp4")]
         note = _film(file, made[0], rate, speed, colour, as_json)
     else:
-        from palpate.views.pictures import draw
-
         if out is not None and out.suffix.lower() in ENDINGS:
             raise typer.BadParameter(f"found {out}, expected a folder for the standard pictures", param_hint="--out")
-        made = draw(file, out or file.parent, console=None if as_json else console())
+        made = standard_pictures(file, out or file.parent, silent=as_json)
     if as_json:
         print_json({"ok": bool(made), "pictures": [str(path) for path in made]})
     else:
@@ -97,13 +92,9 @@ def _film(file: Path, target: Path, rate: float, speed: float, colour: str, sile
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import film
 
-    with StageBars(console(stderr=True), silent) as stages:
-        begun = cache(lambda: stages.begin("film", "drawing frames"))
-
-        def drawn(share: float) -> None:
-            begun()(share)
-
-        frames = film(file, target, rate, speed, colours.colour(colour), lambda text: typer.echo(text, err=True), drawn)
+    with StageBars(silent) as stages:
+        drawn = stages.begin("film", "drawing frames")
+        frames = film(file, target, rate, speed, colours.colour(colour), lambda text: say(text, err=True), drawn)
     return f"  {frames} frames, {frames / rate:.1f} s"
 
 

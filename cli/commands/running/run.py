@@ -23,12 +23,7 @@ def run(
     place: options.PlaceOption = None,
     fused: options.Fused = False,
     clock: Annotated[str | None, typer.Option(help="simulated or real.")] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            help="Duration on the graph's clock: seconds, or with a unit.", parser=options.seconds, metavar="TIME"
-        ),
-    ] = None,
+    duration: options.Duration = None,
     pace: Annotated[
         float | None, typer.Option(help="Pace of simulated time, as a multiple of real time.", min=1e-3, max=1e6)
     ] = None,
@@ -42,7 +37,7 @@ def run(
     ] = None,
     leave_out: Annotated[list[str] | None, typer.Option("--leave-out", help="Stream not to record.")] = None,
     thin: Annotated[list[str] | None, typer.Option(help="STREAM=N: record only every N-th message.")] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of recording and pictures.")] = None,
+    out: Annotated[Path | None, options.out_option("Folder of recording and pictures.")] = None,
     no_pictures: options.NoPictures = False,
     see: Annotated[bool, typer.Option("--view", help="Show the run in the browser while it runs.")] = False,
     timeout: Annotated[float, typer.Option(help="Time in s after which a silent node counts as hung.", min=0.1)] = 5.0,

@@ -29,7 +29,7 @@ def touch(
     record_only: Annotated[
         str, typer.Option(help="sources: only what cannot be recomputed; all: every message.")
     ] = "sources",
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Folder of the recordings.")] = None,
+    out: Annotated[Path | None, options.out_option("Folder of the recordings.")] = None,
 ) -> None:
     """Touch a graph with the mouse, on a page in the browser.
 

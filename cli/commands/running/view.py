@@ -29,6 +29,6 @@ def view(
 
     reels = Reels(files)
     for reel in reels.reels:
-        for text in filter(None, (reel.recording.ending, reel.bodies.left_out)):
+        for text in filter(None, (reel.recording.ending, reel.touched.bodies.left_out)):
             typer.echo(text, err=True)
     show(reels, "see", port, host, no_open)

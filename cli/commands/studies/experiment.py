@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets
+from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.cli.terminal.progress import steps
 
@@ -28,7 +28,7 @@ def experiment(
         str | None, typer.Option(help="Letters and digits; default: the first whose session is not over.")
     ] = None,
     session: Annotated[int | None, typer.Option(help="Number of the session; default: the last one.", min=1)] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="Default: runs/experiments/EXPERIMENT.")] = None,
+    out: Annotated[Path | None, out_option("Default: runs/experiments/EXPERIMENT.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Resume a session without asking.")] = False,
     simulate: Annotated[bool, typer.Option("--simulate", help="Simulate the `observer:` of the experiment.")] = False,
     observer: Annotated[Path | None, typer.Option(help="Simulate the observer of this file (.yaml).")] = None,
@@ -83,9 +83,10 @@ def _confirm(text: str) -> bool | None:
 
 def _analyse(folder: Path, as_json: bool) -> None:
     from palpate.studies.psychophysics.analysis import analyse, save
+    from palpate.studies.psychophysics.pictures import draw
 
     outcomes = analyse(folder)
-    files = [*save(outcomes, folder), *_pictures(outcomes, folder)]
+    files = [*save(outcomes, folder), *drawn(draw, outcomes, folder)]
     if as_json:
         print_json({"ok": True, "folder": str(folder), "outcomes": [one.to_spec() for one in outcomes], "files": files})
         return
@@ -99,12 +100,6 @@ def _analyse(folder: Path, as_json: bool) -> None:
     console(soft_wrap=True).print(table(heads, rows, title=tasks, fixed=("number", ">95 % interval")))
     for one in files:
         say(one)
-
-
-def _pictures(outcomes: list, folder: Path) -> list[Path]:
-    from palpate.studies.psychophysics.pictures import draw
-
-    return drawn(draw, outcomes, folder)
 
 
 def _shown(number: Estimate) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import TROUBLE
@@ -21,9 +21,7 @@ LISTED = 50  # points in the table
 
 def study(
     file: Annotated[str, typer.Argument(help="Study (.yaml), or the name of one that ships.", metavar="STUDY")],
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder of the results; default runs/studies/STUDY.")
-    ] = None,
+    out: Annotated[Path | None, out_option("Folder of the results; default runs/studies/STUDY.")] = None,
     workers: Annotated[int | None, typer.Option(help="Processes here; default: one per core.", min=1)] = None,
     sensitivity: Annotated[str | None, typer.Option(help="sobol or morris: which parameter matters.")] = None,
     samples: Annotated[int | None, typer.Option(help="Number of samples, instead of the file's.", min=1)] = None,

@@ -178,8 +178,11 @@ def test_the_documented_catalogue_is_the_one_there_is():
 
     from palpate.cli.__main__ import app
 
-    shown = CliRunner().invoke(app, ["list", "effects", "--markdown"]).stdout
-    assert shown.count("\n") > 10
-    assert shown in (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
-    data = json.loads(CliRunner().invoke(app, ["list", "effects", "--json"]).stdout)
-    assert {"effect", "computed_by", "shown_by", "about"} <= set(data["effects"][0])
+    rows = json.loads(CliRunner().invoke(app, ["list", "effects", "--json"]).stdout)["effects"]
+    assert len(rows) > 10 and {"effect", "computed_by", "shown_by", "about"} <= set(rows[0])
+    lines = ["| effect | what computes it | fields that show it |", "|---|---|---|"]
+    for row in rows:
+        by, fields = ([f"`{one}`" for one in row[key]] for key in ("computed_by", "shown_by"))
+        lines.append(f"| `{row['effect']}` | {'; '.join(by)} | {', '.join(fields) or 'all it sends'} |")
+    shown = "\n".join(lines) + "\n"
+    assert shown in (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8"), shown

@@ -4,6 +4,7 @@ import pytest
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
+from palpate.messages import Slip
 from palpate.records.reader import Recording
 from palpate.views.pictures.slip import slides
 from palpate.views.pictures.touch import TouchStreams
@@ -45,7 +46,7 @@ def test_the_warning_leads_gross_slip_by_the_stated_travel_at_any_speed_and_forc
 
 def test_no_slide_no_warning(tmp_path):
     touch = slide(tmp_path, "distance=0", "lift=0", duration=1.2)
-    assert not touch.slip["incipient"].any() and not touch.slip["gross"].any()
+    assert not touch[Slip]["incipient"].any() and not touch[Slip]["gross"].any()
     *_, at = slides(touch)
     assert at.begin is None and at.warned is None and at.gross is None
 

@@ -16,7 +16,7 @@ from palpate.models.fe.study.paper_claims import HIGH, LOW
 from palpate.models.fe.study.press_record import PressRun
 from palpate.models.fe.study.pressing import SIDES
 from palpate.physics.contact.tactile import growth
-from palpate.views.pictures.style import FAINT, FRICTION, INK, LOOK, NORMAL, deformation_colours, figure
+from palpate.views.pictures.style import FAINT, FRICTION, INK, NORMAL, deformation_colours, figure, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,21 +29,19 @@ LINES = (0.05, 0.1, 0.2, 0.3)  # isostrain lines with arrows of the flow
 TOP = 0.7  # [N] limit of the force axes
 
 
+@look()
 def draw(runs: dict[str, PressRun], folder: Path) -> list[Path]:
     """Draw runs, one per plate ("steel", "silicone"), into a folder: force.png, strain.png, and if the runs reach the
     paper's forces isostrain.png and flow.png.
 
     ModuleNotFoundError: no matplotlib. ArgumentError: a run cannot be read.
     """
-    from matplotlib import rc_context
-
     pictures = {"force.png": force, "strain.png": strains}
     if all(run.record().force[-1] >= HIGH for run in runs.values()):
         pictures |= {"isostrain.png": isostrain, "flow.png": flows}
     made = []
     for name, picture in pictures.items():
-        with rc_context(LOOK):
-            picture(runs).savefig(folder / name, bbox_inches="tight")
+        picture(runs).savefig(folder / name, bbox_inches="tight")
         made.append(folder / name)
     return made
 

@@ -1,28 +1,39 @@
 """Pictures of `palpate fit tissue`: force and residuals, and the profile of each parameter."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from palpate.models.fit.tissue.fit import TissueFit
 from palpate.models.fit.tissue.measured import MeasuredPress
-from palpate.views.pictures.style import log_ticks
+from palpate.views.pictures.style import figure, log_ticks, look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
+@look()
 def draw_fit(fit: TissueFit, folder: Path) -> list[Path]:
-    return [_forces(fit, folder / "fit.png"), _profiles(fit, folder / "profiles.png")]
+    drawn = {folder / "fit.png": forces(fit), folder / "profiles.png": profiles(fit)}
+    for path, picture in drawn.items():
+        picture.savefig(path)
+    return list(drawn)
 
 
-def _forces(fit: TissueFit, path: Path) -> Path:
+def forces(fit: TissueFit) -> Figure:
     """Force over depth with the fit and the presses held out; residuals over depth and over time."""
     timed = all(p.time is not None for p in fit.presses)
-    figure = Figure(figsize=(14 if timed else 10, 4), layout="constrained")
-    axes = figure.subplots(1, 3 if timed else 2)
+    out = figure(14.0 if timed else 10.0, 4.4, f"Fit of the law {fit.law.name}")
+    axes = out.subplots(1, 3 if timed else 2)
     pairs = zip(fit.presses, fit.given, fit.estimate.touches, strict=True)
-    out = np.concatenate([np.setdiff1d(_points(given, touch), _points(press, touch)) for press, given, touch in pairs])
-    if len(out):
-        axes[0].plot(out.real, out.imag, "o", ms=4, mfc="none", color="0.6", label="left out")
+    extra = np.concatenate(
+        [np.setdiff1d(_points(given, touch), _points(press, touch)) for press, given, touch in pairs]
+    )
+    if len(extra):
+        axes[0].plot(extra.real, extra.imag, "o", ms=4, mfc="none", color="0.6", label="left out")
     for k, (press, force, touch) in enumerate(zip(fit.presses, fit.estimate.fitted, fit.estimate.touches, strict=True)):
         colour, depth, off = f"C{k % 10}", 1e3 * (press.depth - touch), force - press.force
         axes[0].plot(depth, press.force, ".", ms=3, color=colour, label=press.name)
@@ -40,7 +51,7 @@ def _forces(fit: TissueFit, path: Path) -> Path:
     for axis, label in zip(axes[1:], ("indentation [mm]", "time [s]"), strict=False):
         axis.axhline(0.0, color="k", lw=0.5)
         axis.set(xlabel=label, ylabel="fit less force [N]")
-    return _saved(figure, path)
+    return out
 
 
 def _points(press: MeasuredPress, touch: float) -> np.ndarray:
@@ -48,11 +59,11 @@ def _points(press: MeasuredPress, touch: float) -> np.ndarray:
     return 1e3 * (press.depth - touch) + 1j * press.force
 
 
-def _profiles(fit: TissueFit, path: Path) -> Path:
+def profiles(fit: TissueFit) -> Figure:
     """How much worse the best fit is with a parameter held: 1 is the end of its 95 % interval."""
     parameters = fit.estimate.parameters
-    figure = Figure(figsize=(3.6 * len(parameters), 3.4), layout="constrained")
-    for axis, p in zip(figure.subplots(1, len(parameters), squeeze=False)[0], parameters, strict=True):
+    out = figure(max(3.6 * len(parameters), 5.0), 3.8, "Profile of each parameter")
+    for axis, p in zip(out.subplots(1, len(parameters), squeeze=False)[0], parameters, strict=True):
         interval = fit.estimate.intervals[p.name]
         at, level = np.array([point for point in interval.curve if point[1] < 6.0]).T
         axis.plot(at, level, "o-", ms=3)
@@ -67,9 +78,4 @@ def _profiles(fit: TissueFit, path: Path) -> Path:
             axis.locator_params(axis="x", nbins=4)  # more would overlap
         axis.set(xlabel=f"{p.name} [{p.unit}]", ylabel="rise of the sum of squares", ylim=(-0.1, 4.0))
         axis.legend(fontsize=8)
-    return _saved(figure, path)
-
-
-def _saved(figure: Figure, path: Path) -> Path:
-    figure.savefig(path)
-    return path
+    return out

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill, lowest
+from palpate.views.pictures.style import figure, look
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 COLOURS = {"skin": "#e07a1f", "tissue": "#f2c14e", "bone": "#4aa3df"}
 
 
+@look()
 def draw(
     tip: FingertipSurfaces,
     path: str | Path,
@@ -26,16 +28,14 @@ def draw(
     pitch: float = 1.2e-3,
 ) -> None:
     """Three images with the outlines found in them, the section along the finger, and the beams at a depth [m]."""
-    from matplotlib.figure import Figure
-
     x, y, z = (tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in range(3))
-    figure = Figure(figsize=(13, 7), layout="constrained")
-    grid = figure.add_gridspec(2, 3)
+    out = figure(13.0, 7.4, "The fingertip in the images, and the beams that fill it")
+    grid = out.add_gridspec(2, 3)
     seen = [k for k, curve in enumerate(outlines.skin) if curve is not None]
     for column, place in enumerate((0.25, 0.5, 0.8)):
         slice_ = seen[int(place * (len(seen) - 1))]
-        _image(figure.add_subplot(grid[0, column]), stack, outlines, slice_)
-    axes = figure.add_subplot(grid[1, :2])
+        _image(out.add_subplot(grid[0, column]), stack, outlines, slice_)
+    axes = out.add_subplot(grid[1, :2])
     middle = int(np.argmin(np.abs(x - x[np.argmin(tip.bone.min(axis=(1, 2)))])))
     for name, colour in COLOURS.items():
         axes.contour(y * 1e3, z * 1e3, getattr(tip, name)[middle].T, levels=[0], colors=colour)
@@ -52,8 +52,8 @@ def draw(
     axes.set(title="along the finger, with beams", xlabel="tip  ←  y [mm]  →  hand", ylabel="pulp  ←  z [mm]  →  nail",
              aspect="equal")  # fmt: skip
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    _beams(figure.add_subplot(grid[1, 2]), tip, depth, pitch)
-    figure.savefig(path, dpi=110)
+    _beams(out.add_subplot(grid[1, 2]), tip, depth, pitch)
+    out.savefig(path, dpi=110)
 
 
 def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:
@@ -65,6 +65,7 @@ def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:
         if curve is not None:
             closed = np.concatenate([curve, curve[:1]]) * 1e3
             axes.plot(closed[:, 1], closed[:, 0], color=colour, linewidth=1.5)
+    axes.grid(visible=False)
     axes.set(title=f"slice {number + 1} of {len(stack.volume)}", xlabel="columns [mm]", ylabel="rows [mm]")
 
 

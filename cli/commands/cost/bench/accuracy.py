@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.errors import RunError
@@ -26,7 +26,7 @@ def accuracy(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 2 min on one core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Recompute cached results.")] = False,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of page, pictures and table.")] = Path("accuracy"),
+    out: Annotated[Path, out_option("Folder of page, pictures and table.")] = Path("accuracy"),
     as_json: Json = False,
 ) -> None:
     """Measure the error and the step time of every model.

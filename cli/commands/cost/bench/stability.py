@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 from palpate.cli.terminal.progress import steps
 from palpate.physics.extras import missing
@@ -32,7 +32,7 @@ def stability(
     body: Annotated[
         list[str] | None, typer.Option(help="Tissue model instead of the wall: deformation.ReducedFE; may be repeated.")
     ] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder of pictures and tables.")] = Path("stability"),
+    out: Annotated[Path, out_option("Folder of pictures and tables.")] = Path("stability"),
     as_json: Json = False,
 ) -> None:
     """Compute the stiffest wall that a device can render.

@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json
-from palpate.cli.terminal.output import console, print_json, say
+from palpate.cli.terminal.options import Json, out_option
+from palpate.cli.terminal.output import print_json, say
 from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate build basis --set surface=liver.stl --set young=5e3"
@@ -21,9 +21,7 @@ def basis(
         typer.Option("--set", help="A setting of deformation.ReducedFE: surface=liver.stl, poisson=0.48, bed=30."),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Build it even if it is already stored.")] = False,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder to store it in; by default the cache.")
-    ] = None,
+    out: Annotated[Path | None, out_option("Folder to store it in; by default the cache.")] = None,
     as_json: Json = False,
 ) -> None:
     """Build and store the basis of a ReducedFE body."""
@@ -43,7 +41,7 @@ def basis(
         return
     started = time.perf_counter()
     try:
-        with StageBars(console(stderr=True), as_json) as stages:
+        with StageBars(as_json) as stages:
             errors = builder.make(node, path, stages.begin, commit())
     except KeyboardInterrupt as error:
         again = "resumes after the touches already computed" if node.model == "sampled" else "starts again"

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from palpate.cli.terminal.options import Json, NoPictures
+from palpate.cli.terminal.options import Json, NoPictures, out_option
 from palpate.cli.terminal.output import console, print_json, table
 from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import missing
@@ -16,7 +16,7 @@ Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in th
 
 def fingertip(
     scan: Annotated[Path, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("finger.npz"),
+    out: Annotated[Path, out_option("File to write.")] = Path("finger.npz"),
     spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
     skin: Annotated[
         float | None, typer.Option(help="Thickness of the skin in mm, if the images do not show it.")

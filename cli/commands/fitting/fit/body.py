@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Graph, Json, SceneOption, Sets, chosen, seconds
+from palpate.cli.terminal import options
 from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.progress import steps
 
@@ -14,33 +14,27 @@ PER_TICK = 1e-3  # [s] computing time per tick of the touch, for a body and its 
 
 
 def body(
-    graph: Graph,
+    graph: options.Graph,
     reference: Annotated[
         list[str] | None,
         typer.Option(help="Settings of the reference, as for --set; default: ReducedFE instead of the body."),
     ] = None,
-    sets: Sets = None,
-    scene: SceneOption = None,
-    duration: Annotated[
-        float | None, typer.Option(help="Duration of the touch that is used.", parser=seconds, metavar="TIME")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Launch file to write; default runs/GRAPH-fitted.yaml.")
-    ] = None,
-    as_json: Json = False,
+    sets: options.Sets = None,
+    scene: options.SceneOption = None,
+    duration: options.Duration = None,
+    out: Annotated[Path | None, options.out_option("Launch file to write; default runs/GRAPH-fitted.yaml.")] = None,
+    as_json: options.Json = False,
 ) -> None:
     """Fit MassSpring or BeamBundle to a reference body.
 
     Fits the model's constants to the force and indentation of the reference on the touch of the graph, writes a launch
     file, and prints the differences in force, indentation and shape before and after the fit.
     """
-    from palpate.physics.writable import check_file
     from palpate.studies import fit_body as study
 
-    launch = chosen(graph, sets, scene).but(duration=duration)
+    launch = options.chosen(graph, sets, scene).but(duration=duration)
     launch.load()
-    file = out or Path("runs", f"{(launch.path or launch.graph).stem}-fitted.yaml")
-    check_file(file)
+    file = options.launch_file(launch, out, "fitted")
     length = launch.duration or 0.0
     expected = 5e3 * PER_TICK * length
     with steps(f"fit body: a touch of {length:g} s", 3, silent=as_json, seconds=expected, timed=False) as done:

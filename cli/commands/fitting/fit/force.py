@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, NoPictures
+from palpate.cli.terminal.options import Json, NoPictures, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say
-
-if TYPE_CHECKING:
-    from palpate.models.fit.fit import SessionsFit
 
 EXAMPLE = "palpate fit force sessions.csv -o finger.model.yaml"
 
@@ -21,10 +18,7 @@ def force(
         Path | None, typer.Argument(help="CSV with the columns subject, session, depth (mm), force (N).")
     ] = None,
     subject: Annotated[list[str] | None, typer.Option(help="Only this subject; may be given several times.")] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("-o", "--out", help="YAML to write; else SESSIONS.model.yaml. Pictures go next to it."),
-    ] = None,
+    out: Annotated[Path | None, out_option("YAML to write; else SESSIONS.model.yaml. Pictures go next to it.")] = None,
     no_pictures: NoPictures = False,
     mean: Annotated[
         str | None, typer.Option(help="Use this force model: linear, quadratic, fourier, gaussian, exponential.")
@@ -48,6 +42,7 @@ def force(
     """
     from palpate.models.fit.fit import fit_sessions, write_example
     from palpate.models.fit.sessions import SessionError
+    from palpate.views.pictures.models.fit import draw
 
     if example is not None:
         write_example(example)
@@ -62,7 +57,7 @@ def force(
         sessions, subjects=subject or [], out=out, mean=mean, deviation=deviation, folds=folds,
         depth_limit=depth_limit, protocol=protocol, any_stiffness=any_stiffness,
     )  # fmt: skip
-    pictures = [] if no_pictures else [str(path) for path in drawn(_draw, fitted)]
+    pictures = [] if no_pictures else [str(path) for path in drawn(draw, fitted.chosen, fitted.file)]
     if as_json:
         print_json(
             {"ok": True, "subjects": fitted.data, "notes": fitted.notes, "file": str(fitted.file), "pictures": pictures}
@@ -72,16 +67,3 @@ def force(
         console(markup=True).print(table)
     for note in [*fitted.notes, f"Wrote {', '.join([str(fitted.file), *pictures])}"]:
         say(note, wrap=True)
-
-
-def _draw(fitted: SessionsFit) -> list[Path]:
-    """Draw the pictures of each subject in a folder next to the model file, and return their paths."""
-    from palpate.views.pictures.models.fit import draw_choice
-
-    folder = fitted.file.with_name(f"{fitted.file.name.removesuffix('.yaml')}-pictures")
-    folder.mkdir(parents=True, exist_ok=True)
-    return [
-        Path(path)
-        for number, choice in enumerate(fitted.chosen, 1)
-        for path in draw_choice(choice, folder / f"subject-{number}")
-    ]

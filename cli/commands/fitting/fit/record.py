@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json, Sets, seconds
+from palpate.cli.terminal.options import Duration, Json, Sets
 from palpate.cli.terminal.output import console, print_json
 from palpate.physics.errors import TROUBLE
 
@@ -19,12 +19,7 @@ def record(
     session: Annotated[str, typer.Option(help="Name of this press; use a new one for each press.")],
     graph: Annotated[str, typer.Option(help="Graph with a pose `finger` and a force `sensor`.")] = "indentation",
     sets: Sets = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(
-            help="Duration of the press: seconds, or with a unit; by default 10 s.", parser=seconds, metavar="TIME"
-        ),
-    ] = None,
+    duration: Duration = None,
     depth: Annotated[float, typer.Option(help="Largest depth in the table, in mm.", min=0.1, max=100)] = 5.0,
     step: Annotated[float, typer.Option(help="Spacing of the depths, in mm.", min=0.01, max=10)] = 0.5,
     touch: Annotated[float, typer.Option(help="Force at which contact begins, in N.", min=1e-4, max=10)] = 0.05,
@@ -32,9 +27,9 @@ def record(
 ) -> None:
     """Record one press with a device and a force sensor.
 
-    Push slowly against the tissue, along the sensor's normal, deeper than --depth. Force and speed of the loading
-    phase, at evenly spaced depths, are added as a session to a CSV that `palpate fit force` reads. A press at changing
-    speed determines the damping as well. A recording of the whole press is written next to it.
+    Push slowly against the tissue, along the sensor's normal, deeper than --depth, for 10 s or --duration. Force and
+    speed of the loading phase, at evenly spaced depths, are added as a session to a CSV that `palpate fit force` reads.
+    A press at changing speed determines the damping as well. A recording of the whole press is written next to it.
     """
     from palpate.launch.load.launchfile import find
     from palpate.launch.run.execute import execute

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.options import Force, Json, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
@@ -14,7 +14,7 @@ EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
 def texture(
     file: Annotated[Path, typer.Argument(help="CSV: t,speed,normal and lateral or acceleration, in SI units.")],
     held_out: Annotated[float | None, typer.Option(help="Speed that is predicted from the others, in m/s.")] = None,
-    out: Annotated[Path | None, typer.Option("-o", "--out", help="File to write; by default RECORDING.json.")] = None,
+    out: Annotated[Path | None, out_option("File to write; by default RECORDING.json.")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:

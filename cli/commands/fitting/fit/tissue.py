@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json
+from palpate.cli.terminal.options import Force, Json, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
-
-if TYPE_CHECKING:
-    from palpate.models.fit.tissue.fit import TissueFit
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
 RIGS = ("ball", "punch", "fingertip", "cylinder")
@@ -45,7 +42,7 @@ def tissue(
     ] = None,
     touch: Annotated[str, typer.Option(help="Contact point: fit, or detected (from the force alone).")] = "fit",
     depth_limit: Annotated[str | None, typer.Option(help="Leave out rows deeper than this: '5 mm'.")] = None,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for scene, report and pictures.")] = Path("fit"),
+    out: Annotated[Path, out_option("Folder for scene, report and pictures.")] = Path("fit"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -63,6 +60,7 @@ def tissue(
     from palpate.models.fit.tissue.rigs import Rig
     from palpate.physics.writable import check_folder
     from palpate.studies.presses import PressReader, length
+    from palpate.views.pictures.models.fit_tissue import draw_fit
 
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
@@ -92,7 +90,7 @@ def tissue(
     result = data(fit)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        pictures = drawn(_draw, fit, out)
+        pictures = drawn(draw_fit, fit, out)
         (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
         (out / "report.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
         (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
@@ -111,9 +109,3 @@ def tissue(
     for tried in fit.held_out:
         say(f"held out, {tried['press']}: RMS {100 * tried['rms_of_peak']:.2g} % of the peak")
     say(f"written {out}/report.md, report.json, scene.yaml; next: palpate run kidney --scene {out}/scene.yaml")
-
-
-def _draw(fit: TissueFit, out: Path) -> list[Path]:
-    from palpate.views.pictures.models.fit_tissue import draw_fit
-
-    return draw_fit(fit, out)

@@ -1,8 +1,6 @@
 """`palpate list effects`: the catalogue of effects."""
 
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from palpate.cli.terminal.options import Json
 from palpate.cli.terminal.output import console, print_json, table
@@ -10,18 +8,13 @@ from palpate.cli.terminal.output import console, print_json, table
 EXAMPLE = "palpate list effects"
 
 
-def effects(
-    markdown: Annotated[bool, typer.Option("--markdown", help="As the table of docs/effects.md.")] = False,
-    as_json: Json = False,
-) -> None:
+def effects(as_json: Json = False) -> None:
     """List the effects: what computes each, and what shows it."""
     from palpate.launch.load.effects import known
 
     rows = [_row(name, parts) for name, parts in known().items()]
     if as_json:
         print_json({"effects": rows})
-    elif markdown:
-        typer.echo(_markdown(rows), nl=False)
     else:
         cells = ((row["effect"], "\n".join(row["computed_by"]), ", ".join(row["shown_by"])) for row in rows)
         console().print(table(("effect", "computed by", "shown by"), cells))
@@ -35,11 +28,3 @@ def _row(name: str, parts: list[Any]) -> dict[str, Any]:
         "computed_by": sorted({use + (f", {effect.setting}" if effect.setting else "") for use, effect in parts}),
         "shown_by": sorted({field for _, effect in parts for field in effect.fields}),
     }
-
-
-def _markdown(rows: list[dict[str, Any]]) -> str:
-    lines = ["| effect | what computes it | fields that show it |", "|---|---|---|"]
-    for row in rows:
-        by = "; ".join(f"`{one}`" for one in row["computed_by"])
-        lines.append(f"| `{row['effect']}` | {by} | {', '.join(f'`{f}`' for f in row['shown_by']) or 'all it sends'} |")
-    return "\n".join(lines) + "\n"

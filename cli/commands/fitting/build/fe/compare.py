@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, table
 
 EXAMPLE = "palpate build fe compare runs/fingertip/steel-calibrated-6-0.2 runs/fingertip/silicone-calibrated-6-0.2"
@@ -14,7 +14,7 @@ EXAMPLE = "palpate build fe compare runs/fingertip/steel-calibrated-6-0.2 runs/f
 def compare(
     steel: Annotated[Path, typer.Argument(help="Folder of a run on steel, of `palpate build fe fingertip`.")],
     silicone: Annotated[Path, typer.Argument(help="Folder of a run on silicone.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the pictures.")] = Path("runs/fingertip"),
+    out: Annotated[Path, out_option("Folder for the pictures.")] = Path("runs/fingertip"),
     as_json: Json = False,
 ) -> None:
     """Compare runs on both plates with the paper.

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, table
 
 if TYPE_CHECKING:
@@ -30,7 +29,7 @@ def fingertip(
     depth: Annotated[float, typer.Option(help="Travel of the plate, mm.")] = 2.4,
     cells: Annotated[int, typer.Option(help="Elements across an eighth of the circumference.")] = 6,
     friction: Annotated[float, typer.Option(help="Coulomb's coefficient.")] = 0.2,
-    out: Annotated[Path, typer.Option("-o", "--out", help="Folder; an interrupted run resumes.")] = RUNS,
+    out: Annotated[Path, out_option("Folder; an interrupted run resumes.")] = RUNS,
     as_json: Json = False,
 ) -> None:
     """Press the layered fingertip on a plate: force, area, volumes."""
@@ -81,17 +80,12 @@ def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record
     from palpate.cli.terminal.progress import StageBars
     from palpate.models.fe.study.press_record import record
 
-    done: Callable[..., None] | None = None
-    with StageBars(console(stderr=True), quiet) as stages:
-
-        def tick(load: float) -> None:
-            nonlocal done
-            if done is None:  # begins after the folder was read, so that an error in it is printed without a bar
-                done = stages.begin("pressing", f"{3 * len(pressing.solver.mesh.points)} degrees of freedom")
-            done(load / end, f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
-
+    with StageBars(quiet) as stages:
+        done = stages.begin("pressing", f"{3 * len(pressing.solver.mesh.points)} degrees of freedom")
         try:
-            return record(pressing, end, run, tick)
+            return record(
+                pressing, end, run, lambda load: done(load / end, f"{1e3 * load:.2f} mm, {pressing.force:.3g} N")
+            )
         except KeyboardInterrupt as error:
             at = f"{1e3 * pressing.solver.load:.2f} mm"
             error.add_note(f"pressed to {at}; the same command continues from there ({run.folder})")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Json
+from palpate.cli.terminal.options import Json, out_option
 from palpate.cli.terminal.output import print_json
 
 EXAMPLE = (
@@ -16,7 +16,7 @@ EXAMPLE = (
 def table(
     steel: Annotated[Path, typer.Argument(help="Folder of a run on steel, of `palpate build fe fingertip`.")],
     silicone: Annotated[Path, typer.Argument(help="Folder of a run on silicone with the same material.")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="File to write.")] = Path("fingertip.npz"),
+    out: Annotated[Path, out_option("File to write.")] = Path("fingertip.npz"),
     as_json: Json = False,
 ) -> None:
     """Write the table that tactile.Flow reads.

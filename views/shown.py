@@ -1,0 +1,162 @@
+"""What pictures and pages show of a graph: the streams of each finger, and the surfaces of all bodies as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import msgspec
+import numpy as np
+
+from palpate.engine.imports import full_name
+from palpate.engine.parts import Link, parts
+from palpate.engine.plan import Plan
+from palpate.messages import Contact, Friction, Load, Proximity, Surface
+from palpate.nodes.base.surface import complete
+from palpate.physics.geometry.mesh import Mesh
+from palpate.records.stored import Stored
+from palpate.views.errors import PageError, PictureError
+
+Streams = Mapping[str, tuple[str, str]]  # sender and full type name of each stream
+
+
+class Finger(dict[str, str]):
+    """A finger's stream of each message type, by the type's full name.
+
+    near  its streams of Proximity, one for each organ
+    """
+
+    def __init__(self) -> None:
+        self.near: list[str] = []
+
+
+def fingers(links: Iterable[Link], streams: Streams) -> list[Finger]:
+    """The streams of each finger, in the order of the graph.
+
+    links  links between the nodes
+
+    Streams that do not belong to one finger (`engine.parts`) are shared by all. The sum of the contacts or frictions of
+    one finger replaces them. A single finger, or one with unknown links, gets the first stream of each type.
+    """
+    # Assign each node to a finger; a node that only reads one finger belongs to it.
+    links = list(links)
+    part = parts(links)
+    heard: dict[str, set[str]] = {}
+    for hears, _, sends in links:
+        heard.setdefault(hears, set()).add(sends)
+    for node in heard:
+        numbers = {part.get(sends) for sends in heard[node]}
+        if node not in part and len(numbers) == 1 and None not in numbers:
+            part[node] = numbers.pop() or 0
+    # Collect the streams of each finger that touches.
+    contact, near = full_name(Contact), full_name(Proximity)
+    found = dict.fromkeys(part.get(p) for p, kind in streams.values() if kind == contact)
+    several = len(found) > 1 and None not in found
+    each: list[Finger] = []
+    for number in found if several else [None]:
+        own_streams = {s: given for s, given in streams.items() if not several or part.get(given[0], number) == number}
+        finger = Finger()
+        senders: dict[str, set[str]] = {}
+        for stream, (producer, kind) in own_streams.items():
+            adds_up = kind in _ADDED and bool(senders.get(kind, set()) & heard.get(producer, set()))
+            if adds_up or kind not in finger:
+                finger[kind] = stream
+            senders.setdefault(kind, set()).add(producer)
+            if kind == near:
+                finger.near.append(stream)
+        each.append(finger)
+    return each
+
+
+_ADDED = {full_name(Contact), full_name(Friction)}
+
+
+def links_of_plan(planned: Plan) -> tuple[list[Link], Streams]:
+    links = [(name, edge.port, edge.producer) for name in planned.order for edge in planned.edges[name]]
+    nodes = planned.graph.nodes
+    return links, {s: (n, full_name(kind)) for n in planned.order for s, kind in nodes[n].streams.items()}
+
+
+def links_of(recording: Stored) -> tuple[list[Link], Streams]:
+    edges = recording.about.get("plan", {}).get("edges", {})
+    links = [(name, edge["port"], edge["producer"]) for name, incoming in edges.items() for edge in incoming]
+    return links, {name: (s.producer, str(s.schema["class"])) for name, s in recording.streams.items()}
+
+
+@dataclass(frozen=True)
+class Bodies:
+    """Bodies with a mesh, in the order of the graph.
+
+    streams  stream of each body's surface
+    meshes   undeformed mesh of each body
+    loads    streams of loads, with the index of the body that each presses
+    others   streams of bodies without a mesh
+    """
+
+    streams: Sequence[str]
+    meshes: Sequence[Mesh]
+    loads: Mapping[str, int]
+    others: Sequence[str] = ()
+
+    @classmethod
+    def of(cls, links: Iterable[Link], streams: Streams, mesh: Callable[[str], Mesh]) -> Bodies:
+        """The bodies of all surfaces; `mesh` makes that of a stream. PictureError, PageError: the first has none."""
+        surfaces = {producer: stream for stream, (producer, kind) in streams.items() if kind == full_name(Surface)}
+        meshes: dict[str, Mesh] = {}
+        for stream in surfaces.values():
+            try:
+                meshes[stream] = mesh(stream)
+            except (PictureError, PageError):
+                if not meshes:
+                    raise
+        shown = list(meshes)
+        pressed = {sends: surfaces[hears] for hears, _, sends in links if surfaces.get(hears) in meshes}
+        senders = {s: producer for s, (producer, kind) in streams.items() if kind == full_name(Load)}
+        loads = {s: shown.index(pressed[producer]) for s, producer in senders.items() if producer in pressed}
+        return cls(shown, list(meshes.values()), loads, [s for s in surfaces.values() if s not in meshes])
+
+    @property
+    def left_out(self) -> str:
+        """A line on bodies that are not shown; "" if all are."""
+        return f"not shown: {', '.join(map(repr, self.others))}, without a mesh" if self.others else ""
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        if len(self.meshes) == 1:
+            return self.meshes[0]
+        triangles = [m.triangles + first for m, first in zip(self.meshes, self._first, strict=True)]
+        return Mesh(np.concatenate([m.vertices for m in self.meshes]), np.concatenate(triangles))
+
+    @cached_property
+    def _first(self) -> list[int]:
+        """Index of each body's first vertex in the joint mesh."""
+        return [0, *np.cumsum([len(m.vertices) for m in self.meshes])[:-1].tolist()]
+
+    def surface(self, newest: Mapping[str, Surface]) -> Surface | None:
+        """The surfaces of these streams as one Surface on the joint mesh, with pressure and slip if all bodies send
+        them. Bodies without a message are at rest; None if no body has one. Other fields are those of the first."""
+        shapes = [
+            (first, complete(newest[stream], mesh.vertices))
+            for stream, mesh, first in zip(self.streams, self.meshes, self._first, strict=True)
+            if stream in newest
+        ]
+        if len(shapes) < 2:
+            return next((msgspec.structs.replace(s, nodes=s.nodes + first) for first, s in shapes), None)
+        every = [surface for _, surface in shapes]
+        sent = [name for name in ("pressure", "slipped") if all(len(getattr(s, name)) == len(s.nodes) for s in every)]
+        more = {name: np.concatenate([getattr(s, name) for s in every]) for name in sent}
+        more |= {name: getattr(every[0], name)[:0] for name in ("pressure", "slipped") if name not in more}
+        return msgspec.structs.replace(
+            every[0], nodes=np.concatenate([s.nodes + first for first, s in shapes]),
+            displacement=np.concatenate([s.displacement for s in every]), **more,
+        )  # fmt: skip
+
+    def pressed(self, newest: Mapping[str, Load]) -> dict[str, list]:
+        """Vertices of the joint mesh that these loads press, `patch`, and the size of each force [N], `loads`."""
+        patch: list[int] = []
+        sizes: list[float] = []
+        for stream, load in newest.items():
+            patch += (load.nodes + self._first[self.loads[stream]]).tolist()
+            sizes += np.round(np.linalg.norm(load.forces, axis=1), 6).tolist()
+        return {"patch": patch, "loads": sizes} if newest else {}
