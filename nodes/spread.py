@@ -12,7 +12,6 @@ from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.surface import OnSurface
 from palpate.physics.contact.area import radius_at
 from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
-from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel as compiled
 from palpate.physics.records import floats, form, lend_first, put, unpacking, vector
 
@@ -52,8 +51,12 @@ class Kernel(CompiledNode, WithArea):
         grows = len(law.forces) > 0
         self.hold("law_forces", law.forces)
         self.hold("law_radii", law.radii)
-        if grows:
-            self._check_radius(mesh, float(law.radii[-1]))
+        spacing, extent = float(np.sqrt(np.median(mesh.areas))), 0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1])
+        if grows and not spacing < law.radii[-1] < extent:
+            raise SettingError(
+                f"setting 'area': its law reaches a radius of {1e3 * law.radii[-1]:.2g} mm, expected one between "
+                f"{1e3 * spacing:.2g} mm, the spacing of the vertices, and {1e3 * extent:.2g} mm, half of the surface"
+            )
         self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel))
         if not grows and self.spacing > COARSEST * self.radius and mesh is not OnSurface.mesh(self):
             self._notes.append(
@@ -93,16 +96,6 @@ class Kernel(CompiledNode, WithArea):
         for place, normal in ((own.foot, own.normal), (out.foot, out.normal)):
             put(place, vector(contact.foot))
             put(normal, n)
-
-    def _check_radius(self, mesh: Mesh, most: float) -> None:
-        """SettingError: the largest radius [m] of the area law does not fit the mesh."""
-        spacing, extent = float(np.sqrt(np.median(mesh.areas))), 0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1])
-        if not spacing < most < extent:
-            raise SettingError(
-                f"setting 'area': its law reaches a radius of {1e3 * most:.2g} mm, expected one between the spacing of "
-                f"the vertices, {1e3 * spacing:.2g} mm, and half of the surface's width, {1e3 * extent:.2g} mm. Set "
-                "more vertices (surface.vertices, surface.spacing) or another law"
-            )
 
     def condition(self) -> str:
         return "outside its range" if hasattr(self, "own") and self.own["rigid"] else ""

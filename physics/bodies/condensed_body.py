@@ -43,15 +43,7 @@ from palpate.physics.bodies.condensed_step import (
     take_load,
 )
 from palpate.physics.bodies.large_displacement import stored_energy
-from palpate.physics.bodies.patch import (
-    FineMesh,
-    fine_mesh,
-    hat_moments,
-    lies_on,
-    load_radius,
-    patch_of,
-    respread,
-)
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, load_radius, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
 from palpate.physics.contact.area import FIXED, MEAN, WIDTH, AreaLaw, approach, radius_at, with_approach
@@ -110,8 +102,7 @@ def condensed_body(
     sticks    whether the surface under the patch sticks to the finger
     apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None: the organ has neither
     rho       [1] (3,) coefficients, see `large_displacement`; empty: the organ is linear
-    area      law of a contact that grows with the force; the load then acts on the coarse surface through the patch of
-              `radius`
+    area      law of a contact that grows with the force; its load acts on the coarse surface on the patch of `radius`
     """
     coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
     corners, weights = lies_on(coarse, mesh)
@@ -220,9 +211,9 @@ def stored(body):
     for i in range(len(body.bears)):
         acting = body.bears[i] + row_times(body.cross[i], body.bears) / max(body.numbers[i, OWN], 1e-300)
         if len(body.model.area.forces) > 0:
-            press = body.numbers[0, PRESS] if len(body.bears) == 1 else body.bears[i]
-            grown = approach(body.model.area.table, press)[2] - 0.5 * fixed_part(body.model, body.numbers[i]) * press**2
-            total += 0.5 * body.numbers[i, OWN] * press * (acting - body.bears[i] + press) + grown
+            press, own = body.numbers[0, PRESS] if len(body.bears) == 1 else body.bears[i], body.numbers[i, OWN]
+            linear = own * (acting - body.bears[i] + press) - fixed_part(body.model, body.numbers[i]) * press
+            total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
             continue
         share = body.bears[i] / acting if acting > 0.0 else 0.0
         total += share * _stored_under(body.numbers[i], body.model.rho)

@@ -78,9 +78,7 @@ def _add_half_space(model, foot, normal, numbers, nodes, moved):
     grows = len(model.area.forces) > 0
     if grows:
         radius = max(radius_at(model.area.forces, model.area.radii, press), 1e-6)
-    deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
-    if grows:
-        deep *= 0.75 * np.pi
+    deep = (0.75 * np.pi if grows else 1.0) * (1.0 - true.held) * true.normal * press / (model.young * radius)
     n0, n1, n2, flat = deep * normal[0], deep * normal[1], deep * normal[2], 1.0 / (radius * radius)
     for k in range(len(nodes)):
         p = nodes[k]

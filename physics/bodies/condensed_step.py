@@ -242,19 +242,16 @@ def _grow(model, numbers, keep, take):
     the approach d(y) in place of c y. The law F = K (s - s_free)^n has its force, indentation and tangent at the
     present force."""
     area, press = model.area, max(numbers[PRESS], 0.0)
-    rest = numbers[OWN] - fixed_part(model, numbers)
+    local = fixed_part(model, numbers)
     force = max(numbers[TOTAL], LEAST_FORCE)
     before, after = keep * press, keep * press + take * force
     now, free = approach(area.table, press)[0], approach(area.table, before)[0]
     then, slope, _ = approach(area.table, after)
-    change = rest - numbers[OWN]
-    numbers[NOW] += now + change * press
-    numbers[FREE] += free + change * before
-    chord, tangent = take * rest + (then - free) / force, take * (rest + slope)
+    numbers[NOW] += now - local * press
+    numbers[FREE] += free - local * before
+    rest = take * (numbers[OWN] - local)
+    chord, tangent = rest + (then - free) / force, rest + take * slope
     numbers[COMPLIANCE], numbers[EXPONENT] = chord, min(max(chord / tangent, 1.0), 3.0)
-    if numbers[TOTAL] > LEAST_FORCE and tangent > chord:  # it softens, see `add_others`
-        numbers[COMPLIANCE] = tangent
-        numbers[FREE] -= (tangent - chord) * force
     wide = WIDTH * max(radius_at(area.forces, area.radii, press), 1e-9)
     numbers[DEEP] = max(numbers[NOW] / (wide * DEEPEST) - 1.0, 0.0)
     numbers[GROWN] = max(numbers[TOTAL] / area.forces[-1] - 1.0, 0.0)

@@ -134,8 +134,7 @@ def caution(cause: str, excess: float, radius: float, wide: float) -> str:
         return f"the force exceeds the law of scene.surface.area by {excess:.0%}; the radius of the contact stays there"
     if cause == "patch":
         return (
-            "the radius of its load differs by more than 30 % from that of the law of scene.surface.area; give the "
-            "same law to spread.Kernel and to the body"
+            "its load is off the radius of scene.surface.area by more than 30 %; give spread.Kernel and it the same law"
         )
     heavy = LIGHT * (1.0 + excess)
     return (

@@ -24,7 +24,7 @@ KERNELS = ("biweight", "wendland", "cosine", "hertz")
 @kernel(error_model="numpy")
 def kernel_value(kind, q):
     """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine,
-    3 Hertz's pressure (1-q²)^(1/2)."""
+    3 Hertz's pressure (1-q²)^½."""
     if q >= 1.0:
         return 0.0
     if kind == 3:
@@ -192,10 +192,8 @@ def spread(spreader, foot, normal, force, radius=0.0):
     coordinates of its point nearest to the foot.
     """
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
-    wide = radius if radius > 0.0 else s.scalars[0]
-    count = spread_kernel(
-        foot, normal, force, wide, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces
-    )  # fmt: skip
+    r = radius if radius > 0.0 else s.scalars[0]
+    count = spread_kernel(foot, normal, force, r, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces)
     if count > 0:
         return count
     point = np.empty(3)  # limited to the box, so that squares of distances are finite

@@ -58,9 +58,9 @@ def test_a_radius_that_does_not_fit_the_mesh_is_refused(radius):
 @pytest.mark.parametrize(
     ("radii", "said"),
     [
-        ((2e-3, 1e-3), "the area shrinks"),
+        ((2e-3, 1e-3), "the radius goes from"),
         ((1e-3,), "a radius for each force"),
-        ((1e-4, 2e-2), "faster than the square"),
+        ((1e-4, 2e-2), "grows at most as"),
     ],
 )
 def test_what_is_no_law_is_refused(kind, radii, said):
@@ -75,14 +75,14 @@ def test_other_bodies_refuse_it_or_keep_their_law():
     body = MassSpring(area="ball")
     body.start()
     (note,) = body.notes()
-    assert "its law K s^n stays" in note
+    assert "its force law K s^n stays" in note
 
 
 def test_a_law_for_another_modulus_is_reported():
     body = ReducedFE(**PLANE, area="ball", area_modulus=50e3)
     body.start()
     (note,) = body.notes()
-    assert "area_modulus is 5e+04 Pa" in note and "2.382e+04 Pa" in note
+    assert "area_modulus is 5e+04 Pa, expected 2.382e+04 Pa" in note
 
 
 def test_a_scene_gives_the_law_to_both():
