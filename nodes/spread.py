@@ -3,14 +3,17 @@
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 
 from palpate.messages import Contact, Friction, Load
-from palpate.nodes.base import CompiledNode, Out, Wants
+from palpate.nodes.base import ARRAY, CompiledNode, Out, SettingError, Wants
 from palpate.nodes.base.absence import FADE, FADED, begin, faded
-from palpate.nodes.base.surface import OnSurface, OnThinnedSurface
+from palpate.nodes.base.area import WithArea
+from palpate.nodes.base.surface import OnSurface
+from palpate.physics.contact.area import radius_at
 from palpate.physics.contact.spread import TABLES, Spreader, spread, spreader
 from palpate.physics.kernel import kernel as compiled
-from palpate.physics.records import form, lend_first, put, unpacking, vector
+from palpate.physics.records import floats, form, lend_first, put, unpacking, vector
 
 RIGID = 5e4
 """[N/m] Force over compression from which on a finger counts as rigid; a fingertip that bears 10 N has some 3e3."""
@@ -21,20 +24,21 @@ COARSEST = 0.25
 _spreader_of = unpacking(Spreader)
 
 
-class Kernel(CompiledNode, OnThinnedSurface):
+class Kernel(CompiledNode, WithArea):
     """Spreads the contact force over the nodes round the foot point with a smooth kernel.
 
     The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes. A friction
     whose sender is gone fades out within 20 ms. The patch keeps its width whatever the depth; that of a rigid tip does
-    not, which is reported.
+    not, which is reported. With an `area` law its radius follows the force, and the pressure is Hertz's.
     """
 
-    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"
+    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
 
     State = {
         "spreader": form(Spreader), "friction": FADED,
         "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and where it was
+        "law_forces": ARRAY, "law_radii": ARRAY,  # of the area law; empty: fixed
         "rigid": bool, "gives": (2,), "cautioned": bool,  # [m] of finger and body where the finger is a rigid tip
     }  # fmt: skip
 
@@ -43,8 +47,18 @@ class Kernel(CompiledNode, OnThinnedSurface):
     def start(self) -> None:
         super().start()
         mesh = self.mesh()
-        self.hold("spreader", spreader(mesh, self.radius, self.kernel))
-        if self.spacing > COARSEST * self.radius and mesh is not OnSurface.mesh(self):
+        law = self.area_law()
+        grows = len(law.forces) > 0
+        self.hold("law_forces", law.forces)
+        self.hold("law_radii", law.radii)
+        spacing, extent = float(np.sqrt(np.median(mesh.areas))), 0.5 * float(np.sort(np.ptp(mesh.vertices, axis=0))[1])
+        if grows and not spacing < law.radii[-1] < extent:
+            raise SettingError(
+                f"setting 'area': its law reaches a radius of {1e3 * law.radii[-1]:.2g} mm, expected one between "
+                f"{1e3 * spacing:.2g} mm, the spacing of the vertices, and {1e3 * extent:.2g} mm, half of the surface"
+            )
+        self.hold("spreader", spreader(mesh, self.radius, "hertz" if grows else self.kernel))
+        if not grows and self.spacing > COARSEST * self.radius and mesh is not OnSurface.mesh(self):
             self._notes.append(
                 f"Kernel: the surface is thinned to {1e3 * self.spacing:.2g} mm, which is coarse for a patch of "
                 f"{1e3 * self.radius:.2g} mm; set scene.surface.spacing to {125 * self.radius:.2g} mm"
@@ -68,10 +82,12 @@ class Kernel(CompiledNode, OnThinnedSurface):
     ):
         count, f, n = 0, contact.force, vector(contact.normal)
         t = faded(own.friction, friction.there, friction.force, dt)
-        own.idles, own.rigid = not f > 0.0, f > 0.0 and f > RIGID * contact.compression
+        grows = own.law_forces.shape[0] > 0
+        own.idles, own.rigid = not f > 0.0, not grows and f > 0.0 and f > RIGID * contact.compression
         if f > 0.0:
             force = (t[0] - f * n[0], t[1] - f * n[1], t[2] - f * n[2])
-            count = spread(_spreader_of(own.spreader), vector(contact.foot), n, force)
+            wide = radius_at(floats(own.law_forces), floats(own.law_radii), f) if grows else 0.0
+            count = spread(_spreader_of(own.spreader), vector(contact.foot), n, force, wide)
         if own.rigid and not own.cautioned:
             own.cautioned = True
             own.gives[0], own.gives[1] = contact.compression, contact.indentation
@@ -92,7 +108,7 @@ class Kernel(CompiledNode, OnThinnedSurface):
                 f"Kernel: the finger gives {give:.2g} mm where the body gives {deep:.2g} mm, as a rigid tip does. The "
                 f"contact of a rigid ball of radius r widens with the depth s, to sqrt(r s); this patch keeps "
                 f"{width:.2g} mm. A body that answers to its load (ReducedFE) takes {width:.2g} mm/sqrt(r s) times the "
-                f"force: {0.5 * width:.2g} times for r = 8 mm at s = 0.5 mm. MassSpring with Hertz's constant takes "
-                "the right one"
+                f"force: {0.5 * width:.2g} times for r = 8 mm at s = 0.5 mm. Set scene.surface.area: ball, or "
+                "MassSpring with Hertz's constant"
             )
         return super().notes()

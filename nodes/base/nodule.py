@@ -6,12 +6,12 @@ import msgspec
 import numpy as np
 
 from palpate.messages import Vector3
+from palpate.nodes.base.area import WithArea
 from palpate.nodes.base.effect import Switch
-from palpate.nodes.base.surface import OnThinnedSurface
 from palpate.physics.materials.nodule import nodule_centre, stiffness_map
 
 
-class WithNodule(OnThinnedSurface):
+class WithNodule(WithArea):
     """Settings of a body with a hard (or soft) sphere below its surface (docs/equations/shape-display.md)."""
 
     nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0, le=1), Switch("nodule")] = 0.0

@@ -71,6 +71,8 @@ class BeamBundle(CompiledNode, WithNodule):
                 f"layers {self.layers} m, moduli {self.moduli} Pa, relaxations {self.relaxations} s: "
                 f"expected thicknesses and moduli > 0, relaxations >= 0"
             )
+        if self.area != "fixed":
+            raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed': the beams find their contact")
         mesh = self.mesh()
         faces = mesh.face_vectors
         closed = np.abs(faces.sum(axis=0)).max() < 1e-6 * np.abs(faces).sum()

@@ -73,6 +73,8 @@ class MassSpring(CompiledNode, WithNodule):
 
     def start(self) -> None:
         super().start()
+        if self.area != "fixed":
+            self._notes.append("MassSpring: its force law K s^n stays; only its surface follows scene.surface.area")
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
         if self._hardness is not None:
             self.hold("hard", self._hardness)

@@ -106,6 +106,10 @@ class ReducedFE(CompiledNode, WithNodule):
     def start(self) -> None:
         super().start()
         self._noted = 0
+        modulus = self.young / (1.0 - self.poisson**2)
+        if self.area in ("ball", "fingertip") and not 0.98 < modulus / self.area_modulus < 1.02:
+            found = f"area_modulus is {self.area_modulus:.4g} Pa, expected {modulus:.4g} Pa, E/(1 - nu²) of this body"
+            self._notes.append(f"ReducedFE: {found}: the area law is that of another tissue")
         mesh = self.mesh()
         self.hold("areas", np.ascontiguousarray(mesh.areas))
         self.hold("push", np.zeros(len(mesh.vertices)))
@@ -137,7 +141,7 @@ class ReducedFE(CompiledNode, WithNodule):
         basis, given = self._placed()
         large = self.model == "nonlinear" and self.sticks  # a surface that slides is known under light loads only
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
-        return condensed_body(basis, *given, self.poisson, self.sticks, self._apart(), rho)
+        return condensed_body(basis, *given, self.poisson, self.sticks, self._apart(), rho, self.area_law())
 
     @kernel
     def idle(own, load, out, dt):
@@ -311,6 +315,8 @@ class _Sampled:
     idle = None
 
     def _made(self: Any) -> Any:
+        if self.area != "fixed":
+            raise SettingError(f"setting 'area': found {self.area!r}, expected 'fixed' with model: sampled")
         return self._placed()
 
     def _make(self: Any, count: int) -> None:

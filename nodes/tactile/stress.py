@@ -31,7 +31,7 @@ class Stress(CompiledNode):
     effect = "tactile"
 
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
-    kernel: Annotated[Literal["biweight", "wendland", "cosine"], "1"] = "biweight"  # Shape of the pressure
+    kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"  # Shape of the pressure
     young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Enters the strain energy density alone
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
     depths: Annotated[Vector, "m"] = (0.5e-3, 1e-3, 2e-3)

@@ -25,29 +25,35 @@ from palpate.physics.bodies.condensed_field import surface_displacements
 from palpate.physics.bodies.condensed_step import (
     COMPLIANCE,
     DEEP,
+    EXPONENT,
     FIELDS,
     FREE,
+    LEAST_FORCE,
     NOW,
     NUMBERS,
     OWN,
+    PATCH,
+    PRESS,
     RADIUS,
-    SLIDES,
     TILT,
     TOTAL,
     CondensedModel,
     add_others,
+    fixed_part,
     take_load,
 )
 from palpate.physics.bodies.large_displacement import stored_energy
-from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, patch_of
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, load_radius, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
+from palpate.physics.contact.area import FIXED, MEAN, WIDTH, AreaLaw, approach, radius_at, with_approach
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
 LEAST = 1e-9  # [m/N] Lower limit of the compliance
+ALIKE = 1.3  # [1] Ratio of the radii of a load and of the law of its growth up to which they count as equal
 
 
 class CondensedBody(NamedTuple):
@@ -84,6 +90,7 @@ def condensed_body(
     sticks: bool = True,
     apart: np.ndarray | None = None,
     rho: np.ndarray = NO_FLOATS,
+    area: AreaLaw = FIXED,
 ) -> CondensedBody:
     """A body at rest under one contact.
 
@@ -95,13 +102,17 @@ def condensed_body(
     sticks    whether the surface under the patch sticks to the finger
     apart     [m] (V,) distance of each vertex of `basis` from a nodule or capsule; None: the organ has neither
     rho       [1] (3,) coefficients, see `large_displacement`; empty: the organ is linear
+    area      law of a contact that grows with the force; its load acts on the coarse surface on the patch of `radius`
     """
     coarse, fine, rho = Mesh(basis.vertices, basis.triangles), fine_mesh(mesh, radius, reach), np.array(rho)
     corners, weights = lies_on(coarse, mesh)
+    true = uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart)
+    if len(area.forces):
+        half_space = (1.0 - true.held) * np.pi * true.normal * MEAN / young
+        area, rho = with_approach(area, half_space, rho), np.array(NO_FLOATS)
     model = CondensedModel(
         basis.compliance, basis.vertices, rho, hat_moments(coarse), corners, weights, weight_slopes(coarse, corners),
-        young, retardation, mesh.vertices,
-        uncorrected(mesh) if poisson is None else true_patch(coarse, mesh, poisson, sticks, apart),
+        young, retardation, mesh.vertices, true, area,
     )  # fmt: skip
     ground = Ground(coarse.normals, softness(coarse, model, fine.spreader), rho)
     return under(model, ground, fine, 1)
@@ -122,14 +133,23 @@ def under(model: CondensedModel, ground: Ground, fine: FineMesh, count: int) -> 
 @kernel(error_model="numpy")
 def bear(body, contact, nodes, forces, foot, normal, dt):
     """Apply the load of a contact, nodal forces [N] (k,3), for a step of dt > 0 [s]. Call `answer` after all loads."""
-    patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
+    area, numbers = body.model.area, body.numbers[contact]
+    grows = len(area.forces) > 0 and len(nodes) > 0
+    if grows:
+        patch, pull, share = respread(body.fine, forces, foot, normal)
+    else:
+        patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
     for i in range(3):
         body.feet[contact, i], body.normals[contact, i] = foot[i], normal[i]
     counts = body.counts[contact]
     counts[0], counts[1] = take_load(
-        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], body.numbers[contact],
-        counts[0],
+        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], numbers, counts[0],
     )  # fmt: skip
+    if grows and numbers[TOTAL] > 0.0:
+        radius, narrow = load_radius(body.model.fine, nodes, forces, normal, numbers[TOTAL], body.model.true.least)
+        law = WIDTH * radius_at(area.forces, area.radii, numbers[TOTAL])
+        if narrow == 0.0:
+            numbers[PATCH] = max(max(radius / law, law / radius) - ALIKE, 0.0)
 
 
 @kernel(error_model="numpy")
@@ -156,6 +176,9 @@ def answer(body, laws, dt):
     for i in range(len(laws)):
         compliance, free, now = body.numbers[i, COMPLIANCE], body.numbers[i, FREE], body.numbers[i, NOW]
         laws[i, 0], laws[i, 1], laws[i, 3], laws[i, 4] = 1.0 / max(compliance, LEAST), 1.0, free, now
+        if len(model.area.forces) > 0 and len(laws) == 1:
+            n, force = body.numbers[i, EXPONENT], max(body.numbers[i, TOTAL], LEAST_FORCE)
+            laws[i, 0], laws[i, 1] = force * (laws[i, 0] / force) ** n, n
 
 
 @kernel
@@ -163,7 +186,7 @@ def extrapolation(body):
     """Excess of the last step over the limits of the body, 0 within them, 1 at twice a limit."""
     most = 0.0
     for numbers in body.numbers:
-        for excess in numbers[DEEP : SLIDES + 1]:
+        for excess in numbers[DEEP : PATCH + 1]:
             most = max(most, excess)
     return most
 
@@ -182,11 +205,16 @@ def stored(body):
     """Energy [J] stored under the patches of the last step, V(s) of `place_energy`, of each contact in proportion to
     its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
     patches is not included."""
-    if len(body.bears) == 1:
+    if len(body.bears) == 1 and len(body.model.area.forces) == 0:
         return _stored_under(body.numbers[0], body.model.rho)
     total = 0.0
     for i in range(len(body.bears)):
         acting = body.bears[i] + row_times(body.cross[i], body.bears) / max(body.numbers[i, OWN], 1e-300)
+        if len(body.model.area.forces) > 0:
+            press, own = body.numbers[0, PRESS] if len(body.bears) == 1 else body.bears[i], body.numbers[i, OWN]
+            linear = own * (acting - body.bears[i] + press) - fixed_part(body.model, body.numbers[i]) * press
+            total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
+            continue
         share = body.bears[i] / acting if acting > 0.0 else 0.0
         total += share * _stored_under(body.numbers[i], body.model.rho)
     return total

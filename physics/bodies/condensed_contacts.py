@@ -109,7 +109,10 @@ def joint_answer(model, profile, fields, marks, numbers, counts, normals, feet, 
             others[i] += cross[i, j] * numbers[j, TOTAL] / self_compliance
     for i in range(many):
         add_others(model, dt, numbers[i], aside[i], others[i])
-        scale[i] = np.sqrt(max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300)))
+        tau = max(numbers[i, COMPLIANCE], 1e-300) / (take * max(numbers[i, OWN], 1e-300))
+        scale[i] = np.sqrt(tau)
+        if len(model.area.forces) > 0:  # its growth is local: the others move it as they move a linear organ
+            others[i], scale[i] = others[i] / tau, min(scale[i], 1.0)
     # laws: free indentation without the forces of the others, which act through the coupling
     for i in range(many):
         compliance = max(numbers[i, COMPLIANCE], 1e-300)

@@ -5,6 +5,7 @@ import numpy as np
 from palpate.physics.bodies.condensed_step import MORE, NARROWED, PRESS, RADIUS, ROOM, SIDE
 from palpate.physics.bodies.patch import interpolated
 from palpate.physics.bodies.true_patch import depth_at
+from palpate.physics.contact.area import hertz_depth, radius_at
 from palpate.physics.kernel import kernel
 
 
@@ -74,12 +75,16 @@ def _add_half_space(model, foot, normal, numbers, nodes, moved):
     true, press, radius = model.true, numbers[PRESS], numbers[RADIUS]
     if len(true.table) == 0:
         return
-    deep = (1.0 - true.held) * true.normal * press / (model.young * radius)
+    grows = len(model.area.forces) > 0
+    if grows:
+        radius = max(radius_at(model.area.forces, model.area.radii, press), 1e-6)
+    deep = (0.75 * np.pi if grows else 1.0) * (1.0 - true.held) * true.normal * press / (model.young * radius)
     n0, n1, n2, flat = deep * normal[0], deep * normal[1], deep * normal[2], 1.0 / (radius * radius)
     for k in range(len(nodes)):
         p = nodes[k]
         d0, d1, d2 = model.fine[p, 0] - foot[0], model.fine[p, 1] - foot[1], model.fine[p, 2] - foot[2]
-        depth = depth_at(true.profile, (d0 * d0 + d1 * d1 + d2 * d2) * flat)
+        square = (d0 * d0 + d1 * d1 + d2 * d2) * flat
+        depth = hertz_depth(square) if grows else depth_at(true.profile, square)
         moved[k, 0] -= depth * n0
         moved[k, 1] -= depth * n1
         moved[k, 2] -= depth * n2

@@ -7,7 +7,8 @@ import numpy as np
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
 from palpate.physics.bodies.large_displacement import DEEPEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
-from palpate.physics.bodies.true_patch import TruePatch, narrow_load, patch_compliance
+from palpate.physics.bodies.true_patch import MEAN, TruePatch, narrow_load, patch_compliance
+from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
 from palpate.physics.kernel import kernel
 
 FORGOTTEN = 1e-9  # [N] Load history below which a vertex is removed from the list
@@ -33,17 +34,20 @@ class CondensedModel(NamedTuple):
     retardation: float
     fine: Annotated[np.ndarray, "<f8", 2]  # [m] (W,3) vertices of the fine mesh
     true: TruePatch  # the correction for the true load
+    area: AreaLaw  # of a contact that grows; `rho` is then in its table
 
 
 COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
+GROWN, PATCH = 15, 16
 """Numbers of a contact: compliance [m/N], s_free and s [m] of its law, additional load [N] on the patch for large
 displacement, compliance [m/N] of the linear body at rest, normal force [N] on the patch with the additional load,
 radius [m] of the patch and on the coarse surface, whether the load is narrowed near a nodule; then the excess [1] over
 the limits of the body, 0 within, 1 at twice the limit: deeper than `DEEPEST`, narrower than the fine mesh resolves, on
-thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide."""
-TOTAL, NUMBERS = 24, 25  # The normal force of the load [N]; the number of numbers
+thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide, beyond the law of a
+contact that grows, on another patch than that law's."""
+TOTAL, EXPONENT, NUMBERS = 26, 27, 28  # The normal force of the load [N]; n of the law; the number of numbers
 ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_load`
-SIDE, HOLD = slice(15, 24), 18
+SIDE, HOLD = slice(17, 26), 20
 """Forces that hold the patch along the surface, see `true_patch.patch_compliance`; start of its compliances."""
 
 
@@ -121,7 +125,7 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     # correction of the compliance for the true load, by a half-space
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
-    numbers[DEEP : SLIDES + 1] = 0.0
+    numbers[DEEP : PATCH + 1] = 0.0
     narrowed = narrow_load(model, patch, pull, normal, total, order, touched, measure, radius)
     block = np.zeros((3, 3))
     # indentation of the linear body: m.C h of the history, m.C f of the load
@@ -202,6 +206,9 @@ def add_others(model, dt, numbers, aside, others):
     self_compliance = numbers[OWN]
     numbers[FREE] += keep * aside
     numbers[NOW] += aside
+    if len(model.area.forces) > 0:
+        _grow(model, numbers, keep, take)
+        return
     if len(rho) == 0 or not self_compliance > 0.0:
         return
     radius, now, free = numbers[RADIUS], numbers[NOW], numbers[FREE]
@@ -218,3 +225,33 @@ def add_others(model, dt, numbers, aside, others):
         numbers[FREE] = radius * then - numbers[COMPLIANCE] * force
     numbers[MORE] = (numbers[NOW] - now) / self_compliance
     numbers[PRESS] += numbers[MORE]
+
+
+@kernel
+def fixed_part(model, numbers):
+    """Compliance [m/N] of the half-space in that of the fixed patch: what the approach of a growing contact replaces,
+    limited so that the indentation rises with the force."""
+    table, true = model.area.table, model.true
+    local = (1.0 - true.held) * true.normal * MEAN / (numbers[RADIUS] * model.young)
+    return min(local, numbers[OWN] + 0.5 * approach(table, model.area.forces[-1])[1])
+
+
+@kernel
+def _grow(model, numbers, keep, take):
+    """Update `numbers` for a contact that grows (`physics.contact.area`): the half-space's part of the indentation is
+    the approach d(y) in place of c y. The law F = K (s - s_free)^n has its force, indentation and tangent at the
+    present force."""
+    area, press = model.area, max(numbers[PRESS], 0.0)
+    local = fixed_part(model, numbers)
+    force = max(numbers[TOTAL], LEAST_FORCE)
+    before, after = keep * press, keep * press + take * force
+    now, free = approach(area.table, press)[0], approach(area.table, before)[0]
+    then, slope, _ = approach(area.table, after)
+    numbers[NOW] += now - local * press
+    numbers[FREE] += free - local * before
+    rest = take * (numbers[OWN] - local)
+    chord, tangent = rest + (then - free) / force, rest + take * slope
+    numbers[COMPLIANCE], numbers[EXPONENT] = chord, min(max(chord / tangent, 1.0), 3.0)
+    wide = WIDTH * max(radius_at(area.forces, area.radii, press), 1e-9)
+    numbers[DEEP] = max(numbers[NOW] / (wide * DEEPEST) - 1.0, 0.0)
+    numbers[GROWN] = max(numbers[TOTAL] / area.forces[-1] - 1.0, 0.0)

@@ -58,6 +58,16 @@ def patch_of(fine, nodes, forces, foot, normal):
     return fine.spreader.nodes[:count], fine.spreader.forces[:count], 0.0
 
 
+@kernel(error_model="numpy")
+def respread(fine, forces, foot, normal):
+    """The sum of nodal forces [N] (k,3) on the fixed patch round the foot [m] (3): nodes, forces and 1."""
+    x = y = z = 0.0
+    for k in range(len(forces)):
+        x, y, z = x + forces[k, 0], y + forces[k, 1], z + forces[k, 2]
+    count = spread(fine.spreader, foot, normal, (x, y, z))
+    return fine.spreader.nodes[:count], fine.spreader.forces[:count], 1.0
+
+
 @kernel
 def normal_force(pull, normal):
     """Force [N] of nodal forces (k,3) against the outward normal (3)."""

@@ -18,14 +18,17 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.mesh_closest import nearest_weights
 from palpate.physics.kernel import kernel
 
-KERNELS = ("biweight", "wendland", "cosine")
+KERNELS = ("biweight", "wendland", "cosine", "hertz")
 
 
 @kernel(error_model="numpy")
 def kernel_value(kind, q):
-    """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine."""
+    """k(q), 1 at q = 0, 0 from q = 1 on: 0 biweight (1-q²)², 1 Wendland C² (1-q)⁴(4q+1), 2 raised cosine,
+    3 Hertz's pressure (1-q²)^½."""
     if q >= 1.0:
         return 0.0
+    if kind == 3:
+        return math.sqrt(1.0 - q * q)
     if kind == 0:
         x = 1.0 - q * q
         return x * x
@@ -83,18 +86,19 @@ def _cell_range(point, radius, origin, side, shape):
 
 
 @kernel(error_model="numpy")
-def spread_kernel(foot, normal, force, scalars, shape, first, order, near, nodes, weights, forces):
+def spread_kernel(foot, normal, force, radius, scalars, shape, first, order, near, nodes, weights, forces):
     """Distribute `force` [N] over the nodes round `foot` [m]; returns their number, 0 if no node is in range.
 
     foot, normal, force  (3) each
-    scalars              radius R [m], kind (index into KERNELS), then origin (3) and side [m] of the grid
+    radius               [m] R
+    scalars              R of the tables [m], kind (index into KERNELS), then origin (3) and side [m] of the grid
     shape, first, order  see `cells`
     near     (V,7)       position, normal and area of each vertex, in the order of the grid
     nodes (V), weights (V), forces (V,3)  are filled as far as the returned count
 
     The work depends on the number of nodes near the foot, not on the mesh.
     """
-    radius, kind, origin, side = scalars[0], int(scalars[1]), scalars[2:5], scalars[5]
+    kind, origin, side = int(scalars[1]), scalars[2:5], scalars[5]
     lo, hi = _cell_range(foot, radius, origin, side, shape)
     count = 0
     total = 0.0
@@ -179,16 +183,17 @@ def spreader(mesh: Mesh, radius: float, kernel: str = "biweight") -> Spreader:
 
 
 @kernel(error_model="numpy")
-def spread(spreader, foot, normal, force):
+def spread(spreader, foot, normal, force, radius=0.0):
     """Fill `nodes`, `weights` [1] and `forces` [N] of a `Spreader` for a `force` at `foot` [m]; their number.
 
-    normal: outward unit normal [1] (3) of the surface at the foot point
+    normal: outward unit normal [1] (3) of the surface at the foot point;  radius [m]  R, 0: that of the spreader
 
     If no node is in range, the force is distributed over the corners of the nearest triangle by the barycentric
     coordinates of its point nearest to the foot.
     """
     s, nodes, weights, forces = spreader, spreader.nodes, spreader.weights, spreader.forces
-    count = spread_kernel(foot, normal, force, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces)
+    r = radius if radius > 0.0 else s.scalars[0]
+    count = spread_kernel(foot, normal, force, r, s.scalars, s.shape, s.first, s.order, s.near, nodes, weights, forces)
     if count > 0:
         return count
     point = np.empty(3)  # limited to the box, so that squares of distances are finite

@@ -152,13 +152,14 @@ class _Chain:
         given = fidelity.settings
         surface = surface_of(touch) | {"vertices": VERTICES} | given.get("surface", {})
         body_settings = (surface if issubclass(body, OnSurface) else {}) | given.get("body", {})
+        area = {name: value for name, value in body_settings.items() if name.startswith("area")}
         self.rate, self.at = fidelity.rate, 0
         try:
             nodes = {
                 "near": _Motion(_motion(touch, times)),
                 "contact": Series(**contact),
                 "friction": LuGre(**SLIDING._asdict()) if touch.friction else None,
-                "spread": (spread := Kernel(**surface, **given.get("spread", {}))),
+                "spread": (spread := Kernel(**surface | area | given.get("spread", {}))),
                 "body": (pressed := body(**body_settings)),
             }
             self.slots = [_slot(name, node, touch.friction) for name, node in nodes.items() if node is not None]

@@ -17,7 +17,7 @@ from palpate.physics.geometry import nurbs_fit
 from palpate.physics.geometry.nurbs import NurbsPatch, normal_of
 from palpate.physics.materials.voigt import TISSUE, chain_strain_step
 
-PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2))
+PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2), 2 * math.pi / 3)
 """Of each kernel that spreads a load, in units of R²."""
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.physics.bodies import condensed_body, mass_spring, sampled_body
-from palpate.physics.bodies.condensed_step import DEEP, RADIUS, SLIDES, WIDE
+from palpate.physics.bodies.condensed_step import DEEP, PATCH, RADIUS, WIDE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.contact import spread as spreading
 
@@ -23,8 +23,8 @@ class Spreader:
         self._own = spreading.spreader(mesh, radius, kernel)
         self.nodes, self.weights, self.forces = self._own.nodes, self._own.weights, self._own.forces
 
-    def spread(self, foot, normal, force):
-        return spreading.spread(self._own, _three(foot), _three(normal), _three(force))
+    def spread(self, foot, normal, force, radius=0.0):
+        return spreading.spread(self._own, _three(foot), _three(normal), _three(force), radius)
 
 
 class NodalBody:
@@ -63,7 +63,8 @@ class CondensedBody:
     def steps(self, loads, dt):
         for contact, load in enumerate(loads):
             condensed_body.bear(self.own, contact, *_load(*load), dt)
-        condensed_body.answer(self.own, np.zeros((len(loads), 5)), dt)
+        self.laws = np.zeros((len(loads), 5))
+        condensed_body.answer(self.own, self.laws, dt)
         return self.own.numbers[:, :3].tolist()
 
     def displaced(self, *feet):
@@ -92,7 +93,7 @@ class CondensedBody:
         return condensed_body.extrapolation(self.own)
 
     def causes(self):
-        excess = self.own.numbers[:, DEEP : SLIDES + 1].max(axis=0)
+        excess = self.own.numbers[:, DEEP : PATCH + 1].max(axis=0)
         return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
 
     def caution(self, cause):

@@ -15,7 +15,10 @@ from palpate.studies.accuracy import chain
 from palpate.studies.accuracy.cases import BenchCase
 from palpate.studies.accuracy.fidelities import NODULE, meshes, of_body, only_slab, reaches, steps
 from palpate.studies.accuracy.outcome import Fidelity, Method, MethodOutcome
-from palpate.studies.peers.continuum import BED, POISSON, YOUNG
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG
+
+BALL = {"area": "ball", "area_radius": RADIUS, "area_modulus": YOUNG / (1.0 - POISSON**2)}
+"""The contact of the rigid ball grows with the force."""
 
 
 def methods() -> list[Method]:
@@ -29,7 +32,8 @@ def methods() -> list[Method]:
 
 def _slab(touch: BenchCase) -> dict[str, Any]:
     material = {"young": YOUNG, "poisson": POISSON, "bed": BED, "retardation": touch.retardation}
-    return material | {"sticks": touch.sticks} | (NODULE if touch.nodule else {})
+    area = BALL if touch.finger == "ball" else {}
+    return material | {"sticks": touch.sticks} | area | (NODULE if touch.nodule else {})
 
 
 def _reducing(model: str) -> Callable[[BenchCase, Fidelity, int], MethodOutcome]:

@@ -15,6 +15,7 @@ from palpate.nodes.contact import Series
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.place_energy import on_hand
+from palpate.physics.contact.area import FIXED, ball, fingertip, of_table
 from palpate.physics.contact.series import exponential
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.entry_point import NO_FLOATS
@@ -36,11 +37,11 @@ def kidney():
 class Hand:
     """A hand that moves a fingertip over the reduced kidney, and the work that it does."""
 
-    def __init__(self, retardation=0.0, model="nonlinear"):
+    def __init__(self, retardation=0.0, model="nonlinear", area=FIXED):
         node, basis, mesh, self.closest, self.spread = kidney()
         rho = nonlinearity(node.poisson) if model == "nonlinear" else NO_FLOATS
         law = (node.young, retardation, node.radius, node.reach, node.poisson)
-        self.body = CondensedBody(basis, mesh, *law, rho=rho)
+        self.body = CondensedBody(basis, mesh, *law, rho=rho, area=area)
         self.own = exponential(Series().finger_stiffness, Series().finger_hardening)
         self.compression, self.law, self.at, self.force = 0.0, None, None, np.zeros(3)
         self.taken = self.given = 0.0
@@ -61,8 +62,8 @@ class Hand:
     def load(self, foot, normal, push):
         at, n = tuple(foot.tolist()), tuple(normal.tolist())
         count = self.spread.spread(at, n, tuple((-max(push, 1e-9) * normal).tolist()))
-        law = self.body.step(self.spread.nodes[:count], self.spread.forces[:count], at, n, STEP)
-        self.law = Terminal(1.0 / law[0], 1.0, 0.0, law[1], law[2])
+        self.body.step(self.spread.nodes[:count], self.spread.forces[:count], at, n, STEP)
+        self.law = Terminal(*self.body.laws[0])
 
 
 def gained(hand, way, approach, steps=150):
@@ -110,6 +111,32 @@ def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retard
     for arc in arcs:
         way = np.linspace(*ARCS[arc], 500)
         assert gained(Hand(retardation, model), way, approach) <= GAIN
+
+
+MODULUS = ReducedFE().young / (1.0 - ReducedFE().poisson ** 2)
+GROWING = {
+    "ball": ball(8e-3, MODULUS),
+    "fingertip": fingertip(8e-3, MODULUS),
+    "table": of_table([0.02, 0.3, 1.0, 4.0], [1e-3, 4e-3, 6e-3, 12e-3]),
+}
+
+
+@pytest.mark.parametrize(("model", "retardation", "approach", "arcs"), PRESSES)
+@pytest.mark.parametrize("law", GROWING)
+def test_nor_does_it_where_the_contact_grows(law, model, retardation, approach, arcs):
+    for arc in arcs:
+        way = np.linspace(*ARCS[arc], 500)
+        assert gained(Hand(retardation, model, GROWING[law]), way, approach) <= GAIN
+
+
+@pytest.mark.parametrize("turn", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("radius", "approach"), [(4e-3, 10e-3), pytest.param(12e-3, 10e-3, marks=pytest.mark.long), (12e-3, 4e-3)]
+)
+def test_rounds_under_a_ball_give_out_nothing(turn, radius, approach):
+    angle = turn * np.linspace(0.0, 4.0 * np.pi, 800)
+    way = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 0.021)], axis=1)
+    assert gained(Hand(area=GROWING["ball"]), way, approach) <= GAIN
 
 
 def test_a_hand_that_feels_the_normal_force_alone_gains_more(monkeypatch):

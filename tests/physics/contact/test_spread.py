@@ -94,8 +94,10 @@ def test_the_forces_move_continuously_with_the_foot(name):
         dense = np.zeros(len(mesh.vertices))
         nodes, weights, _ = spread(spreader, (x, 0.37e-3, 0.0))
         dense[nodes] = weights
-        # A step of 1 um changes no weight by more than the kernel's steepest slope allows.
-        assert before is None or np.abs(dense - before).max() < 2.5 * weights.max() * 1e-6 / 6e-3
+        # A step of 1 um changes no weight by more than the kernel's steepest slope allows; Hertz's falls like a root.
+        step = 1e-6 / 6e-3
+        allowed = math.sqrt(2.0 * step) if name == "hertz" else 2.5 * step
+        assert before is None or np.abs(dense - before).max() < allowed * weights.max()
         before = dense
 
 

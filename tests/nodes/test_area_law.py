@@ -1,0 +1,103 @@
+"""The area law of a scene: one setting for the node that spreads the load and for the body."""
+
+import msgspec
+import numpy as np
+import pytest
+from pytest import approx
+
+from palpate.cli.terminal.options import chosen
+from palpate.messages import Contact
+from palpate.nodes.base import SettingError
+from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
+from palpate.nodes.spread import Kernel
+from palpate.physics.errors import PalpateError
+from palpate.studies.accuracy.bodies import reduced_fe
+from palpate.studies.accuracy.cases import TOUCHES
+from palpate.studies.accuracy.outcome import Fidelity
+from palpate.studies.accuracy.reference import reference_solution
+
+PLANE = {"surface": "plane", "vertices": 10000, "position": (0.0, 0.0, 0.0)}
+TABLE = {"area": "table", "area_forces": (0.1, 1.0), "area_radii": (3e-3, 6e-3)}
+
+
+def pressed(node, force):
+    touch = msgspec.structs.replace(
+        Contact.example(loaded=True), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), force=force, compression=1e-3
+    )
+    return node.step(touch, None, dt=1e-3)
+
+
+def test_the_patch_grows_by_the_law_and_keeps_the_force():
+    spread = Kernel(**PLANE, **TABLE)
+    spread.start()
+    for force, radius in ((0.1, 3e-3), (0.3, 3e-3 * 3.0**0.30103), (1.0, 6e-3), (3.0, 6e-3)):
+        load = pressed(spread, force)
+        away = np.linalg.norm(spread.mesh().vertices[load.nodes], axis=1)
+        assert away.max() < radius and away.max() == approx(radius, abs=1.2e-3)
+        assert load.forces[:, 2].sum() == approx(-force)
+    light = pressed(spread, 1e-6)
+    assert 0 < len(light.nodes) <= 4 and light.forces[:, 2].sum() == approx(-1e-6)
+
+
+def test_a_rigid_tip_with_a_law_is_within_its_range():
+    spread = Kernel(**PLANE, area="ball")
+    spread.start()
+    touch = msgspec.structs.replace(Contact.example(loaded=True), force=0.1, compression=1e-9)
+    spread.step(touch, None, dt=1e-3)
+    assert spread.condition() == "" and spread.notes() == []
+
+
+@pytest.mark.parametrize("radius", [0.2e-3, 60e-3])
+def test_a_radius_that_does_not_fit_the_mesh_is_refused(radius):
+    spread = Kernel(**PLANE, area="table", area_forces=(1.0,), area_radii=(radius,))
+    with pytest.raises(SettingError, match=f"reaches a radius of {1e3 * radius:.2g} mm, expected one between"):
+        spread.start()
+
+
+@pytest.mark.parametrize("kind", [Kernel, ReducedFE, MassSpring])
+@pytest.mark.parametrize(
+    ("radii", "said"),
+    [
+        ((2e-3, 1e-3), "the radius goes from"),
+        ((1e-3,), "a radius for each force"),
+        ((1e-4, 2e-2), "grows at most as"),
+    ],
+)
+def test_what_is_no_law_is_refused(kind, radii, said):
+    with pytest.raises(SettingError, match=f"'area_forces' and 'area_radii': .*{said}"):
+        kind(area="table", area_forces=(0.1, 1.0), area_radii=radii)
+
+
+def test_other_bodies_refuse_it_or_keep_their_law():
+    for body in (BeamBundle(area="ball"), ReducedFE(surface="fingertip", model="sampled", young=160.0, area="ball")):
+        with pytest.raises(SettingError, match="'area': found 'ball', expected 'fixed'"):
+            body.start()
+    body = MassSpring(area="ball")
+    body.start()
+    (note,) = body.notes()
+    assert "its force law K s^n stays" in note
+
+
+def test_a_law_for_another_modulus_is_reported():
+    body = ReducedFE(**PLANE, area="ball", area_modulus=50e3)
+    body.start()
+    (note,) = body.notes()
+    assert "area_modulus is 5e+04 Pa, expected 2.382e+04 Pa" in note
+
+
+def test_a_scene_gives_the_law_to_both():
+    sets = ["tissue.use=deformation.ReducedFE", "scene.surface.area=ball", "scene.surface.area_radius=6 mm"]
+    nodes = chosen("kidney", sets, None, None, False).plan().graph.nodes
+    for name in ("spread", "tissue"):
+        assert (nodes[name].settings["area"], nodes[name].settings["area_radius"]) == ("ball", 6e-3)
+    with pytest.raises(PalpateError, match="area_forces"):
+        chosen("kidney", [*sets[:1], "scene.surface.area=table"], None, None, False).plan()
+
+
+@pytest.mark.parametrize("name", ["ReducedFE", "ReducedFE-linear"])
+def test_the_ball_of_the_bench_is_hertz(name):
+    """On the slab, which is not quite a half-space; a patch of fixed width has an error of 222 %."""
+    method = next(m for m in reduced_fe.methods() if m.name == name)
+    outcome = method.compute(TOUCHES["ball"], Fidelity("as it is"), 1)
+    right = reference_solution(TOUCHES["ball"]).value("force", outcome.times)
+    assert np.sqrt(np.mean((outcome.values["force"] - right) ** 2)) < 0.03 * right.max()
