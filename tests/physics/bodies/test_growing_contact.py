@@ -189,6 +189,22 @@ def test_two_contacts_far_apart_move_as_one_each_and_closer_ones_sink_deeper():
         assert predicted == approx(depths[away][0], rel=1e-3)
 
 
+def test_two_contacts_store_the_work_that_is_done_on_them():
+    one = Half(LAWS["ball"])
+    body, work, before = one.body.under(2), 0.0, np.zeros(2)
+    steps = 0.05 * (np.arange(1, 101) / 100.0) ** 3
+    for last, force in zip(np.append(0.0, steps), steps, strict=False):
+        loads = []
+        for x in (-8e-3, 8e-3):
+            wide = float(radius_at(one.area.forces, one.area.radii, force))
+            count = one.spreader.spread((x, 0.0, 0.0), UP, (0.0, 0.0, -force), wide)
+            nodes, forces = one.spreader.nodes[:count].copy(), one.spreader.forces[:count].copy()
+            loads.append((nodes, forces, (x, 0.0, 0.0), UP))
+        depths = np.array(body.steps(loads, 1e-3))[:, 2]
+        work, before = work + 0.5 * (last + force) * float((depths - before).sum()), depths
+    assert body.stored() == approx(work, rel=5e-3)
+
+
 def test_the_depth_table_knows_how_wide_the_contact_is():
     body = Half(of_table([10.0], [3e-3]), rho=nonlinearity(POISSON))
     body.press(3.0)
