@@ -11,7 +11,7 @@ from pytest import approx
 from palpate.physics.bodies import hat_distances
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.large_displacement import nonlinearity
-from palpate.physics.contact.area import FIXED, WIDTH, ball, fingertip, of_table, radius_at
+from palpate.physics.contact.area import WIDTH, ball, fingertip, of_table, radius_at
 from palpate.physics.contact.series import exponential, kernel_form, power, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.geometry.mesh import plane
@@ -152,13 +152,6 @@ def test_hard_cases_stay_finite_and_passive(name, finger, retardation, dt):
         assert np.isfinite(forces).all() and (forces >= 0.0).all() and forces[-1] == 0.0
         work = np.sum(forces * np.diff(approaches, prepend=0.0))
         assert work >= -2e-3 * np.sum(forces * np.abs(np.diff(approaches, prepend=0.0)))
-
-
-def test_a_load_on_another_patch_than_the_law_says_is_reported():
-    body = Half(LAWS["ball"])
-    body.area = FIXED
-    body.press(0.01)
-    assert body.body.causes() == ["patch"] and "more than 30 %" in body.body.caution("patch")
 
 
 def test_a_force_beyond_the_law_is_reported():
