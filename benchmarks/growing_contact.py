@@ -138,7 +138,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--slab", type=float, default=60e3, help="modulus of the slab [Pa]")
     parser.add_argument("--finger", type=float, default=60e3, help="modulus of the pad [Pa]")
-    parser.add_argument("--size", type=float, default=1.2e-3, help="elements under the contact [m]")
+    parser.add_argument("--size", type=float, default=1.2e-3, help="elements under the contact [m], at most 2e-3")
     given = parser.parse_args()
     plane_strain = YOUNG / (1.0 - POISSON**2)
     depths = np.linspace(5e-5, 5e-4, 40)

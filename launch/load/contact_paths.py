@@ -4,7 +4,7 @@ Three mistakes fit the message types but compute wrong forces: a contact reads a
 several contacts press on one body without a joint solution; the force of a contact reaches no controller.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from palpate.engine.faults import Faults, Location
@@ -38,6 +38,17 @@ def check_divisors(nodes: dict[str, NodeSpec], wires: Iterable[Wire], faults: Fa
                 )  # fmt: skip
             if wire.producer not in path:
                 path.append(wire.producer)
+
+
+def unlike_areas(nodes: dict[str, NodeSpec], wires: Iterable[Wire]) -> Iterator[str]:
+    """A note for each body with another law of the contact area than the node that spreads its load."""
+    for wire in wires:
+        if issubclass(wire.port.type, Load) and wire.producer in nodes and wire.consumer in nodes:
+            both = (nodes[name].settings.items() for name in (wire.producer, wire.consumer))
+            one, other = ({key: value for key, value in given if key.startswith("area")} for given in both)
+            if one and other and one != other and {one["area"], other["area"]} != {"fixed"}:
+                text = f"{wire.producer} has the contact area {one['area']!r}, {wire.consumer} {other['area']!r}"
+                yield f"{text}, or other settings of it: set it in scene.surface, for both"
 
 
 class ContactPaths:

@@ -14,7 +14,7 @@ import msgspec
 from palpate.engine.faults import Faults, Location, choices
 from palpate.engine.graph import Edge, Graph, NodeSpec, streams_of
 from palpate.launch.load.classes import ClassError, body, find_class
-from palpate.launch.load.contact_paths import ContactPaths, check_divisors
+from palpate.launch.load.contact_paths import ContactPaths, check_divisors, unlike_areas
 from palpate.launch.load.effects import KEY as EFFECTS
 from palpate.launch.load.effects import apply as switch
 from palpate.launch.load.effects import chosen as chosen_effects
@@ -138,6 +138,7 @@ def load(
         contacts.place_shares(may, faults)
         contacts.check({n: s.place for n, s in may.items()}, faults)
         check_divisors(may, (w for d in drafts.values() for w in d.wires), faults)
+        notes += tuple(unlike_areas(may, [w for d in drafts.values() for w in d.wires]))
         notes += tuple(unknown_delays(may, [w for d in drafts.values() for w in d.wires], contents.rate))
     if any(change.keys == ("wanted",) for change in changes):
         holder = source

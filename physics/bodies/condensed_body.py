@@ -28,11 +28,11 @@ from palpate.physics.bodies.condensed_step import (
     EXPONENT,
     FIELDS,
     FREE,
+    GROWN,
     LEAST_FORCE,
     NOW,
     NUMBERS,
     OWN,
-    PATCH,
     PRESS,
     RADIUS,
     TILT,
@@ -43,17 +43,16 @@ from palpate.physics.bodies.condensed_step import (
     take_load,
 )
 from palpate.physics.bodies.large_displacement import stored_energy
-from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, load_radius, patch_of, respread
+from palpate.physics.bodies.patch import FineMesh, fine_mesh, hat_moments, lies_on, patch_of, respread
 from palpate.physics.bodies.place_energy import Ground, along, softness, weight_slopes
 from palpate.physics.bodies.true_patch import true_patch, uncorrected
-from palpate.physics.contact.area import FIXED, MEAN, WIDTH, AreaLaw, approach, radius_at, with_approach
+from palpate.physics.contact.area import FIXED, MEAN, AreaLaw, approach, with_approach
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.exact import row_times
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 
 LEAST = 1e-9  # [m/N] Lower limit of the compliance
-ALIKE = 1.3  # [1] Ratio of the radii of a load and of the law of its growth up to which they count as equal
 
 
 class CondensedBody(NamedTuple):
@@ -133,9 +132,7 @@ def under(model: CondensedModel, ground: Ground, fine: FineMesh, count: int) -> 
 @kernel(error_model="numpy")
 def bear(body, contact, nodes, forces, foot, normal, dt):
     """Apply the load of a contact, nodal forces [N] (k,3), for a step of dt > 0 [s]. Call `answer` after all loads."""
-    area, numbers = body.model.area, body.numbers[contact]
-    grows = len(area.forces) > 0 and len(nodes) > 0
-    if grows:
+    if len(body.model.area.forces) > 0 and len(nodes) > 0:
         patch, pull, share = respread(body.fine, forces, foot, normal)
     else:
         patch, pull, share = patch_of(body.fine, nodes, forces, foot, normal)
@@ -143,13 +140,9 @@ def bear(body, contact, nodes, forces, foot, normal, dt):
         body.feet[contact, i], body.normals[contact, i] = foot[i], normal[i]
     counts = body.counts[contact]
     counts[0], counts[1] = take_load(
-        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], numbers, counts[0],
+        body.model, patch, pull, share, normal, dt, body.fields[contact], body.marks[contact], body.numbers[contact],
+        counts[0],
     )  # fmt: skip
-    if grows and numbers[TOTAL] > 0.0:
-        radius, narrow = load_radius(body.model.fine, nodes, forces, normal, numbers[TOTAL], body.model.true.least)
-        law = WIDTH * radius_at(area.forces, area.radii, numbers[TOTAL])
-        if narrow == 0.0:
-            numbers[PATCH] = max(max(radius / law, law / radius) - ALIKE, 0.0)
 
 
 @kernel(error_model="numpy")
@@ -186,7 +179,7 @@ def extrapolation(body):
     """Excess of the last step over the limits of the body, 0 within them, 1 at twice a limit."""
     most = 0.0
     for numbers in body.numbers:
-        for excess in numbers[DEEP : PATCH + 1]:
+        for excess in numbers[DEEP : GROWN + 1]:
             most = max(most, excess)
     return most
 

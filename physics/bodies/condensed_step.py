@@ -38,16 +38,15 @@ class CondensedModel(NamedTuple):
 
 
 COMPLIANCE, FREE, NOW, MORE, OWN, PRESS, RADIUS, WIDE, NARROWED, DEEP, NARROW, THIN, CURVED, NEAR, SLIDES = range(15)
-GROWN, PATCH = 15, 16
 """Numbers of a contact: compliance [m/N], s_free and s [m] of its law, additional load [N] on the patch for large
 displacement, compliance [m/N] of the linear body at rest, normal force [N] on the patch with the additional load,
 radius [m] of the patch and on the coarse surface, whether the load is narrowed near a nodule; then the excess [1] over
 the limits of the body, 0 within, 1 at twice the limit: deeper than `DEEPEST`, narrower than the fine mesh resolves, on
 thin or curved ground, too narrow near a nodule, too heavy for a surface that is free to slide, beyond the law of a
-contact that grows, on another patch than that law's."""
-TOTAL, EXPONENT, NUMBERS = 26, 27, 28  # The normal force of the load [N]; n of the law; the number of numbers
+contact that grows."""
+GROWN, TOTAL, EXPONENT, NUMBERS = 15, 25, 26, 27  # `GROWN`: the last excess; normal force of the load [N]; n of the law
 ROOM, TILT, FIELDS = 3, 4, 5  # Indices of the fields of a contact, see `take_load`
-SIDE, HOLD = slice(17, 26), 20
+SIDE, HOLD = slice(16, 25), 19
 """Forces that hold the patch along the surface, see `true_patch.patch_compliance`; start of its compliances."""
 
 
@@ -125,7 +124,7 @@ def take_load(model, patch, pull, share, normal, dt, fields, marks, numbers, cou
     # correction of the compliance for the true load, by a half-space
     radius, narrow = load_radius(model.fine, patch, pull, normal, total, model.true.least)
     wide = patch_radius(model.vertices, model.moments, order, touched, measure)
-    numbers[DEEP : PATCH + 1] = 0.0
+    numbers[DEEP : GROWN + 1] = 0.0
     narrowed = narrow_load(model, patch, pull, normal, total, order, touched, measure, radius)
     block = np.zeros((3, 3))
     # indentation of the linear body: m.C h of the history, m.C f of the load

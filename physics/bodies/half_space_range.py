@@ -21,7 +21,7 @@ LAYER, BALL, INNERMOST = 0.2, 0.013, 1.5  # [1] Coefficients of the errors above
 LIGHT = 0.12  # [1] Force over E R² up to which the linear law is valid within 2 % for a surface that is free to slide
 SLIDING = np.array([[0.0, 0.25, 0.49, 0.74, 0.99], [0.0, 0.04, 0.14, 0.25, 0.30]])
 """[1] f/(E R²), and relative excess stiffness of the linear law, by `fe.Solver` on the slab (R = 8 mm, nu = 0.45)."""
-CAUSES = ("depth", "narrow", "thin", "curved", "near", "slides", "grown", "patch")
+CAUSES = ("depth", "narrow", "thin", "curved", "near", "slides", "grown")
 """Limits of a condensed body; `caution` explains them."""
 EDGE = 1e-9  # [1] Tolerance of ray casting at edges, so that no ray passes between two triangles
 ROWS = 64  # Number of rays that are cast at once, which takes ROWS x T numbers
@@ -132,10 +132,6 @@ def caution(cause: str, excess: float, radius: float, wide: float) -> str:
         )
     if cause == "grown":
         return f"the force exceeds the law of scene.surface.area by {excess:.0%}; the radius of the contact stays there"
-    if cause == "patch":
-        return (
-            "its load is off the radius of scene.surface.area by more than 30 %; give spread.Kernel and it the same law"
-        )
     heavy = LIGHT * (1.0 + excess)
     return (
         f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "

@@ -94,6 +94,23 @@ def test_a_scene_gives_the_law_to_both():
         chosen("kidney", [*sets[:1], "scene.surface.area=table"], None, None, False).plan()
 
 
+@pytest.mark.parametrize(
+    ("sets", "said"),
+    [
+        ([], ""),
+        (["scene.surface.area=ball"], ""),
+        (["scene.surface.area=ball", "tissue.area=fixed"], "spread has the contact area 'ball', tissue 'fixed'"),
+        (["tissue.area=fingertip"], "spread has the contact area 'fixed', tissue 'fingertip'"),
+        (["scene.surface.area=ball", "spread.area_radius=4 mm"], "or other settings of it"),
+        (["spread.area_radius=4 mm"], ""),
+    ],
+)
+def test_laws_that_differ_are_reported(sets, said):
+    notes = chosen("kidney", ["tissue.use=deformation.ReducedFE", *sets], None, None, False).plan().graph.notes
+    found = [note for note in notes if "contact area" in note]
+    assert len(found) == bool(said) and all(said in note for note in found)
+
+
 @pytest.mark.parametrize("name", ["ReducedFE", "ReducedFE-linear"])
 def test_the_ball_of_the_bench_is_hertz(name):
     """On the slab, which is not quite a half-space; a patch of fixed width has an error of 222 %."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from palpate.physics.bodies import condensed_body, mass_spring, sampled_body
-from palpate.physics.bodies.condensed_step import DEEP, PATCH, RADIUS, WIDE
+from palpate.physics.bodies.condensed_step import DEEP, GROWN, RADIUS, WIDE
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.contact import spread as spreading
 
@@ -93,7 +93,7 @@ class CondensedBody:
         return condensed_body.extrapolation(self.own)
 
     def causes(self):
-        excess = self.own.numbers[:, DEEP : PATCH + 1].max(axis=0)
+        excess = self.own.numbers[:, DEEP : GROWN + 1].max(axis=0)
         return [cause for cause, over in zip(CAUSES, excess, strict=True) if over > 0.0]
 
     def caution(self, cause):
