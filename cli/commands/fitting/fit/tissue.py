@@ -53,7 +53,7 @@ def tissue(
     """
     import math
 
-    from palpate.cli.terminal.progress import steps
+    from palpate.launch.run.progress import steps
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue import fit as fits
     from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
