@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import datetime
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -130,6 +131,18 @@ def chosen(
     return find(graph).but(
         overrides=sets or (), scene=scene and Path(scene), place=FUSED if fused else find_place(place)
     )
+
+
+def check_new(files: Iterable[Path], force: bool) -> None:
+    """ArgumentError: a file exists, and is not to be overwritten. OSError: it cannot be written."""
+    from palpate.physics.errors import ArgumentError
+    from palpate.physics.writable import check_file
+
+    files = list(files)
+    if kept := [str(file) for file in files if not force and file.exists()]:
+        raise ArgumentError(f"{', '.join(kept)}: exists; expected another name (-o), or --force")
+    for file in files:
+        check_file(file)
 
 
 def launch_file(launch: LaunchFile, out: Path | None, what: str) -> Path:

@@ -117,7 +117,7 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
 def standard_pictures(file: Path, folder: Path, silent: bool) -> list[Path]:
     """Draw the pictures of a recording into a folder; unless silent with progress, and a line for each that cannot be
     drawn. RecordingError, OSError."""
-    from palpate.cli.terminal.progress import StageBars
+    from palpate.launch.run.progress import StageBars
     from palpate.views.pictures import draw
 
     with StageBars(silent) as stages:

@@ -1,9 +1,9 @@
 """Many touches of one graph at once: `palpate.Ensemble` (docs/ensembles.md)."""
 
 import os
+import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from palpate.engine.faults import choices
 from palpate.engine.graph import Graph
 from palpate.engine.schedule import nanoseconds
 from palpate.launch.run.lanes import LaneRun, prepare_all
+from palpate.launch.run.progress import StageBars
 from palpate.messages import Field, fields
 from palpate.messages.record import layout
 from palpate.physics.errors import ArgumentError, RunError
@@ -100,10 +101,11 @@ class Ensemble:
         RunError: all lanes failed. KeyboardInterrupt: Ctrl-C, within 0.1 s.
         """
         names = [(stream, field.name) for stream, field in self._keep]
-        with nullcontext(lambda ticks: None) if quiet else _progress(self) as done:
+        with StageBars(quiet or not sys.stderr.isatty()) as bars:
+            done, total = bars.begin(f"{self.count} lanes of {self.name}"), self.count * self.ticks
             lanes = LaneRun(self._prepared, names, -(-self.ticks // self._every), self._every)
             try:
-                lanes.run(self.ticks, self._threads, done)
+                lanes.run(self.ticks, self._threads, lambda ticks: done(ticks / total))
             finally:
                 lanes.close()
         self.memory = lanes.lanes.memory
@@ -181,18 +183,3 @@ def _kept(text: str, graph: Graph) -> tuple[str, Field]:
 def _words(field: Field, column: np.ndarray) -> np.ndarray:
     """The values of a field; those of words as texts."""
     return np.array(field.words)[column] if field.words else column
-
-
-@contextmanager
-def _progress(ensemble: Ensemble) -> Iterator[Callable[[int], None]]:
-    """A bar on standard error, where that is a terminal."""
-    from rich import progress as bars
-    from rich.console import Console
-
-    console = Console(stderr=True)
-    times = bars.TimeElapsedColumn(), bars.TextColumn("left"), bars.TimeRemainingColumn()
-    title = bars.TextColumn(f"{ensemble.count} lanes of {ensemble.name}")
-    columns = title, bars.BarColumn(), bars.TaskProgressColumn(), *times
-    with bars.Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("", total=ensemble.count * ensemble.ticks)
-        yield lambda ticks: progress.update(task, completed=ticks)

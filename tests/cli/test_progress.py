@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from palpate.cli.terminal import progress
+from palpate.launch.run import progress
 from palpate.launch.run.busy import busy
 
 

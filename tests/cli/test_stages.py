@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.cli.terminal import progress
+from palpate.launch.run import progress
 
 
 @pytest.fixture

@@ -98,13 +98,9 @@ class RecordingSource:
         found: dict[str, tuple[float, int, bytes]] = {}
         k = bisect_right(self._begins, time) - 1
         for chunk in range(k, max(k - BACK, -1), -1):
-            newest: dict[str, tuple[float, int, bytes]] = {}
-            for name, at, tick, payload in self._open(self._places[chunk]):
-                if at <= time and (name not in newest or at >= newest[name][0]):
-                    newest[name] = (at, tick, payload)
-            for name, own in newest.items():
-                if name not in found or own[0] > found[name][0]:
-                    found[name] = own
+            for name, at, tick, payload in reversed(self._open(self._places[chunk])):
+                if at <= time and (name not in found or at > found[name][0]):
+                    found[name] = (at, tick, payload)
             if len(found) == len(self._kinds) and chunk < k:
                 break
         return {

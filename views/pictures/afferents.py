@@ -56,13 +56,12 @@ def draw(touch: TouchStreams) -> Figure | None:
         force.plot(touch.contact["time"], touch.contact["force"], color=TISSUE)
     force.set(ylabel="force [N]")
     time_axis(force, time, touch.shown, touch.span)
-    _maps(bottom, made, unit, moment, time)
+    _maps(bottom, made, unit, moment, edges)
     return out
 
 
-def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, time: np.ndarray) -> None:
+def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, edges: np.ndarray) -> None:
     """Rates over the patch at the instants with most spikes of their quarter of the time."""
-    edges = np.arange(time[0], max(time[-1], time[0] + 2 * WINDOW), WINDOW)
     every = np.histogram(moment, edges)[0]
     quarters = np.array_split(np.arange(len(every)), min(INSTANTS, len(every)))
     begins = [edges[quarter[np.argmax(every[quarter])]] for quarter in quarters]

@@ -1,7 +1,6 @@
 """The force on the hand: the controller's force and state, and the energy that the display absorbed."""
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from palpate.messages import Force, Pose
@@ -18,8 +17,13 @@ def draw(touch: TouchStreams) -> Figure | None:
     settings = touch.settings(touch.stream_of(Force))
     out = figure(11.5, 6.4, "Force on the hand, and energy absorbed by the display")
     upper, lower = out.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    sent = touch.recording.messages(touch.stream_of(Force) or "", touch.read)
+    contact = np.array([getattr(message, "state", "") == "contact" for message in sent], dtype=bool)
     for axes in (upper, lower):
-        _contact(axes, touch, force)
+        axes.fill_between(
+            time, 0.0, 1.0, where=contact, transform=axes.get_xaxis_transform(), color=REGION_A, alpha=0.6, linewidth=0,
+            step="post",
+        )  # fmt: skip
     for i, (name, colour) in enumerate(zip("xyz", (FINGER, SPEED, NORMAL), strict=True)):
         upper.plot(time, force["force"][:, i], color=colour, alpha=0.2, linewidth=0.5)
         upper.plot(time, mean(force["force"][:, i], time), color=colour, linewidth=1.4, label=f"F{name}")
@@ -52,13 +56,3 @@ def absorbed(force: Columns, pose: Columns | None) -> np.ndarray | None:
     place = pose["position"][np.searchsorted(pose["tick"], force["tick"])]
     work = np.einsum("ij,ij->i", force["force"][:-1], np.diff(place, axis=0))
     return np.concatenate([[0.0], -np.cumsum(work)])
-
-
-def _contact(axes: Axes, touch: TouchStreams, force: Columns) -> None:
-    """Shade the times at which the controller was in its contact state."""
-    state = touch.touching
-    if state is not None and len(state) == len(force["time"]):
-        axes.fill_between(
-            force["time"], 0.0, 1.0, where=state, transform=axes.get_xaxis_transform(), color=REGION_A, alpha=0.6,
-            linewidth=0, step="post",
-        )  # fmt: skip

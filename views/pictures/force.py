@@ -37,8 +37,11 @@ def draw(touch: TouchStreams) -> Figure | None:
         ways = [("the sample", approach, "depth of the probe from where it touched  [mm]")]
     elif contact["indentation"].max() < NOTHING * approach.max():
         ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
-    band = beside(touch)
-    count = len(ways) + (band is not None)
+    sent = touch[ForceBand]
+    band = [] if sent is None else together(sent, contact)
+    if band and not (band[0]["mean"] > 0.0).any():
+        band = []
+    count = len(ways) + bool(band)
     out = figure(5.75 * max(count, 1.4), 5.2, "Normal force during loading and unloading")
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
     left = every[0]
@@ -54,8 +57,9 @@ def draw(touch: TouchStreams) -> Figure | None:
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     left.legend(unique.values(), unique.keys(), loc="upper left")
-    if band is not None:
-        _band(every[-1], band, touch.settings(touch.stream_of(ForceBand)).get("depth", "compression"))
+    if band:
+        depth = touch.settings(touch.stream_of(ForceBand)).get("depth", "compression")
+        _band(every[-1], band, depth)
     return out
 
 
@@ -70,16 +74,7 @@ def _depths(contact: Columns, pose: Columns, slices: list[slice]) -> Columns:
     return contact | {"indentation": depth}
 
 
-def beside(touch: TouchStreams) -> tuple[Columns, Columns] | None:
-    """The force band and the contact at its ticks; None without a band or a touch."""
-    sent = touch[ForceBand]
-    if sent is None or touch.contact is None:
-        return None
-    band, contact = together(sent, touch.contact)
-    return (band, contact) if (band["mean"] > 0.0).any() else None
-
-
-def _band(axes: Axes, both: tuple[Columns, Columns], depth: str) -> None:
+def _band(axes: Axes, both: list[Columns], depth: str) -> None:
     """The force band of the measured subject, and the force of this run."""
     band, contact = both
     order = np.argsort(contact[depth], kind="stable")

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import importlib.util
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from palpate.physics.extras import missing
+from palpate.records.samples import RecordedStream
 from palpate.views.errors import PictureError
 from palpate.views.pictures.style import ENERGY, FRICTION, INK, NORMAL, TISSUE, figure, look
 
@@ -32,17 +32,16 @@ def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
             f"nothing to plot; name fields of {run.path} as STREAM.FIELD; streams: {', '.join(run.streams)}"
         )
     across = None if over is None else _drawable(run, over)
-    if across is not None and across.values.ndim > 1:
+    if across is not None and across[0].ndim > 1:
         raise PictureError(f"{over!r} is a vector; expected a number to plot over, such as contact.indentation")
     with look():
         out = figure(9.0, 1.2 + 2.1 * len(names), run.path.name, current=True)
         panels = out.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
         for axes, name in zip(panels, names, strict=True):
-            shown = _drawable(run, name)
-            where, plain = shown.time, shown.values
+            plain, unit, where, ticks = _drawable(run, name)
             if across is not None:
-                _, own, other = np.intersect1d(shown.tick, across.tick, return_indices=True)
-                where, plain = across.values[other], plain[own]
+                _, mine, other = np.intersect1d(ticks, across[3], return_indices=True)
+                where, plain = across[0][other], plain[mine]
             if plain.ndim == 1:
                 axes.plot(where, plain, color=NORMAL, linewidth=1.2)
             else:
@@ -52,24 +51,13 @@ def plot(run: Any, names: Sequence[str], over: str | None = None) -> Figure:
                     axes.plot(where, plain[:, i], color=palette[i % 5], linewidth=1.2, label=label)
                 if plain.shape[1] <= 5:
                     axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=plain.shape[1])
-            axes.set(title=name, ylabel=f"[{shown.unit}]")
-        panels[-1].set_xlabel("time [s]" if across is None else f"{over} [{across.unit}]")
+            axes.set(title=name, ylabel=f"[{unit}]")
+        panels[-1].set_xlabel("time [s]" if across is None else f"{over} [{across[1]}]")
     return out
 
 
-@dataclass(frozen=True)
-class _Drawable:
-    """A field in the unit of figures, at times [s] and ticks."""
-
-    values: np.ndarray
-    unit: str
-    time: np.ndarray
-    tick: np.ndarray
-
-
-def _drawable(run: Any, name: str) -> _Drawable:
-    from palpate.records.samples import RecordedStream
-
+def _drawable(run: Any, name: str) -> tuple[np.ndarray, str, np.ndarray, np.ndarray]:
+    """Values of a field in the unit of figures, this unit, times [s] and ticks."""
     values = run[name]
     if isinstance(values, RecordedStream):
         raise PictureError(f"{name!r} is a stream; name one of its fields: "
@@ -82,4 +70,4 @@ def _drawable(run: Any, name: str) -> _Drawable:
     if plain.dtype.kind not in "bif" or plain.ndim > 2:
         raise PictureError(f"{name!r} is not a number or vector; `palpate echo {run.path} {stream}` shows it")
     factor, unit = PREFIXES.get(values.unit, (1.0, values.unit))
-    return _Drawable(plain * factor, unit, values.time, run[stream].tick)
+    return plain * factor, unit, values.time, run[stream].tick

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.engine.imports import full_name, recorded_class
-from palpate.messages import Contact, Force, Message
+from palpate.messages import Contact, Message
 from palpate.nodes.base import Node
 from palpate.records.reader import Recording
 from palpate.views.shown import Finger, fingers, links_of
@@ -81,16 +81,6 @@ class TouchStreams:
     def read(self) -> tuple[float, float] | None:
         """The interval [s] that is read, to skip long times without contact. None: the whole recording."""
         return None if self._whole else self.shown
-
-    @cached_property
-    def touching(self) -> np.ndarray | None:
-        """For each message of the force, whether the controller was in contact."""
-        name = self.stream_of(Force)
-        if name is None:
-            return None
-        return np.array(
-            [getattr(m, "state", "") == "contact" for m in self.recording.messages(name, self.read)], dtype=bool
-        )
 
     def settings(self, stream: str | None) -> dict[str, Any]:
         """Settings of the node that sent a stream; empty if unknown."""

@@ -18,22 +18,20 @@ class Colour:
 
     label  label of the colour bar
     scale  factor from SI to the unit of the bar
-    least  initial end of the bar in a live view, in SI
     """
 
     name: str
     label: str
     scale: float
-    least: float
 
 
 COLOURS = {
     one.name: one
     for one in (
-        Colour("displacement", "displacement of the surface [mm]", 1e3, 4e-3),
-        Colour("pressure", "contact pressure [kPa]", 1e-3, 2e3),
-        Colour("slip", "slip (1: slides)", 1.0, 1.0),
-        Colour("strain", "strain of the surface, largest [%]", 1e2, 0.05),
+        Colour("displacement", "displacement of the surface [mm]", 1e3),
+        Colour("pressure", "contact pressure [kPa]", 1e-3),
+        Colour("slip", "slip (1: slides)", 1.0),
+        Colour("strain", "strain of the surface, largest [%]", 1e2),
     )
 }
 

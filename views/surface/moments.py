@@ -140,21 +140,19 @@ def instants_at(touch: TouchStreams, shown: Bodies, ticks: list[int]) -> list[In
     if touch.stream_of(Surface) is None or touch.contact is None:
         raise PictureError("the recording has no contact on a surface")
     by_body = {stream: touch.at(Surface, ticks, stream) for stream in shown.streams}
-    surfaces: dict[int, Surface] = {}
-    for tick in by_body[shown.streams[0]]:
-        whole = shown.surface({stream: found[tick] for stream, found in by_body.items() if tick in found})
-        assert whole is not None  # contains the first body
-        surfaces[tick] = whole
-    by_finger = [_finger(each, set(surfaces)) for each in touch.fingers]
+    at = np.intersect1d(list(by_body[shown.streams[0]]), touch.contact["tick"])
+    time = _at(at, touch.contact, "time", 0.0)
+    by_finger = [_finger(each, at) for each in touch.fingers]
+    feet, tips, normals, forces, loads, depths = (np.stack(columns, 1) for columns in zip(*by_finger, strict=True))
     moments = []
-    for tick, surface in surfaces.items():
-        if tick not in by_finger[0]:
-            continue
-        rows = [finger.get(tick, _ABSENT) for finger in by_finger]
-        time, feet, tips, normals, forces, loads, depths = (np.array(column) for column in zip(*rows, strict=True))
+    for k, tick in enumerate(at.tolist()):
+        surface = shown.surface({stream: found[tick] for stream, found in by_body.items() if tick in found})
+        assert surface is not None  # contains the first body
         field = displaced(surface, len(shown.mesh.vertices))
-        tips = tips + dragged(shown.mesh.vertices, field, feet, normals) * (loads > 0.0)[:, None]
-        moments.append(Instant(float(time[0]), surface, field, tips, normals, forces, loads, depths))
+        along = dragged(shown.mesh.vertices, field, feet[k], normals[k]) * (loads[k] > 0.0)[:, None]
+        moments.append(
+            Instant(float(time[k]), surface, field, tips[k] + along, normals[k], forces[k], loads[k], depths[k])
+        )
     return moments
 
 
@@ -171,24 +169,26 @@ def dragged(vertices: np.ndarray, displacement: np.ndarray, feet: np.ndarray, no
     return along
 
 
-_Row = tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray, float, float]
-_NOWHERE = np.full(3, np.nan)
-_ABSENT: _Row = (0.0, _NOWHERE, _NOWHERE, np.array([0.0, 0.0, 1.0]), np.zeros(3), 0.0, 0.0)
+def _finger(touch: TouchStreams, at: np.ndarray) -> list[np.ndarray]:
+    """Foot point, tip, normal, force on the hand (n,3), normal force and indentation (n) of a finger at ticks (n)."""
+    contact, nowhere = touch.contact, (np.nan, np.nan, np.nan)
+    return [
+        _at(at, contact, "foot", nowhere),
+        _at(at, _tips(touch), "tip", nowhere),
+        _at(at, contact, "normal", (0.0, 0.0, 1.0)),
+        _at(at, touch[Force], "force", (0.0, 0.0, 0.0)),
+        _at(at, contact, "force", 0.0),
+        _at(at, contact, "indentation", 0.0),
+    ]
 
 
-def _finger(touch: TouchStreams, ticks: set[int]) -> dict[int, _Row]:
-    """Time, foot point, tip, normal, force on the hand, normal force and indentation of a finger, by tick."""
-    if touch.contact is None:
-        return {}
-    tips = _tips(touch)
-    sent = touch[Force]
-    forces = {} if sent is None else dict(zip(sent["tick"].tolist(), sent["force"], strict=True))
-    columns = (touch.contact[name] for name in ("tick", "time", "foot", "normal", "force", "indentation"))
-    return {
-        int(tick): (float(time), foot, tips.get(tick, _NOWHERE), normal, forces.get(tick, np.zeros(3)), load, depth)
-        for tick, time, foot, normal, load, depth in zip(*columns, strict=True)
-        if tick in ticks
-    }
+def _at(at: np.ndarray, columns: Columns | None, name: str, absent: Any) -> np.ndarray:
+    """A column at ticks (n), with a value for those that were not recorded."""
+    values = np.full((len(at), *np.shape(absent)), absent)
+    if columns is not None:
+        _, here, there = np.intersect1d(at, columns["tick"], return_indices=True)
+        values[here] = columns[name][there]
+    return values
 
 
 def _all_contacts(touch: TouchStreams) -> Columns:
@@ -206,11 +206,11 @@ def _all_contacts(touch: TouchStreams) -> Columns:
     }
 
 
-def _tips(touch: TouchStreams) -> dict[int, np.ndarray]:
-    """By tick, where the compressed fingertip ends: gap - h0 + s1 above the foot point on the nearest organ, which is
-    -s2 in contact."""
+def _tips(touch: TouchStreams) -> Columns | None:
+    """Where the compressed fingertip ends: gap - h0 + s1 above the foot point on the nearest organ, which is -s2 in
+    contact."""
     if touch.contact is None or not touch.near:
-        return {}
+        return None
     contact, *organs = together(touch.contact, *touch.near)
     nearest = np.argmin([near["gap"] for near in organs], axis=0)
     gap, approach, foot, normal = (
@@ -218,7 +218,6 @@ def _tips(touch: TouchStreams) -> dict[int, np.ndarray]:
         for name in ("gap", "approach", "foot", "normal")
     )
     if not (approach > 0.0).any():
-        return {}
+        return None
     thickness = float(np.median((gap + approach)[approach > 0.0]))
-    tips = foot + (gap - thickness + contact["compression"])[:, None] * normal
-    return dict(zip(contact["tick"].tolist(), tips, strict=True))
+    return {"tick": contact["tick"], "tip": foot + (gap - thickness + contact["compression"])[:, None] * normal}

@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import console, print_json, say, table
-from palpate.cli.terminal.progress import steps
+from palpate.launch.run.progress import steps
 from palpate.physics.errors import TROUBLE
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json, out_option
+from palpate.cli.terminal.options import Force, Json, check_new, one_of, out_option
 from palpate.cli.terminal.output import print_json
 
 EXAMPLE = "palpate new graph mine --like kidney"
@@ -48,8 +48,6 @@ def new(
 
     Each is valid as it stands: a copy of a shipped file with its comments, a launch file, or a node with its test.
     """
-    from palpate.cli.terminal.options import one_of
-
     one_of("KIND", kind, *KINDS, NODE)
     if kind != NODE and (takes, sends, compiled) != (TAKES, SENDS, False):
         raise typer.BadParameter(f"--takes, --sends and --compiled are for a node, found {kind}")
@@ -57,7 +55,11 @@ def new(
         texts, following = _node(name, takes, sends, compiled, out)
     else:
         texts, following = _file(kind, name, like, out)
-    files = _write(texts, out, force)
+    files = {out / file: text for file, text in texts.items()}
+    check_new(files, force)
+    out.mkdir(parents=True, exist_ok=True)
+    for file, text in files.items():
+        file.write_text(text, encoding="utf-8")
     if as_json:
         print_json({"ok": True, "files": [str(file) for file in files], "next": following})
     else:
@@ -101,18 +103,3 @@ def _node(name: str, takes: str, sends: str, compiled: bool, out: Path) -> tuple
     module, test = texts
     use = f"{{use: {module.removesuffix('.py')}.{class_name(name)}, in: {{...}}}}"
     return texts, f"{'' if find_spec('pytest') else INSTALL}python -m pytest {out / test}; in a graph: {use}"
-
-
-def _write(texts: dict[str, str], folder: Path, force: bool) -> list[Path]:
-    """Write texts to files of a folder. GraphError: some exist."""
-    from palpate.engine.faults import Faults
-
-    faults, files = Faults(), [folder / name for name in texts]
-    for file in files:
-        if file.exists() and not force:
-            faults.add(f"{file} exists", "Choose another name, or overwrite it with --force.")
-    faults.done()
-    folder.mkdir(parents=True, exist_ok=True)
-    for file, text in zip(files, texts.values(), strict=True):
-        file.write_text(text, encoding="utf-8")
-    return files

@@ -10,7 +10,7 @@ import typer
 
 from palpate.cli.terminal.options import Fused, Graph, Json, PlaceOption, SceneOption, Sets, chosen
 from palpate.cli.terminal.output import console, print_json
-from palpate.cli.terminal.progress import steps
+from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
     from palpate.launch.load.effect_costs import EffectCost

@@ -9,7 +9,7 @@ import typer
 
 from palpate.cli.terminal.options import File, Json, NoPictures, Trust, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
-from palpate.cli.terminal.progress import ticks
+from palpate.launch.run.progress import ticks
 
 if TYPE_CHECKING:
     from palpate.records.compare import Variant

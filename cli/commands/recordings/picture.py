@@ -88,7 +88,7 @@ def _instant(file: Path, at: float, colour: str, target: Path) -> str:
 
 
 def _film(file: Path, target: Path, rate: float, speed: float, colour: str, silent: bool) -> str:
-    from palpate.cli.terminal.progress import StageBars
+    from palpate.launch.run.progress import StageBars
     from palpate.views.surface import colour as colours
     from palpate.views.surface.film import film
 

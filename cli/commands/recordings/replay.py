@@ -10,7 +10,7 @@ import typer
 
 from palpate.cli.terminal.options import File, Json, Sets, Trust
 from palpate.cli.terminal.output import print_json
-from palpate.cli.terminal.progress import ticks
+from palpate.launch.run.progress import ticks
 from palpate.physics.errors import TROUBLE
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ import typer
 
 from palpate.cli.terminal.options import Host, Json, NoOpen, Port, Sets, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
-from palpate.cli.terminal.progress import steps
+from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
     from palpate.studies.psychophysics.fit import Estimate

@@ -232,7 +232,7 @@ def test_an_earlier_fit_is_kept_unless_forced_and_both_moduli_are_printed(tmp_pa
     assert f"young: {scene:.6g}" in (out / "scene.yaml").read_text()
     before = (out / "report.json").read_bytes()
     code, output = run(path, "-o", str(out), radius="4 mm")
-    assert code == 2 and "of an earlier fit; expected another folder (-o), or --force" in output
+    assert code == 2 and ": exists; expected another name (-o), or --force" in output
     assert (out / "report.json").read_bytes() == before
     assert run(path, "--force", "-o", str(out), radius="9 mm")[0] == 0
     assert (out / "report.json").read_bytes() != before

@@ -259,7 +259,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_fit(tmp_path, mon
     words = ["--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball", "--radius", "30 mm"]
     words += ["--law", "hertz", "-o", str(path / "out")]
     result = CliRunner().invoke(app, ["fit", "tissue", str(path), *words])
-    assert result.exit_code == 2 and "out: cannot be written: Not a directory" in " ".join(result.output.split())
+    assert result.exit_code == 2 and "Not a directory" in " ".join(result.output.split())
 
 
 @pytest.mark.parametrize("withheld", [False, True])

@@ -15,19 +15,13 @@ if TYPE_CHECKING:
 
     from palpate.models.scan import Outlines, Stack
 
+DEPTH, PITCH = 2e-3, 1.2e-3  # [m] of the press that the beams show; between beams
 COLOURS = {"skin": "#e07a1f", "tissue": "#f2c14e", "bone": "#4aa3df"}
 
 
 @look()
-def draw(
-    tip: FingertipSurfaces,
-    path: str | Path,
-    stack: Stack,
-    outlines: Outlines,
-    depth: float = 2e-3,
-    pitch: float = 1.2e-3,
-) -> None:
-    """Three images with the outlines found in them, the section along the finger, and the beams at a depth [m]."""
+def draw(tip: FingertipSurfaces, path: Path, stack: Stack, outlines: Outlines) -> None:
+    """Three images with the outlines found in them, the section along the finger, and the beams at a depth."""
     x, y, z = (tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in range(3))
     out = figure(13.0, 7.4, "The fingertip in the images, and the beams that fill it")
     grid = out.add_gridspec(2, 3)
@@ -40,7 +34,7 @@ def draw(
     for name, colour in COLOURS.items():
         axes.contour(y * 1e3, z * 1e3, getattr(tip, name)[middle].T, levels=[0], colors=colour)
         axes.plot([], [], color=colour, label={"tissue": "inner border of the skin"}.get(name, name))
-    columns = np.arange(y[0], y[-1], pitch)
+    columns = np.arange(y[0], y[-1], PITCH)
     rays = cast(tip, np.full(len(columns), x[middle]), columns)
     for k, at in enumerate(columns * 1e3):
         if not np.isfinite(rays.bottom[k]):
@@ -52,7 +46,7 @@ def draw(
     axes.set(title="along the finger, with beams", xlabel="tip  ←  y [mm]  →  hand", ylabel="pulp  ←  z [mm]  →  nail",
              aspect="equal")  # fmt: skip
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
-    _beams(out.add_subplot(grid[1, 2]), tip, depth, pitch)
+    _beams(out.add_subplot(grid[1, 2]), tip, DEPTH, PITCH)
     out.savefig(path, dpi=110)
 
 

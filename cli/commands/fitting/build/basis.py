@@ -25,9 +25,9 @@ def basis(
     as_json: Json = False,
 ) -> None:
     """Build and store the basis of a ReducedFE body."""
-    from palpate.cli.terminal.progress import StageBars
     from palpate.engine.provenance import commit
     from palpate.launch.load.values.overrides import settings_of
+    from palpate.launch.run.progress import StageBars
     from palpate.models.build import basis as builder
     from palpate.nodes.deformation.basis_store import SHIPPED, cache
     from palpate.nodes.deformation.reduced_fe import ReducedFE

@@ -7,7 +7,7 @@ import typer
 
 from palpate.cli.terminal import options
 from palpate.cli.terminal.output import print_json, say
-from palpate.cli.terminal.progress import steps
+from palpate.launch.run.progress import steps
 
 EXAMPLE = "palpate fit body kidney"
 PER_TICK = 1e-3  # [s] computing time per tick of the touch, for a body and its reference

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json, out_option
+from palpate.cli.terminal.options import Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, print_json, say, table
 
 EXAMPLE = "palpate fit texture stroke.csv -o wood.json"
@@ -25,17 +25,12 @@ def texture(
     """
     import msgspec
 
-    from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.texture import fit_texture
 
     target = out or file.with_suffix(".json")
-    if target.exists() and not force:
-        raise SessionError(f"{target}: exists; expected another file (-o), or --force")
+    check_new([target], force)
     fitted = fit_texture(file, held_out)
-    try:
-        target.write_bytes(msgspec.json.format(msgspec.json.encode(fitted)) + b"\n")
-    except OSError as error:
-        raise SessionError(f"{target}: cannot be written: {error.strerror}") from None
+    target.write_bytes(msgspec.json.format(msgspec.json.encode(fitted)) + b"\n")
     if as_json:
         print_json({"ok": True, "file": str(target), **msgspec.to_builtins(fitted)})
         return

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.terminal.options import Force, Json, out_option
+from palpate.cli.terminal.options import Force, Json, check_new, out_option
 from palpate.cli.terminal.output import console, drawn, print_json, say, table
 
 EXAMPLE = "palpate fit tissue press.csv --rig ball --radius '8 mm' --law hertz -o fit"
@@ -53,12 +53,11 @@ def tissue(
     """
     import math
 
-    from palpate.cli.terminal.progress import steps
+    from palpate.launch.run.progress import steps
     from palpate.models.fit.sessions import SessionError
     from palpate.models.fit.tissue import fit as fits
     from palpate.models.fit.tissue.report import WRITTEN, data, markdown, scene, scene_young
     from palpate.models.fit.tissue.rigs import Rig
-    from palpate.physics.writable import check_folder
     from palpate.studies.presses import PressReader, length
     from palpate.views.pictures.models.fit_tissue import draw_fit
 
@@ -72,12 +71,7 @@ def tissue(
         raise SessionError(f"--rig {rig}: expected either --radius or --diameter, such as --radius '8 mm'")
     made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
     fits.check_laws(made, (law, *(compare or ())), relaxation)
-    if kept := [name for name in WRITTEN if not force and (out / name).exists()]:
-        raise SessionError(f"{out}: has {', '.join(kept)} of an earlier fit; expected another folder (-o), or --force")
-    try:
-        check_folder(out)
-    except OSError as error:
-        raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
+    check_new((out / name for name in WRITTEN), force)
     read = PressReader(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
@@ -88,14 +82,11 @@ def tissue(
             report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
     result = data(fit)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        pictures = drawn(draw_fit, fit, out)
-        (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
-        (out / "report.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
-    except OSError as error:
-        raise SessionError(f"{out}: cannot be written: {error.strerror}") from None
+    out.mkdir(parents=True, exist_ok=True)
+    pictures = drawn(draw_fit, fit, out)
+    (out / "scene.yaml").write_text(scene(fit), encoding="utf-8")
+    (out / "report.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+    (out / "report.md").write_text(markdown(fit, pictures), encoding="utf-8")
     if as_json:
         print_json({"ok": True, "out": str(out)} | result)
         return

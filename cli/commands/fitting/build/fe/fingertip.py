@@ -77,7 +77,7 @@ def _pressing(plate: str, material: str, depth: float, cells: int, friction: flo
 
 
 def _press(pressing: Pressing, end: float, run: PressRun, quiet: bool) -> Record:
-    from palpate.cli.terminal.progress import StageBars
+    from palpate.launch.run.progress import StageBars
     from palpate.models.fe.study.press_record import record
 
     with StageBars(quiet) as stages:

@@ -1,4 +1,4 @@
-"""Progress of commands that take minutes: bars on a terminal, otherwise lines in a log."""
+"""Progress of work that takes minutes: bars on a terminal, otherwise lines in a log."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from palpate.cli.terminal.output import console
+from palpate.launch.run.busy import busy
 
 INTERVAL = 10.0  # [s] between lines in a log
 
@@ -23,8 +23,9 @@ class StageBars:
 
     def __init__(self, silent: bool = False) -> None:
         from rich import progress as rich
+        from rich.console import Console
 
-        self.out = console(stderr=True, soft_wrap=True)
+        self.out = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
         self.lines = not (silent or self.out.is_terminal)
         self.bars = rich.Progress(
             rich.TextColumn("{task.description}"), rich.BarColumn(), rich.TaskProgressColumn(),
@@ -83,8 +84,6 @@ def steps(
     seconds  expected duration, if known
     timed    whether the command measures times: then print a warning on a busy machine
     """
-    from palpate.launch.run.busy import busy
-
     with StageBars(silent) as stages:
         if not silent:
             stages.out.print(title + ("" if seconds is None else f", roughly {duration(seconds)}"))
