@@ -9,8 +9,8 @@ from numba.core import cgutils, extending
 
 intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context
 
-_BYTE = ir.IntType(8).as_pointer()
-_INTEGER = ir.IntType(64)
+BYTE = ir.IntType(8).as_pointer()
+INTEGER = ir.IntType(64)
 
 
 def pointer(dtype: np.dtype) -> Any:
@@ -38,7 +38,7 @@ def _reader(form: Any, cell: ir.Type) -> Any:
     return read
 
 
-word = _reader(types.int64, _INTEGER)  # the 64-bit integer at an address
+word = _reader(types.int64, INTEGER)  # the 64-bit integer at an address
 number = _reader(types.float64, ir.DoubleType())  # the double at an address
 
 
@@ -47,7 +47,7 @@ def set_word(typing: Any, address: Any, value: Any) -> Any:
     """Write a 64-bit integer to an address."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        builder.store(arguments[1], builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        builder.store(arguments[1], builder.inttoptr(arguments[0], INTEGER.as_pointer()))
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int64), generate
@@ -59,7 +59,7 @@ def copy(typing: Any, to: Any, source: Any, count: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         to, source, count = arguments
-        cgutils.raw_memcpy(builder, builder.inttoptr(to, _BYTE), builder.inttoptr(source, _BYTE), count, 1)
+        cgutils.raw_memcpy(builder, builder.inttoptr(to, BYTE), builder.inttoptr(source, BYTE), count, 1)
         return builder.add(to, count)
 
     return types.int64(types.int64, types.int64, types.int64), generate
@@ -70,8 +70,8 @@ def set_big(typing: Any, to: Any, value: Any) -> Any:
     """Write a 64-bit integer to an address in big-endian order; returns the address after it."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        store = builder.store(builder.bswap(arguments[1]), builder.inttoptr(arguments[0], _INTEGER.as_pointer()))
+        store = builder.store(builder.bswap(arguments[1]), builder.inttoptr(arguments[0], INTEGER.as_pointer()))
         store.align = 1
-        return builder.add(arguments[0], ir.Constant(_INTEGER, 8))
+        return builder.add(arguments[0], ir.Constant(INTEGER, 8))
 
     return types.int64(types.int64, types.int64), generate

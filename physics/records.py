@@ -10,19 +10,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, types
-from numba.core import cgutils, extending
+from numba.core import cgutils
 from numba.np.arrayobj import make_array, populate_array
 
 from palpate.physics.kernel import CompiledKernel, kernel
-
-intrinsic: Any = extending.intrinsic  # callers omit the first argument, the typing context
+from palpate.physics.memory import BYTE, INTEGER, intrinsic
 
 MOST = 20  # Maximum number of records of a kernel
 RAISED = 1  # Status of a kernel that raised
 NUMBERS = {float: ("<f8", types.float64), int: ("<i8", types.int64), bool: ("?", types.boolean)}
-
-_BYTE = ir.IntType(8).as_pointer()
-_INTEGER = ir.IntType(64)
 
 
 def address(function: CompiledKernel, *dtypes: np.dtype) -> int:
@@ -45,26 +41,26 @@ def _invoke(typing: Any, function: Any, records: Any, count: Any, dt: Any) -> An
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         function, at, count, dt = arguments
-        records = builder.inttoptr(at, _INTEGER.as_pointer())
-        result = cgutils.alloca_once_value(builder, ir.Constant(_INTEGER, 0))
-        raised = cgutils.alloca_once(builder, _BYTE)
+        records = builder.inttoptr(at, INTEGER.as_pointer())
+        result = cgutils.alloca_once_value(builder, ir.Constant(INTEGER, 0))
+        raised = cgutils.alloca_once(builder, BYTE)
         status = cgutils.alloca_once_value(builder, ir.Constant(ir.IntType(32), RAISED))
         after = builder.append_basic_block("after")
         choice = builder.switch(count, after)
         for number in range(1, MOST + 1):
             block = builder.append_basic_block(f"records{number}")
-            choice.add_case(ir.Constant(_INTEGER, number), block)
+            choice.add_case(ir.Constant(INTEGER, number), block)
             with builder.goto_block(block):
-                form = [_BYTE, _BYTE.as_pointer(), *[_BYTE] * number, ir.DoubleType()]
+                form = [BYTE, BYTE.as_pointer(), *[BYTE] * number, ir.DoubleType()]
                 called = builder.inttoptr(function, ir.FunctionType(ir.IntType(32), form).as_pointer())
-                places = [builder.gep(records, [ir.Constant(_INTEGER, i)]) for i in range(number)]
-                given = [builder.inttoptr(builder.load(place), _BYTE) for place in places]
-                builder.store(builder.call(called, [builder.bitcast(result, _BYTE), raised, *given, dt]), status)
+                places = [builder.gep(records, [ir.Constant(INTEGER, i)]) for i in range(number)]
+                given = [builder.inttoptr(builder.load(place), BYTE) for place in places]
+                builder.store(builder.call(called, [builder.bitcast(result, BYTE), raised, *given, dt]), status)
                 builder.branch(after)
         builder.position_at_end(after)
         boolean = builder.trunc(builder.load(result), ir.IntType(8))
-        ended = builder.sext(builder.load(status), _INTEGER)
-        return context.make_tuple(builder, signature.return_type, [ended, builder.zext(boolean, _INTEGER)])
+        ended = builder.sext(builder.load(status), INTEGER)
+        return context.make_tuple(builder, signature.return_type, [ended, builder.zext(boolean, INTEGER)])
 
     form = types.UniTuple(types.int64, 2)(types.int64, types.int64, types.int64, types.float64)
     return form, generate
@@ -87,15 +83,15 @@ ELEMENTS = {
 
 def _array(context: Any, builder: Any, form: Any, handle: Any) -> Any:
     """The array whose address and shape are in memory at `handle`."""
-    words = builder.bitcast(handle, _INTEGER.as_pointer())
-    word = [builder.load(builder.gep(words, [ir.Constant(_INTEGER, i)])) for i in range(1 + form.ndim)]
+    words = builder.bitcast(handle, INTEGER.as_pointer())
+    word = [builder.load(builder.gep(words, [ir.Constant(INTEGER, i)])) for i in range(1 + form.ndim)]
     array, size = make_array(form)(context, builder), context.get_abi_sizeof(context.get_data_type(form.dtype))
-    steps = [ir.Constant(_INTEGER, size)]
+    steps = [ir.Constant(INTEGER, size)]
     for length in reversed(word[2:]):
         steps.insert(0, builder.mul(steps[0], length))
     populate_array(
         array, data=builder.inttoptr(word[0], array.data.type), shape=word[1:], strides=steps,
-        itemsize=ir.Constant(_INTEGER, size), meminfo=None,
+        itemsize=ir.Constant(INTEGER, size), meminfo=None,
     )  # fmt: skip
     return array._getvalue()
 
@@ -160,14 +156,14 @@ def _unpacked(context: Any, builder: Any, hint: Any, at: Any) -> Any:
     if hint in NUMBERS:
         kind = NUMBERS[hint][1]
         return context.unpack_value(builder, kind, builder.bitcast(at, context.get_data_type(kind).as_pointer()))
-    at = builder.bitcast(at, _BYTE)
+    at = builder.bitcast(at, BYTE)
     if get_origin(hint) is tuple:
         members = [(8 * place, float) for place in range(len(get_args(hint)))]
     else:
         record = form(hint)
         members = [(record.fields[name][1], member) for name, member in _members(hint)]  # type: ignore[index]
     values = [
-        _unpacked(context, builder, member, builder.gep(at, [ir.Constant(_INTEGER, offset)]))
+        _unpacked(context, builder, member, builder.gep(at, [ir.Constant(INTEGER, offset)]))
         for offset, member in members
     ]
     return context.make_tuple(builder, _type(hint), values)
@@ -178,8 +174,8 @@ def nth(typing: Any, several: Any, place: Any) -> Any:
     """The message with this index of an input that takes several."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        words = builder.bitcast(arguments[0], _INTEGER.as_pointer())
-        at = builder.gep(words, [builder.add(arguments[1], ir.Constant(_INTEGER, 1))])
+        words = builder.bitcast(arguments[0], INTEGER.as_pointer())
+        at = builder.gep(words, [builder.add(arguments[1], ir.Constant(INTEGER, 1))])
         return builder.inttoptr(builder.load(at), context.get_value_type(signature.return_type))
 
     return several.typeof("like")(several, types.int64), generate

@@ -1,6 +1,7 @@
 """`palpate fit force`: read sessions, choose models, write the result."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast, get_args
@@ -57,14 +58,13 @@ def fit_sessions(
     if not any_stiffness:
         check_stiffness(wanted)
     target = out or sessions.with_suffix(".model.yaml")
-    try:
+    with _writing(target):
         check_file(target, folders=False)
-    except OSError as error:
-        raise _unwritten(target, error) from None
     chosen = [_choose(s, folds, mean, deviation, cast(Protocol, protocol)) for s in wanted]
     notes = report.choice_notes(chosen)
     notes += [f"Ignored columns: {', '.join(ignored)}."] if ignored else []
-    _write(target, report.model_yaml(chosen, sessions))
+    with _writing(target):
+        target.write_text(report.model_yaml(chosen, sessions), encoding="utf-8")
     return SessionsFit(report.choice_data(chosen), list(report.model_tables(chosen)), notes, target, chosen)
 
 
@@ -80,7 +80,8 @@ def write_example(path: Path) -> None:
         forces = scale * synthetic_sessions(seed)
         for session, row in enumerate(forces, 1):
             lines += [f"{name},{session},{d * 1e3:g},{f:.4f}" for d, f in zip(DEPTHS, row, strict=True)]
-    _write(path, "\n".join(lines) + "\n")
+    with _writing(path):
+        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def synthetic_sessions(seed: int, sessions: int = 20, together: float = 0.5) -> np.ndarray:
@@ -99,15 +100,13 @@ def synthetic_sessions(seed: int, sessions: int = 20, together: float = 0.5) -> 
     return np.where(DEPTHS > 0, truncated_quantile(ndtr(z), mean, deviation), 0.0)
 
 
-def _write(path: Path, text: str) -> None:
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """SessionError: the file cannot be written."""
     try:
-        path.write_text(text, encoding="utf-8")
+        yield
     except OSError as error:
-        raise _unwritten(path, error) from None
-
-
-def _unwritten(path: Path, error: OSError) -> SessionError:
-    return SessionError(f"{path}: cannot be written: {error.strerror}")
+        raise SessionError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _known(name: str | None, names: Iterable[str], option: str) -> None:

@@ -5,32 +5,23 @@ import numpy as np
 from palpate.physics.kernel import kernel
 
 FLOOR = 1e-3
+LEAST_STRETCH = 1e-6  # Lower limit of stretches, for points that are inverted by the discretization
 
 
-def equivalent_strain(strain: np.ndarray, poisson: float | np.ndarray = 0.5) -> np.ndarray:
-    """Equivalent (von Mises) strain [1] (...).
+def equivalent_strain(gradient: np.ndarray, poisson: float | np.ndarray = 0.5) -> np.ndarray:
+    """Equivalent (von Mises) logarithmic strain [1] (...) of deformation gradients F [1] (...,3,3); 0 for rigid motion.
 
-        e = [((e1 - e2)² + (e2 - e3)² + (e3 - e1)²)/2]^(1/2)/(1 + nu)
+        e = [((e1 - e2)² + (e2 - e3)² + (e3 - e1)²)/2]^(1/2)/(1 + nu),    e_i = ln of the principal stretches
 
-    strain   [1] (...,3,3) symmetric
     poisson  [1] () or (...) effective ratio, in (-1, 0.5]: the material's for an elastic material (then e is stress/E),
              0.5 for an incompressible or plastic one
 
     ANSYS Mechanical APDL Theory Reference, "Combined strains".
     """
-    strain = np.asarray(strain, dtype=np.float64)
-    spherical = np.trace(strain, axis1=-2, axis2=-1) / 3.0
-    shape = strain - spherical[..., None, None] * np.eye(3)
-    return np.sqrt(1.5 * np.sum(shape * shape, axis=(-2, -1))) / (1.0 + np.asarray(poisson))
-
-
-def logarithmic_strain(gradient: np.ndarray) -> np.ndarray:
-    """Hencky strain ln U = (1/2) ln F'F [1] (...,3,3) of deformation gradients F (...,3,3); 0 for rigid motion.
-    ValueError: det F <= 0."""
-    if (np.linalg.det(gradient) <= 0).any():
-        raise ValueError("deformation gradient with a determinant <= 0: the material is inverted")
-    squares, axes = np.linalg.eigh(np.swapaxes(gradient, -1, -2) @ gradient)
-    return (axes * (0.5 * np.log(squares))[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    squares = np.linalg.eigvalsh(np.swapaxes(gradient, -1, -2) @ gradient)
+    log = 0.5 * np.log(np.maximum(squares, LEAST_STRETCH**2))
+    log -= log.mean(axis=-1, keepdims=True)
+    return np.sqrt(1.5 * np.sum(log * log, axis=-1)) / (1.0 + np.asarray(poisson))
 
 
 def isostrain_volume(values: np.ndarray, volumes: np.ndarray, levels: np.ndarray) -> np.ndarray:

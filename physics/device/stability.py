@@ -10,7 +10,6 @@ IEEE Trans. Control Syst. Technol. 22 (2014) 1297-1309, plot both in one plane.
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -19,6 +18,7 @@ from palpate.physics.kernel import kernel
 
 MOST = 1e9
 """[N/m] A wall that is stable up to this stiffness counts as always stable."""
+POINTS = 1024  # Frequencies of the first search for the passive bound; the best of them is refined
 
 
 @kernel
@@ -85,62 +85,36 @@ def stable_stiffness(damping: float, mass: float, drag: float, period: float, de
     return low
 
 
-def wall_response(
-    stiffness: float, damping: float, period: float, delay: int = 0, order: int = 1
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Frequency response [N/m] of a sampled wall, force over position, as a function of frequency [rad/s] (...).
-
-        H = z^-d (K + B (1 - z^-N) / (N T))      z = exp(j w T)
-
-    delay  [1]  d, whole samples between the motion and the force
-    order  [1]  N, number of differences that are averaged for the damping
-    """
-
-    def response(omega: np.ndarray) -> np.ndarray:
-        back = np.exp(-1j * np.asarray(omega) * period)
-        return back**delay * (stiffness + damping * (1.0 - back**order) / (order * period))
-
-    return response
-
-
-def required_damping(response: Callable[[np.ndarray], np.ndarray], period: float, points: int = 4096) -> float:
-    """Device damping [N s/m] above which a sampled wall of any linear law is passive,
-
-        b > max over 0 < w <= pi/T of (T/2) Re[(1 - exp(-jwT)) H(w)] / (1 - cos(wT))
-
-    The fraction is written as Re[j exp(-jwT/2) H] / sin(wT/2), which keeps its digits at low frequency.
-
-    response  [N/m]  H as a function of frequency [rad/s] (...), `wall_response` for instance
-    period    [s]    T
-    points    [1]    of the first search; the best of them is refined
-    """
-
-    def need(phase: np.ndarray) -> np.ndarray:  # phase = w T / 2, in (0, pi/2]
-        return period / 2.0 * np.real(1j * np.exp(-1j * phase) * response(2.0 * phase / period)) / np.sin(phase)
-
-    phases = np.linspace(0.0, np.pi / 2.0, points + 1)
-    phases[0] = 1e-6
-    damping = need(phases)
-    best = int(np.argmax(damping))
-    low, high = phases[max(best - 1, 0)], phases[min(best + 1, points)]
-    fine = minimize_scalar(lambda p: -need(p), bounds=(low, high), method="bounded", options={"xatol": 1e-12})
-    return float(max(damping[best], -fine.fun))
-
-
 def passive_stiffness(damping: float, drag: float, period: float, delay: int = 0, order: int = 1) -> float:
-    """The greatest K [N/m] of a passive wall: b > max over w of (T/2) Re[(1 - e^{-jwT}) H]/(1 - cos wT), Colgate &
-    Schenkel 1997; 0 where the damping [N s/m] of the wall alone is too much for the drag [N s/m] of the device."""
+    """The greatest K [N/m] of a passive wall; 0 if the damping of the wall alone is too much for the drag b [N s/m] of
+    the device. Colgate & Schenkel 1997: the wall H = z^-d (K + B (1 - z^-N)/(N T)), z = exp(j w T), is passive if
 
-    def needed(k: float) -> float:
-        return required_damping(wall_response(k, damping, period, delay, order), period, 1024)
+        b >= (T/2) Re[(1 - 1/z) H]/(1 - cos wT) = Re[L (K + B (1 - z^-N)/(N T))]   for 0 < w <= pi/T
+        L = (T/2) j exp(-j w T/2) z^-d/sin(w T/2),   a form that keeps its digits at low frequency
 
-    low, high = 0.0, 4.0 * drag / period
-    if needed(1e-9) > drag:
+    so K is the least (b - B Re[L (1 - z^-N)]/(N T))/Re[L] where Re[L] > 0.
+    """
+
+    def sides(phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Re[L], and b less the part of B, at phase = w T/2 in (0, pi/2]."""
+        back = np.exp(-2j * phase)
+        lag = period / 2.0 * 1j * np.exp(-1j * phase) * back**delay / np.sin(phase)
+        return lag.real, drag - damping * (lag * (1.0 - back**order)).real / (order * period)
+
+    def most(phase: np.ndarray) -> np.ndarray:
+        spring, left = sides(phase)
+        return np.where(spring > 0.0, left / np.where(spring > 0.0, spring, 1.0), np.inf)
+
+    phases = np.linspace(0.0, np.pi / 2.0, POINTS + 1)
+    phases[0] = 1e-6
+    if (sides(phases)[1] < 0.0).any():
         return 0.0
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if needed(middle) > drag else (middle, high)
-    return low
+    stiffness = most(phases)
+    best = int(np.argmin(stiffness))
+    near = phases[max(best - 1, 0)], phases[min(best + 1, POINTS)]
+    return float(
+        min(stiffness[best], minimize_scalar(most, bounds=near, method="bounded", options={"xatol": 1e-12}).fun)
+    )
 
 
 def quantised_stiffness(drag: float, coulomb: float, period: float, resolution: float) -> float:

@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 
-from palpate.physics.display.hertz_surface import bulge
-from palpate.physics.display.shape_display import deflection_under, press
+from palpate.physics.display.shape_display import bulge, deflection_under, press
 from palpate.physics.exact import exp
 from palpate.physics.kernel import kernel
 

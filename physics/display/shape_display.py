@@ -21,10 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.physics.display import hertz_surface as hertz
 from palpate.physics.kernel import kernel
 
 VALID_RATIO = 0.5  # [1] Limit of a/R_f: Hertz theory requires a << R_f
+
+# 4 c_k / (2k + 3), c_k the coefficients of asin(q) = sum c_k q^(2k+1).
+_TAIL = np.array([4.0 * math.comb(2 * k, k) / (4.0**k * (2 * k + 1) * (2 * k + 3)) for k in range(12)])
 
 
 class Fingerpad(NamedTuple):
@@ -166,6 +168,35 @@ def _refuse(name: str, value: np.ndarray, good: np.ndarray, expected: str) -> No
         raise ValueError(f"{name}: found {float(value[place])}{where}, expected {expected}")
 
 
+@kernel
+def bulge(r: float, a: float) -> float:
+    """Shape s(r, a) [m²] of the surface displacement under a Hertz pressure of radius a, see `pad_displacement`.
+
+    Far from the contact the two terms of the closed form cancel, so a series of g(q) = 4 integral_0^q t asin(t) dt is
+    used there.
+    """
+    if r <= a:
+        return a * a - 0.5 * r * r
+    q = a / r
+    if q < 0.2:
+        total = 0.0
+        for k in range(_TAIL.size - 1, -1, -1):
+            total = total * q * q + _TAIL[k]
+        g = total * q**3
+    else:
+        g = (2.0 * q * q - 1.0) * math.asin(q) + q * math.sqrt(1.0 - q * q)
+    return r * r * g / math.pi
+
+
 def pad_displacement(r, contact: PadContact):
-    """Indentation u_f(r) [m] of the fingerpad's surface; r [m] (...) broadcasts with the state."""
-    return hertz.displacement(r, contact.radius, contact.curvature, contact.share)
+    """Indentation u_f(r) [m] of the fingerpad's surface at r [m] (...) from the axis, which broadcasts with the state.
+
+        u = share s(r, a)/R
+        s = a² - r²/2                                          r <= a
+        s = (r²/pi) [(2q² - 1) asin(q) + q sqrt(1 - q²)],      q = a/r, r > a
+
+    K. L. Johnson, Contact Mechanics (1985), eqs. 3.41a and 3.42a.
+    """
+    with np.errstate(all="ignore"):  # compiled code also evaluates branches that are not taken
+        shape = np.vectorize(bulge, otypes=[float])(np.asarray(r, float), np.asarray(contact.radius, float))
+    return contact.share * contact.curvature * shape

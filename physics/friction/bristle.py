@@ -3,14 +3,15 @@
 A law is a NamedTuple, one per file. Its fields are its settings, `Annotated[type, unit, limit]` with a default, and its
 attribute `advance` is a kernel
 
-    advance(law, z, v, load, dt) -> (z [m] (3), force [N] (3), stick)
+    advance(law, z, v, load, dt, path) -> (z [m] (3), force [N] (3), stick)
 
-of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0 and the step
-[s] > 0. `law` contains the settings; a word is given by its index among the allowed words. Optional attributes:
+of the deflection before the step, the slip velocity [m/s] (3), both tangential, the normal force [N] > 0, the step
+[s] > 0, and the path [m] of the setting `play`, else 0. `law` contains the settings; a word is given by its index among
+the allowed words. Optional attributes:
 
-    play                  setting [m]. `advance` then takes the argument `path`, the path [m] of a point that the finger
-                          drags on a string of this length; only this path relaxes the bristles. Position noise below
-                          `play`, as from an encoder, then deflects the bristles without relaxing them
+    play                  setting [m]. `path` is that of a point that the finger drags on a string of this length; only
+                          this path relaxes the bristles. Position noise below `play`, as from an encoder, then deflects
+                          the bristles without relaxing them
     stored(law, z, load)  kernel: energy [J] stored in the bristles, from which the ledger computes dissipation
     rescale               setting. True: a rising load gives the bristles at most the energy that it took from them
                           while it fell (requires `stored`)
@@ -93,20 +94,14 @@ def stepper(kind: type[Any]) -> CompiledKernel:
 
     Without load the bristles are reset, the force is zero, and the contact does not stick.
     """
-    worn, rescales = "play" in kind._fields, "rescale" in kind._fields
-    advanced, dragged, unrising = kind.advance, _played if worn else _taut, _rescaled(kind) if rescales else None
+    advanced, dragged = kind.advance, _played if "play" in kind._fields else _taut
 
     @kernel(error_model="numpy")
     def plain(law, z, v, last, spare, load, dt, path):
-        z, force, stick = advanced(law, z, v, load, dt)
-        return z, force, stick, spare
-
-    @kernel(error_model="numpy")
-    def wearing(law, z, v, last, spare, load, dt, path):
         z, force, stick = advanced(law, z, v, load, dt, path)
         return z, force, stick, spare
 
-    answer = unrising or (wearing if worn else plain)
+    answer = _rescaled(kind) if "rescale" in kind._fields else plain
 
     @kernel(error_model="numpy")
     def step(law, z, a, last, slack, spare, b, slip, load, dt):
@@ -130,22 +125,12 @@ def _rescaled(kind: type[Any]) -> CompiledKernel:
     law that is passive under constant load. Between that and s = 1, D of LuGre is concave, so the zero of the chord of
     D + E also satisfies D + E >= 0.
     """
-    advance, stored, worn = kind.advance, kind.stored, "play" in kind._fields
-
-    @kernel(error_model="numpy")
-    def plain(law, z, v, load, dt, path):
-        return advance(law, z, v, load, dt)
-
-    @kernel(error_model="numpy")
-    def wearing(law, z, v, load, dt, path):
-        return advance(law, z, v, load, dt, path)
-
-    answer = wearing if worn else plain
+    advance, stored = kind.advance, kind.stored
 
     @kernel(error_model="numpy")
     def scaled(law, s, z, v, last, load, dt, path):
         """The step from s z, and its dissipation D [J]."""
-        after, force, stick = answer(law, (s * z[0], s * z[1], s * z[2]), v, load, dt, path)
+        after, force, stick = advance(law, (s * z[0], s * z[1], s * z[2]), v, load, dt, path)
         work = dt * (force[0] * v[0] + force[1] * v[1] + force[2] * v[2])
         return after, force, stick, work + stored(law, z, last) - stored(law, after, load)
 

@@ -7,7 +7,7 @@ from palpate.physics.kernel import kernel
 
 
 @kernel(error_model="numpy")
-def coulomb(law, z, v, load, dt):
+def coulomb(law, z, v, load, dt, path):
     """Return mapping: the trial deflection z + v T of a spring k [N/m] is projected radially onto |k z| <= mu f_n.
     Exact for a straight path, without chatter, and passive for any T and load: the spring never gains energy."""
     x, y, w = z[0] + v[0] * dt, z[1] + v[1] * dt, z[2] + v[2] * dt

@@ -21,7 +21,7 @@ def slipping(r, share):
 
 
 @kernel(error_model="numpy")
-def elastoplastic(law, z, v, load, dt):
+def elastoplastic(law, z, v, load, dt, path):
     """Backward Euler, z+ = (z + v h)/(1 + alpha(z+) sigma0 v h/g), in up to 40 substeps h in which the finger moves by
     at most 1/20 of the bristles' limit; |z| <= mu_s/sigma0 for any v and T. The root is found by bisection: the right
     side decreases with |z+|. The contact sticks while at most half of the motion is plastic slip."""

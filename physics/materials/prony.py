@@ -33,23 +33,21 @@ def _relaxed(shares, times, time, elastic):
     return out
 
 
-class Prony:
-    """Shares g_i [1] (k,) that relax and their times tau_i [s] (k,).
+def relaxed(
+    shares: Sequence[float] | np.ndarray, times: Sequence[float] | np.ndarray, time: np.ndarray, elastic: np.ndarray
+) -> np.ndarray:
+    """The relaxed response (n,) to an elastic response (n,) at increasing times [s] (n,), which is piecewise linear and
+    starts from rest with a jump at the first time.
+
+    shares  [1] (k,) g_i, which relax with the times tau_i [s] (k,)
 
     MaterialError: shares that are negative or sum to 1 or more, times that are not positive.
     """
-
-    def __init__(self, shares: Sequence[float] | np.ndarray, times: Sequence[float] | np.ndarray) -> None:
-        self.shares, self.times = np.atleast_1d(np.array(shares, float)), np.atleast_1d(np.array(times, float))
-        if self.shares.shape != self.times.shape or self.shares.ndim != 1:
-            raise MaterialError(f"Prony series: {self.shares.size} shares, {self.times.size} times; expected as many")
-        if not (self.shares >= 0).all() or not self.shares.sum() < 1.0:
-            raise MaterialError(f"Prony shares {self.shares.tolist()}: expected numbers >= 0 whose sum is below 1")
-        if not (np.isfinite(self.times).all() and (self.times > 0).all()):
-            raise MaterialError(f"Prony times {self.times.tolist()} s: expected positive numbers")
-
-    def relaxed(self, time: np.ndarray, elastic: np.ndarray) -> np.ndarray:
-        """The relaxed response (n,) to an elastic response (n,) at increasing times [s] (n,), which is piecewise linear
-        and starts from rest with a jump at the first time."""
-        time, elastic = np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float)
-        return _relaxed(self.shares, self.times, time, elastic)
+    g, tau = np.array(shares, float), np.array(times, float)
+    if g.shape != tau.shape or g.ndim != 1:
+        raise MaterialError(f"Prony series: {g.size} shares, {tau.size} times; expected as many")
+    if not (g >= 0).all() or not g.sum() < 1.0:
+        raise MaterialError(f"Prony shares {g.tolist()}: expected numbers >= 0 whose sum is below 1")
+    if not (np.isfinite(tau).all() and (tau > 0).all()):
+        raise MaterialError(f"Prony times {tau.tolist()} s: expected positive numbers")
+    return _relaxed(g, tau, np.ascontiguousarray(time, float), np.ascontiguousarray(elastic, float))

@@ -10,7 +10,7 @@ from palpate.physics.kernel import kernel
 
 
 @kernel
-def dahl(law, z, v, load, dt):
+def dahl(law, z, v, load, dt, path):
     """dz/dt = v - |v| z/limit, backward Euler."""
     limit = law.mu / law.bristle_stiffness
     x = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]) * dt / limit

@@ -10,7 +10,7 @@ from palpate.physics.contact.series import elastic, kernel_form, series_step
 from palpate.physics.contact.terminal import Terminal
 from palpate.physics.device.falcon import FALCON
 from palpate.physics.device.stability import held
-from palpate.physics.display import hertz_surface as hertz
+from palpate.physics.display.shape_display import pad_displacement
 from palpate.physics.fingertip.beam_bundle import bundle, check_count
 from palpate.physics.friction.lugre import stribeck
 from palpate.physics.geometry import nurbs_fit
@@ -106,7 +106,7 @@ def jury_stiffness(mass, drag, period):
 
 def tissue_displacement(r, contact):
     """u_t(r) [m], by which the tissue's surface is pressed in; inside the contact u_f + u_t = delta - r²/(2R)."""
-    return hertz.displacement(r, contact.radius, contact.curvature, 1.0 - contact.share)
+    return pad_displacement(r, contact._replace(share=1.0 - contact.share))
 
 
 def steady_friction(speed, law):

@@ -12,7 +12,6 @@ import numpy as np
 from palpate.models.fe.element.elements import shape
 
 DEPTH = 4  # Levels of subdivision; an element whose sign is then unknown counts as inverted
-ROUNDING = 1e-9  # Determinant over the largest one of the element below which it counts as zero
 
 _POWERS = np.array([(i, j, k, 3 - i - j - k) for i in range(4) for j in range(4 - i) for k in range(4 - i - j)])
 _AT = _POWERS[:, :3] / 3.0
@@ -41,7 +40,7 @@ def _determinants(points: np.ndarray, elements: np.ndarray, at: np.ndarray) -> n
     return np.linalg.det(np.einsum("eai,nak->enik", points[elements], natural))
 
 
-def inverted(points: np.ndarray, elements: np.ndarray, folded: float = 0.0) -> np.ndarray:
+def inverted(points: np.ndarray, elements: np.ndarray, folded: float) -> np.ndarray:
     """Indices (K,) of the elements (E,10) whose determinant is not positive everywhere, in ascending order.
 
     points [m] (N,3);  folded [1]  allowed negative determinant, as a fraction of the largest one of the element
@@ -56,7 +55,7 @@ def inverted(points: np.ndarray, elements: np.ndarray, folded: float = 0.0) -> n
             value = _determinants(points, elements[asked], at)
             least = np.minimum(least, value.min(axis=1))
             low = np.minimum(low, (value @ _COEFFICIENTS.T).min(axis=1))
-        floor = (ROUNDING if folded == 0.0 else -folded) * size[asked]
+        floor = -folded * size[asked]
         bad[asked[least <= floor]] = True
         asked = asked[(least > floor) & (low <= floor)]
         if not len(asked):

@@ -13,11 +13,10 @@ import numpy as np
 from palpate.models.fe.element.elements import EDGES, gradients, shape
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.models.fe.meshing.fingertip import BONE, EPIDERMIS, NAIL, PLATE
-from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume, logarithmic_strain, tactile_flow
+from palpate.physics.contact.tactile import equivalent_strain, isostrain_volume, tactile_flow
 
 CUTS = 4  # Number of divisions of each edge of an element for volumes
 CHUNK = 2048  # Number of elements that are processed together
-LEAST_STRETCH = 1e-6  # Lower limit of stretches, for points that are inverted by the discretization
 _CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _PARTS = np.array(
     [[0, 4, 6, 7], [4, 1, 5, 8], [6, 5, 2, 9], [7, 8, 9, 3], [4, 5, 6, 7], [4, 8, 5, 7], [5, 8, 9, 7], [5, 9, 6, 7]]
@@ -29,30 +28,26 @@ _SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # Four triangle
 def strain(mesh: TetMesh, displacement: np.ndarray) -> np.ndarray:
     """Equivalent strain [1] (E,4) at the corners of each element, not averaged, for displacements [m] (N,3). Effective
     Poisson's ratio: that of the material in the elastic layers, 0.5 in the others."""
-    slope, _ = gradients(mesh.points, mesh.elements, _CORNERS)
-    gradient = np.eye(3) + np.einsum("eai,enaj->enij", displacement[mesh.elements], slope)
-    return equivalent_strain(logarithmic_strain(gradient), _poisson(mesh)[:, None])
+    return _strain(mesh, displacement, slice(None), _CORNERS)
 
 
-def _poisson(mesh: TetMesh) -> np.ndarray:
-    return np.where(np.isin(mesh.region, (BONE, EPIDERMIS, NAIL)), 0.3, 0.5)
+def _strain(mesh: TetMesh, displacement: np.ndarray, chunk: slice, at: np.ndarray) -> np.ndarray:
+    """Equivalent strain [1] (C,n) of some elements at natural coordinates (n,3)."""
+    slope, _ = gradients(mesh.points, mesh.elements[chunk], at)
+    F = np.eye(3) + np.einsum("eai,enaj->enij", displacement[mesh.elements[chunk]], slope, optimize=True)
+    poisson = np.where(np.isin(mesh.region[chunk], (BONE, EPIDERMIS, NAIL)), 0.3, 0.5)
+    return equivalent_strain(F, poisson[:, None])
 
 
 def volumes_above(mesh: TetMesh, displacement: np.ndarray, levels: np.ndarray, cuts: int = CUTS) -> np.ndarray:
     """Deformed volume [m³] (L,) in which the equivalent strain is at least a level (L,), at displacements [m] (N,3)."""
     at, pieces = subdivided(cuts)
     value, _ = shape(at)
-    moved, poisson = mesh.points + displacement, _poisson(mesh)
-    volumes = np.zeros(len(levels))
+    moved, volumes = mesh.points + displacement, np.zeros(len(levels))
     for start in range(0, len(mesh.elements), CHUNK):
-        chunk = mesh.elements[start : start + CHUNK]
-        slope, _ = gradients(mesh.points, chunk, at)
-        F = np.eye(3) + np.einsum("eai,enaj->enij", displacement[chunk], slope, optimize=True)
-        squares = np.linalg.eigvalsh(np.swapaxes(F, -1, -2) @ F)
-        log = 0.5 * np.log(np.maximum(squares, LEAST_STRETCH**2))
-        log -= log.mean(axis=-1, keepdims=True)
-        values = np.sqrt(1.5 * (log * log).sum(axis=-1)) / (1.0 + poisson[start : start + CHUNK, None])
-        place = np.einsum("na,eai->eni", value, moved[chunk])
+        chunk = slice(start, start + CHUNK)
+        values = _strain(mesh, displacement, chunk, at)
+        place = np.einsum("na,eai->eni", value, moved[mesh.elements[chunk]])
         corner = place[:, pieces].reshape(-1, 4, 3)
         volume = np.abs(np.linalg.det(corner[:, 1:] - corner[:, :1])) / 6.0
         volumes += isostrain_volume(values[:, pieces].reshape(-1, 4), volume, levels)

@@ -193,15 +193,17 @@ def _kept(press: MeasuredPress, relaxation: str, deepest: float) -> tuple[Measur
 def check_laws(rig: Rig, names: Sequence[str], relaxation: str) -> None:
     """SessionError: the rig does not support a law, lacks a length, or the relaxation is unknown."""
     for name in names:
-        if _is_rubber(name) and (rig.kind == "ball" or (rig.kind == "cylinder" and rig.plates == "bonded")):
+        if _in_table(rig, name):
             check_tabulated(rig, name)
         else:
             closed_form(rig, name)
     parameters(relaxation, 1.0)
 
 
-def _is_rubber(name: str) -> bool:
-    return name in SHAPES and name != "linear"
+def _in_table(rig: Rig, name: str) -> bool:
+    """Whether a law of a rig has no closed form: rubber under a ball or between bonded plates."""
+    rubber = name in SHAPES and name != "linear"
+    return rubber and (rig.kind == "ball" or (rig.kind == "cylinder" and rig.plates == "bonded"))
 
 
 def _law(
@@ -218,15 +220,15 @@ def _law(
 
     The table of a cylinder with bonded plates is centred on the shape parameter that frictionless plates give.
     """
-    if rig.kind == "cylinder" and _is_rubber(name) and rig.plates == "bonded":
+    if not _in_table(rig, name):
+        return closed_form(rig, name), []
+    if rig.kind == "cylinder":
         first = replace(rig, plates="frictionless")
         rough = estimate(Problem(loaded, closed_form(first, name), relaxation, touch, relative), profiles=False)
         middle = next((rough.values[p.name] for p in SHAPES[name]), None)
         note = f"with frictionless plates young is {rough.values['young']:.4g} Pa: the true value is between the two"
         return tabulated(rig, name, reach, middle, report=report), [note]
-    if rig.kind == "ball" and _is_rubber(name):
-        return tabulated(rig, name, reach, count=6, report=report), []
-    return closed_form(rig, name), []
+    return tabulated(rig, name, reach, count=6, report=report), []
 
 
 def _errors(presses: Sequence[MeasuredPress], forces: Sequence[np.ndarray]) -> dict[str, float]:

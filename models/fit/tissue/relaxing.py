@@ -12,7 +12,7 @@ import numpy as np
 from palpate.models.fit.sessions import SessionError
 from palpate.models.fit.tissue.measured import MeasuredPress
 from palpate.models.fit.tissue.rigs import Law, Parameter, Values
-from palpate.physics.materials.prony import Prony
+from palpate.physics.materials.prony import relaxed
 
 KINDS = ("none", "kelvin-voigt", "hunt-crossley", "prony:1", "prony:2", "prony:3")
 
@@ -55,8 +55,8 @@ def response(kind: str, values: Values, press: MeasuredPress) -> Response:
     for i in range(1, int(kind.partition(":")[2]) + 1):  # each is a share of the remainder, so that their sum is < 1
         shares.append(left * values[f"share_{i}"])
         left -= shares[-1]
-    series = Prony(shares, [values[f"time_{i}"] for i in range(1, len(shares) + 1)])
-    return lambda elastic: series.relaxed(time, elastic)
+    times = [values[f"time_{i}"] for i in range(1, len(shares) + 1)]
+    return lambda elastic: relaxed(shares, times, time, elastic)
 
 
 def force(kind: str, law: Law, values: Values, press: MeasuredPress, touch: float) -> np.ndarray:

@@ -59,7 +59,7 @@ def test_elements_are_told_by_the_sign_of_their_determinant_anywhere():
         least = least_determinant(points)
         if abs(least) < 0.02:
             continue
-        wrong = len(inverted(points, np.arange(10)[None])) > 0
+        wrong = len(inverted(points, np.arange(10)[None], 0.0)) > 0
         assert wrong == (least < 0.0)
         told[wrong] += 1
     assert min(told.values()) > 20

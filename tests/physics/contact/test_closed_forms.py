@@ -10,7 +10,7 @@ from scipy.special import dawsn
 from palpate.physics.contact import layer, subsurface
 from palpate.physics.contact.series import elastic, energy
 from palpate.physics.friction.lugre import LuGre, lugre
-from palpate.physics.materials.prony import Prony
+from palpate.physics.materials.prony import relaxed
 
 NU = 0.3
 
@@ -113,7 +113,7 @@ def test_a_ball_pressed_at_constant_speed_into_a_viscoelastic_half_space():
     For s = v t and one time T: int e^-(t-t')/T sqrt(t') dt' = T sqrt(t) - T^1.5 D(sqrt(t/T)), D of Dawson."""
     share, relaxation = 0.6, 0.2
     time = np.linspace(0.0, 1.0, 4001)
-    found = Prony([share], [relaxation]).relaxed(time, time**1.5)
+    found = relaxed([share], [relaxation], time, time**1.5)
     lasting = relaxation * np.sqrt(time) - relaxation**1.5 * dawsn(np.sqrt(time / relaxation))
     assert found == approx((1.0 - share) * time**1.5 + share * 1.5 * lasting, abs=2e-5)
 
@@ -127,7 +127,7 @@ def test_a_standard_linear_solid_has_its_storage_and_loss_moduli(turns):
     cycles = 3 + int(8 * relaxation / period)
     time = np.linspace(0.0, cycles * period, 2000 * cycles + 1)
     late = slice(-2001, -1)
-    found = Prony([share], [relaxation]).relaxed(time, np.sin(w * time))[late]
+    found = relaxed([share], [relaxation], time, np.sin(w * time))[late]
     x2 = turns * turns
     assert 2.0 * np.mean(found * np.sin(w * time[late])) == approx(1 - share + share * x2 / (1 + x2), abs=1e-3)
     assert 2.0 * np.mean(found * np.cos(w * time[late])) == approx(share * turns / (1 + x2), abs=1e-3)
