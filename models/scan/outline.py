@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from skimage.filters import threshold_otsu
 from skimage.measure import find_contours, points_in_poly
 
-from palpate.models.scan.stack import ScanError, Stack
+from palpate.models.scan.stack import ScanError, Stack, largest_part
 
 SMOOTHING = 0.2e-3  # [m] Standard deviation of the filter against noise, in the plane of the slices
 HARMONICS = 12  # Fourier harmonics of an outline; shorter waves are noise
@@ -81,7 +81,7 @@ def segment(stack: Stack, skin: float | None = None) -> Outlines:
         else (slice_image < 0.5 * (air + tissue)) & (_level_of(curve, slice_image.shape, plane) < -BELOW_SKIN)
         for slice_image, curve in zip(image, inner, strict=True)
     ])  # fmt: skip
-    core = _largest_part(core)
+    core = largest_part(core)
     if core.sum() * between * plane[0] * plane[1] < LEAST_BONE:
         raise ScanError(f"{where}: no bone: no dark core in the finger. Expected images in which tissue is bright")
     bone = _level(image[core], "bone", where)
@@ -144,11 +144,6 @@ def _level(values: np.ndarray, what: str, where: str) -> float:
     if not len(values):
         raise ScanError(f"{where}: no {what} visible; expected air, skin, bright tissue and dark bone")
     return float(np.median(values))
-
-
-def _largest_part(mask: np.ndarray) -> np.ndarray:
-    names, count = label(mask)
-    return mask if count < 2 else names == np.argmax(np.bincount(names.ravel())[1:]) + 1
 
 
 def _largest(image: np.ndarray, level: float, plane, mask: np.ndarray) -> np.ndarray | None:

@@ -118,6 +118,12 @@ def cross_sections(stack: Stack) -> Stack:
     return dataclasses.replace(stack, volume=np.ascontiguousarray(stack.volume))
 
 
+def largest_part(mask: np.ndarray) -> np.ndarray:
+    """The largest connected part of a mask."""
+    names, count = label(mask)
+    return mask if count < 2 else names == np.argmax(np.bincount(names.ravel())[1:]) + 1
+
+
 def _along(stack: Stack) -> int:
     """The axis of the array nearest to that of the finger; 0 if no finger is visible."""
     volume = stack.volume
@@ -126,10 +132,9 @@ def _along(stack: Stack) -> int:
     sides = [volume.take(end, axis=axis) for axis in range(3) for end in (0, -1)]
     air = float(np.median(np.concatenate([side.ravel() for side in sides])))
     bright = binary_opening(volume > air + 0.25 * (float(np.percentile(volume, 99.5)) - air))
-    names, count = label(bright)
-    if count == 0:
+    if not bright.any():
         return 0
-    finger = names == np.argmax(np.bincount(names.ravel())[1:]) + 1
+    finger = largest_part(bright)
     step = np.array(stack.spacing)
     faces = [max(finger.take(end, axis=axis).sum() for end in (0, -1)) * step.prod() / step[axis] for axis in range(3)]
     if max(faces) > 1e-6:
