@@ -143,7 +143,18 @@ class Source:
             number = theirs.fileno()
             command = [sys.executable, __file__, str(number)]
             env = lasting(env) | {"PYTHONPATH": env.get("PYTHONPATH", "")}  # no mark of the first run is its own
-            self.process = subprocess.Popen(command, pass_fds=[number], env=env, stdin=subprocess.DEVNULL)
+            begun = threading.Event()
+
+            def keep() -> None:
+                """Fork in a thread that never ends: the parent-death signal is sent when the forking thread ends."""
+                try:
+                    self.process = subprocess.Popen(command, pass_fds=[number], env=env, stdin=subprocess.DEVNULL)
+                finally:
+                    begun.set()
+                threading.Event().wait()
+
+            threading.Thread(target=keep, name="keeps the fork server", daemon=True).start()
+            begun.wait()
 
 
 SOURCE = Source()

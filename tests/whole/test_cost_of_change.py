@@ -161,9 +161,10 @@ def said(tmp_path_factory):
         for name, text in files.items():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(dedent(text).lstrip())
+    path = os.pathsep.join([str(MORE_ROOMS), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         [sys.executable, MORE_ROOMS / "commands.py"], input=json.dumps(list(COMMANDS.values())), cwd=here, check=False,
-        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(MORE_ROOMS), "MORE_ROOMS": str(rooms)},
+        capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path, "MORE_ROOMS": str(rooms)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return dict(zip(COMMANDS, json.loads(done.stdout), strict=True)), here
