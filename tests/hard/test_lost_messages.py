@@ -258,8 +258,18 @@ OUTAGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("stream", ["tissue", "contact", "finger", "controller"])
-@pytest.mark.parametrize("times", OUTAGES)
+FAST = (("press", "tissue"), ("press", "finger"), ("hold", "contact"), ("long", "controller"), ("several", "tissue"))
+"""Outages and streams of the fast suite: each of both at least once."""
+
+
+@pytest.mark.parametrize(
+    ("times", "stream"),
+    [
+        pytest.param(times, stream, marks=() if (times, stream) in FAST else pytest.mark.long)
+        for times in OUTAGES
+        for stream in ("tissue", "contact", "finger", "controller")
+    ],
+)
 def test_after_an_outage_the_force_comes_back_to_a_hand_that_rests(chain, stream, times):
     run = chain(find("kidney").but(overrides=HOLD))
     force: list[float] = []

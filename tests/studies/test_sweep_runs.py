@@ -265,10 +265,17 @@ def test_what_no_value_can_cure_is_told_before_anything_runs(write, over, said):
 
 def test_a_long_point_holds_up_no_other(ball, pool, tmp_path):
     """It is started first, on one of two workers: the short ones come on the other."""
-    study = palpate.Study(ball, {"ball.pause": [5.0, *np.arange(12) * 1e-3]}, ["peak ball.force"])
-    order = []
-    study.run(tmp_path, pool, done=lambda point, done, left: order.append(point.slot))
-    assert order[-1] == 0 and len(order) == 13
+    gate, order = tmp_path / "gate", []
+    points = [(str(gate), 1e4), *(("", 1e3 * k) for k in range(1, 13))]
+    study = palpate.Study(ball, {"ball.gate, ball.young": points}, ["peak ball.force"])
+
+    def done(point, done, left):
+        order.append(point.slot)
+        if len(order) == 12:
+            gate.touch()
+
+    study.run(tmp_path / "study", pool, done=done)
+    assert order[-1] == 0 and len(order) == 13 and not study.table()["error"].any()
 
 
 def test_ctrl_c_keeps_what_is_done(ball, pool, tmp_path):

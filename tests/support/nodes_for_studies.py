@@ -30,12 +30,19 @@ class Ball(Node):
     pause: Annotated[float, "s"] = 0.0
     what: Annotated[str, "1"] = ""
     flag: Annotated[str, "1"] = ""
+    gate: Annotated[str, "1"] = ""
+    """A file that the start waits for, 60 s at most."""
 
     def start(self) -> None:
         self.count = 0
         if self.flag:
             Path(self.flag).write_text(str(os.getpid()))
         time.sleep(self.pause)
+        end = time.monotonic() + 60.0
+        while self.gate and not Path(self.gate).exists():
+            if time.monotonic() > end:
+                raise TimeoutError(self.gate)
+            time.sleep(0.01)
         if self.what == "fail":
             raise ValueError("the mesh is inside out")
         if self.what == "kill":

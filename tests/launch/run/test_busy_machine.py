@@ -1,7 +1,6 @@
 """Many runs at once, on fewer cores: none counts as hung, and no message is lost."""
 
 import os
-import time
 from pathlib import Path
 
 import warm_fork_server
@@ -16,7 +15,7 @@ from palpate.records.reader import Recording
 
 def test_what_the_launcher_was_kept_from_looking_at_is_no_silence():
     member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
-    time.sleep(0.5)
+    member._checked -= 3600.0
     assert member.silence() < 0.25
 
 
@@ -41,6 +40,6 @@ def test_several_runs_at_once_end_well_and_their_recordings_lack_nothing(tmp_pat
 def test_a_logger_that_is_slower_than_its_senders_gets_all(tmp_path):
     """When the nodes have ended it has most of the messages still before it, for several seconds."""
     text = GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow, pause: 0.002")
-    outcome = execute(LaunchFile(graph=write_graph(tmp_path, text), duration=0.6), patience=5.0)
+    outcome = execute(LaunchFile(graph=write_graph(tmp_path, text), duration=0.3), patience=2.5)
     assert outcome.result.ok, outcome.result.deaths
-    assert outcome.result.health["log"]["steps"] == 600 * len(NODES)
+    assert outcome.result.health["log"]["steps"] == 300 * len(NODES)

@@ -73,15 +73,17 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped_and_counted(tmp_
 
     def send(launcher: Launcher) -> None:
         with zmq.Context() as context:
-            for address in (
-                addresses.endpoint(launcher.run_id, "source", "observers"),
-                addresses.endpoint(launcher.run_id, "control"),
+            for dropped, address in (
+                (50, addresses.endpoint(launcher.run_id, "source", "observers")),
+                (100, addresses.endpoint(launcher.run_id, "control")),
             ):
                 with context.socket(zmq.XSUB) as socket:
                     socket.connect(address)
                     for data in [b"\x07" + os.urandom(20) for _ in range(50)]:
                         socket.send(data)
-                    time.sleep(0.3)
+                    end = time.monotonic() + 60.0
+                    while launcher.foreign < dropped and time.monotonic() < end:
+                        time.sleep(0.01)
 
     result = run(tmp_path, send, 100)
     assert result.ok, result.deaths
