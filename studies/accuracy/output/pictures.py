@@ -82,8 +82,8 @@ def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) 
     axes.annotate(f"{100 * GOOD:g} %", (0.995, GOOD), xycoords=("axes fraction", "data"), xytext=(0, 3), fontsize=8,
                   color="#77777f", textcoords="offset points", ha="right")  # fmt: skip
     below = f"; smaller errors at {percent(LEAST)}" if any(s.error < LEAST for s in summary) else ""
-    worst = [(s.p99, max(s.worst, LEAST)) for s in summary]
-    _finish(axes, f"force error, RMS over the peak:\nmedian, and worst test case{below}", points + worst)
+    ends = [(time, max(s.worst, LEAST)) for s in summary for time in (s.p50, s.p99)]
+    _finish(axes, f"force error, RMS over the peak:\nmedian, and worst test case{below}", points + ends)
     axes.yaxis.set_major_formatter(lambda value, _: f"{100 * value:g} %")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False,
                 title="test cases computed")  # fmt: skip
@@ -105,7 +105,7 @@ def _empty(title: str) -> tuple[Figure, Axes]:
 
 def _finish(axes: Axes, label: str, points: Sequence[tuple[float, float]]) -> None:
     times, errors = np.array(points).T
-    axes.set_xlim(min(times.min() / 3, 5e-6), max(times.max() * 3, 3e-3))
+    axes.set_xlim(min(times.min() / 1.5, 5e-6), max(times.max() * 3, 3e-3))
     axes.set_ylim(errors.min() / 3, max(2.0, errors.max() * 1.6))
     for period, name in LOOPS:
         axes.axvline(period, color=FAINT, linewidth=1, zorder=0)
