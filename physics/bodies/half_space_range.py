@@ -131,7 +131,10 @@ def caution(cause: str, excess: float, radius: float, wide: float) -> str:
             "have an error of 20 %. A basis with more coarse vertices resolves it"
         )
     if cause == "grown":
-        return f"the force exceeds the law of scene.surface.area by {excess:.0%}; the radius of the contact stays there"
+        above = f" by {excess:.0%}" if excess > 0.01 else ""
+        return (
+            f"the force exceeds the range of scene.surface.area{above}; the radius of the contact stays constant there"
+        )
     heavy = LIGHT * (1.0 + excess)
     return (
         f"its surface is free to slide (sticks: off) under {patch} with {heavy:.2g} E R², expected at most "

@@ -157,7 +157,7 @@ def test_hard_cases_stay_finite_and_passive(name, finger, retardation, dt):
 def test_a_force_beyond_the_law_is_reported():
     body = Half(LAWS["table"])
     body.press(2.5)
-    assert "grown" in body.body.causes() and "exceeds the law of scene.surface.area by 100%" in body.body.caution(
+    assert "grown" in body.body.causes() and "exceeds the range of scene.surface.area by 100%" in body.body.caution(
         "grown"
     )
     assert body.body.extrapolation >= 1.0
