@@ -111,7 +111,7 @@ def bodies(record: Mapping[str, Any]) -> dict[str, str]:
     rest = "modulus at rest" + ("" if record["law"] in ("linear", "neo_hooke") else ", stiffening left out")
     relaxes = ", relaxation left out" if "relaxation" in record else ""
     rest += relaxes
-    spring = f"{rest}, by Hertz's law of an 8 mm finger"
+    spring = f"{rest}, under a finger's patch of 8 mm"
     return {"MassSpring": spring, "ReducedFE": rest, "full finite elements": f"{record['law']}{relaxes}"}
 
 
