@@ -2,8 +2,8 @@
 
     python benchmarks/afferents.py [--seconds S] [--json]
 
-Nothing is recorded; all nodes run in one process. The processor time is that of a long run less that of a short one,
-the better of two differences.
+All nodes run in one process, without a recording. The processor time is the difference of a long and a short run, the
+smaller of two differences.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
@@ -28,7 +28,7 @@ WANTED = {"kidney alone": "[controller]", "with stress": "[controller, stress]",
 
 
 def processor_time(graph: Path, wanted: str, seconds: float) -> float:
-    """[s] of this process and its children for this simulated time [s], without the start."""
+    """Processor time [s] of this process and its children for a simulated time [s], without the start of the run."""
 
     def one(duration: float) -> float:
         launch = find(str(graph)).but(
@@ -53,7 +53,7 @@ def main() -> None:
         graph.write_text(GRAPH, encoding="utf-8")
         ratios = {name: given.seconds / processor_time(graph, wanted, given.seconds) for name, wanted in WANTED.items()}
     rows: list[dict[str, object]] = [{"": name, "x real time": ratio} for name, ratio in ratios.items()]
-    tell({"Simulated time over processor time, one core": rows}, given.json, digits=3)
+    print_tables({"Simulated time over processor time, one core": rows}, given.json, digits=3)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""A process that only sleeps, beside a run on the real clock: what it misses is the machine's and not the run's."""
+"""A process that only sleeps, in parallel with a run on the real clock.
+
+The machine, not the run, causes the ticks that it misses.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +15,9 @@ from palpate.launch.run.launcher import Launcher
 
 
 class Control:
-    """Sleeps to each tick, with the core and the priority of the process that keeps the run's time.
+    """Sleeps until each tick of a run, on the core and with the priority of the process that paces the run.
 
-    A run of so many seconds at a rate [Hz] is to begin, and calls `look` while it lasts.
+    seconds, rate  duration [s] and rate [Hz] of the run, which calls `look` repeatedly
     """
 
     def __init__(self, seconds: float, rate: float) -> None:
@@ -26,7 +29,7 @@ class Control:
         self._process.start()
 
     def look(self, launcher: Launcher) -> None:
-        """The sleep begins with the run. From the first look to the last: how long each process waits for its core."""
+        """Start the sleep at the first call during the run; at each call read how long processes waited for a core."""
         if launcher.phase != "running":
             return
         pids = {**launcher.pids, "the sleeper": self._process.pid or 0}
@@ -37,8 +40,11 @@ class Control:
             self._first = waited
         self._last |= waited
 
-    def told(self) -> dict[str, object]:
-        """Ticks that it missed [1], how late it woke [s], and the wait of each process in its run queue [s], a tick."""
+    def result(self) -> dict[str, object]:
+        """Share of missed ticks, lateness of the wake-ups [s], and run-queue wait of each process per tick [s].
+
+        The waits are those between the first and the last `look`.
+        """
         lateness: Lateness = self._end.recv()
         self._process.join()
         ticks = self.seconds * self.rate
@@ -55,7 +61,7 @@ def _sleep(end: Connection) -> None:
 
 
 def _waited(pid: int) -> int | None:
-    """[ns] for which a process was ready to run and had no core; None where it has ended."""
+    """Time [ns] that a process was ready to run but had no core; None if it has ended."""
     try:
         return int(Path(f"/proc/{pid}/schedstat").read_text().split()[1])
     except (OSError, IndexError):

@@ -1,11 +1,11 @@
-"""What a fault of each node does while the finger of the kidney presses, on the real clock.
+"""Time from a fault of a node until the device has no torque, while the finger presses the kidney on the real clock.
 
     python benchmarks/deaths.py [--json] [--fault kill --fault spin ...]
 
-A node is killed, stopped (SIGSTOP), told to end (SIGTERM), spins in its step for good, or waits in it for good. The
-table holds the time until the device works without torque, for the device itself until its last sample, and for a kill
-the time until it is reported. Without `friction` the others go on. Where the system took this program off the processor
-while it sent a signal, so that the moment is not known to 1 ms, the fault is made again.
+A node is killed (SIGKILL), stopped (SIGSTOP) or terminated (SIGTERM), or its step spins or sleeps forever. The table
+lists the time until the device works without torque; for the device itself, until its last sample; and for a kill, the
+time until the launcher reports it. Without `friction` the other nodes continue. The fault is repeated if its time is
+not known to 1 ms, because the system preempted this program while it sent the signal.
 """
 
 from __future__ import annotations
@@ -55,20 +55,20 @@ class Faulty(Shipped):
                 {how}
         return super().step(*messages, **more)
 """
-"""A node that fails from inside: it writes down the time [s] and never comes back from a step."""
+"""Module of a node whose step writes the time [s] to a file and never returns."""
 
 
 def fault(node: str, kind: str, folder: Path) -> dict[str, float | None]:
-    """[s] from the fault to the report, and to the first sample of the device without torque (None: never)."""
+    """Time [s] from the fault to the report, and to the first sample of the device without torque (None: never)."""
     for _ in range(TRIES):
-        told = once(node, kind, folder)
-        if told is not None and (told["unsure"] or 0.0) <= UNSURE:
-            return told
+        result = once(node, kind, folder)
+        if result is not None and (result["unsure"] or 0.0) <= UNSURE:
+            return result
     raise SystemExit(f"{node}, {kind}: {TRIES} runs without a fault whose moment is known; the machine is too busy")
 
 
 def once(node: str, kind: str, folder: Path) -> dict[str, float | None] | None:
-    """See `fault`; `unsure` [s]: how long sending the signal took. None: the run ended before its fault."""
+    """As `fault`, with the duration of sending the signal [s], `unsure`; None if the run ended before the fault."""
     file, note = folder / "run.mcap", folder / "note"
     note.unlink(missing_ok=True)
     launch = dataclasses.replace(find("kidney"), record=file)
@@ -96,7 +96,7 @@ def once(node: str, kind: str, folder: Path) -> dict[str, float | None] | None:
     if "fault" not in times:
         return None
     recording = Recording(file)
-    # The graph's clock and the machine's differ by the tick 0; the device's samples carry the graph's.
+    # samples carry the graph's clock, which is 0 at the first tick
     begun = times["fault"] - launcher.origin * 1e-9
     torque = {m.tick: any(m.torques) for m in recording.messages("statics")}
     samples = [m for m in recording.messages("device") if m.time * 1e-9 > begun]
@@ -111,7 +111,7 @@ def once(node: str, kind: str, folder: Path) -> dict[str, float | None] | None:
 
 
 def faulty(use: str, kind: str, note: Path) -> str:
-    """What to write in `use:` for a shipped class that spins or hangs; its module goes into the current folder."""
+    """Write a module with a faulty subclass of a shipped class to the current folder; returns the text for `use:`."""
     how = {"spin": "pass", "hang": "time.sleep(1000.0)"}[kind]
     name = f"faulty_{use.replace('.', '_')}_{kind}"
     Path(f"{name}.py").write_text(FAULTY.format(use=use, at=round(FAULT_AT * 1e3), note=str(note), how=how))
@@ -120,7 +120,7 @@ def faulty(use: str, kind: str, note: Path) -> str:
 
 def main() -> None:
     options = parser(__doc__)
-    options.add_argument("--fault", action="append", choices=FAULTS, help="Only this one; may be given several times.")
+    options.add_argument("--fault", action="append", choices=FAULTS, help="only this fault; may be repeated")
     given = options.parse_args()
     kinds = given.fault or FAULTS
     rows = {}

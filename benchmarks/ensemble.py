@@ -1,9 +1,9 @@
-"""Touches in parallel: touch-steps a second of an ensemble, and their ratio to one fused run in the same process.
+"""Touch-steps per second of an ensemble, and their ratio to those of one fused run in the same process.
 
     python benchmarks/ensemble.py [--lanes 256 1024] [--bodies MassSpring ReducedFE] [--duration 1] [--rounds 3]
 
-A touch-step is one tick of one lane: a press on the kidney, force only, each lane with its own stiffness or modulus of
-the finger. One fused run and the ensembles alternate, since the machine may be shared; the best round counts.
+A touch-step is one tick of one lane. Each lane presses the kidney with a different damping of the finger; only the
+force is computed. Fused run and ensembles alternate, because the machine may be shared; the best round counts.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ KEEP = "contact", "force"
 
 
 def single(body: str, duration: float) -> tuple[float, float]:
-    """Ticks a second of one fused run without recording: of the wall clock, of processor time."""
+    """Ticks per second of one fused run without recording: by wall time, by processor time."""
     launch = described("kidney", scene=None, duration=duration, sets=(), nodes={"tissue": body})
     graph = launch.load()
     set_recording(graph, None)

@@ -1,9 +1,9 @@
-"""Steps a second of the environments for learning, and what the scripted policies score.
+"""Steps per second of the environments for learning, and the scores of the scripted policies.
 
     python benchmarks/environment.py [--turns N] [--episodes N] [--json]
 
-One process on one core; steps over processor time, the best of N turns. Touch is the kidney with MassSpring, the finger
-pressed in by 2 N; "graph" is the same graph stepped as often without an environment. The random policy draws each
+One process on one core; steps over processor time, best of N turns. Touch: the kidney with MassSpring, the finger
+pressed in by 2 N. "graph": ticks per second of the same graph without an environment. The random policy draws each
 action from the action space.
 """
 
@@ -14,7 +14,7 @@ from time import perf_counter, process_time
 
 import gymnasium
 import numpy as np
-from tables import parser, tell
+from tables import parser, print_tables
 
 import palpate.gym  # noqa: F401  registers the environments
 from palpate.gym.scripted import Approach, Policy, Search, score
@@ -24,7 +24,7 @@ STEPS = 4000
 
 
 def rate(step: Callable[[], object], steps: int, turns: int) -> float:
-    """Steps a second of processor time."""
+    """Steps per second of processor time."""
     times = []
     for _ in range(turns):
         begun = process_time()
@@ -35,7 +35,7 @@ def rate(step: Callable[[], object], steps: int, turns: int) -> float:
 
 
 def speed(turns: int) -> list[dict[str, object]]:
-    """A row for each number of ticks in a step."""
+    """One row for each number of ticks per step."""
     rows: list[dict[str, object]] = []
     for ticks in (1, 10):
         env = Touch(ticks=ticks, duration=1e9)
@@ -44,17 +44,17 @@ def speed(turns: int) -> list[dict[str, object]]:
         for _ in range(450 // ticks):
             env.step(down)
         steps = STEPS // ticks
-        told = rate(lambda env=env, still=still: env.step(still), steps, turns)  # type: ignore[misc]
+        speed = rate(lambda env=env, still=still: env.step(still), steps, turns)  # type: ignore[misc]
         graph = rate(env.stepper.tick, steps * ticks, turns)
         reset = rate(env.reset, 20, turns)
-        row = {"ticks a step": ticks, "steps a second": told, "ticks a second": told * ticks, "graph": graph}
+        row = {"ticks a step": ticks, "steps a second": speed, "ticks a second": speed * ticks, "graph": graph}
         rows.append(row | {"reset [ms]": 1e3 / reset})
         env.close()
     return rows
 
 
 def parallel(turns: int, count: int = 256, ticks: int = 10) -> list[dict[str, object]]:
-    """Environments in parallel, the finger pressed in: steps of all of them over wall time, and over processor time."""
+    """Steps per second of `count` environments in parallel with the finger pressed in, by wall and processor time."""
     rows: list[dict[str, object]] = []
     for name in ("Touch", "Press", "FindNodule"):
         begun = perf_counter()
@@ -82,9 +82,9 @@ def parallel(turns: int, count: int = 256, ticks: int = 10) -> list[dict[str, ob
 
 
 def scores(episodes: int) -> list[dict[str, object]]:
-    """A row for each task and policy."""
+    """One row for each task and policy."""
     rows: list[dict[str, object]] = []
-    for task, told in (("FindNodule", "distance"), ("Press", "error")):
+    for task, score_name in (("FindNodule", "distance"), ("Press", "error")):
         env = gymnasium.make(f"palpate/{task}-v0")
         period = env.unwrapped.step_time  # type: ignore[attr-defined]
         policies: dict[str, Callable[[], Policy]] = {
@@ -94,15 +94,15 @@ def scores(episodes: int) -> list[dict[str, object]]:
         for name, policy in policies.items():
             env.action_space.seed(0)
             played = score(env, policy, range(episodes))
-            returns, last = [each["return"] for each in played], [each.get(told, np.nan) for each in played]
+            returns, last = [each["return"] for each in played], [each.get(score_name, np.nan) for each in played]
             row: dict[str, object] = {"task": task, "policy": name, "return, mean": float(np.mean(returns))}
             row |= {
                 "worst": min(returns),
                 "best": max(returns),
                 "time [s]": float(np.mean([e["time"] for e in played])),
             }
-            unit = " [mm]" if told == "distance" else " [N]"
-            rows.append(row | {f"{told}{unit}, median": float(np.median(last)) * (1e3 if told == "distance" else 1.0)})
+            unit, scale = ("mm", 1e3) if score_name == "distance" else ("N", 1.0)
+            rows.append(row | {f"{score_name} [{unit}], median": float(np.median(last)) * scale})
         env.close()
     return rows
 
@@ -113,7 +113,7 @@ def main() -> None:
     options.add_argument("--episodes", type=int, default=20)
     given = options.parse_args()
     tables = {"Steps a second": speed(given.turns), "In parallel": parallel(given.turns)}
-    tell(tables | {"Scores": scores(given.episodes)}, given.json, digits=3)
+    print_tables(tables | {"Scores": scores(given.episodes)}, given.json, digits=3)
 
 
 if __name__ == "__main__":

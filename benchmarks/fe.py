@@ -1,14 +1,16 @@
-"""The full finite elements against peers on two problems, and against Hertz.
+"""The full finite elements compared with other solvers on four problems, and with Hertz's theory.
 
     python benchmarks/fe.py [--cells 10] [--ball 6] [--step 16] [--only block|step|pressed|ball|hertz] [--json]
 
-Block: a cube clamped at both ends and squeezed by 30 % in four steps. Step: a larger one, by 5 % in one step.
-Pressed: a cube clamped at its top and pressed on a rigid plane by 30 % in ten steps, no friction. Ball: a ball pressed
-on a rigid plane, no friction. Each solver has the same mesh, steps and tolerance and runs in a process of its own on
-one core; `fe_peers.py` says how peers are installed and what differs in their contact. A peer that is missing is left
-out. Seconds of the processor depend less on what else the machine does than seconds on the clock.
+block    a cube clamped at both ends, compressed by 30 % in four steps
+step     a larger cube, compressed by 5 % in one step
+pressed  a cube clamped at its top and pressed by 30 % on a rigid plane in ten steps, without friction
+ball     a ball pressed on a rigid plane, without friction
+hertz    a rigid sphere on a block and an elastic ball on a rigid plane: force and contact area over those of the theory
 
-Hertz: a rigid sphere on a block and an elastic ball on a rigid plane, force and area of contact over theory.
+Each solver has the same mesh, steps and tolerance, and runs in a separate process on one core. `fe_peers.py` explains
+how to install the other solvers and how their contact differs. Solvers that are not installed are skipped. Processor
+time depends less than wall time on the load of the machine.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from pathlib import Path
 
 from fe_hertz import indented
 from fe_peers import MISSING
-from tables import tell
+from tables import print_tables
 
 SOLVERS = {
     "block": ("palpate", "felupe", "felupe-cholmod", "calculix"),
@@ -33,17 +35,17 @@ SOLVERS = {
 
 
 def against_peers(problem: str, cells: int) -> list[dict[str, object]]:
-    """Force, time and peak memory of each solver on one of the problems, and its ratios to ours."""
+    """Force, time and peak memory of each solver on a problem, and their ratios to those of palpate."""
     rows = []
     for solver in SOLVERS[problem]:
-        words = [sys.executable, str(Path(__file__).with_name("fe_peers.py")), solver, problem, str(cells)]
-        told = subprocess.run(words, stdout=subprocess.PIPE, text=True)
-        if told.returncode == MISSING:
+        command = [sys.executable, str(Path(__file__).with_name("fe_peers.py")), solver, problem, str(cells)]
+        result = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+        if result.returncode == MISSING:
             continue
-        if told.returncode != 0:
-            print(f"{solver}: ended with status {told.returncode}", file=sys.stderr)
+        if result.returncode != 0:
+            print(f"{solver}: exit code {result.returncode}", file=sys.stderr)
             continue
-        rows.append(json.loads(told.stdout))
+        rows.append(json.loads(result.stdout))
     for row in rows:
         row["force/ours - 1"] = row["force"] / rows[0]["force"] - 1.0
         row["CPU/ours"] = row["CPU s"] / rows[0]["CPU s"]
@@ -52,7 +54,7 @@ def against_peers(problem: str, cells: int) -> list[dict[str, object]]:
 
 
 def hertz() -> list[dict[str, object]]:
-    """Force and area over theory, on meshes of more and more faces over the radius of contact, and where it ends."""
+    """Force and area over theory, on meshes with 2 to 5 faces across the contact radius, and at a large approach."""
     rows = []
     for body, poisson, faces, ratio in (
         ("block", 0.3, 2, 1e-4), ("block", 0.3, 3, 1e-4), ("block", 0.3, 4, 1e-4), ("block", 0.45, 4, 1e-4),
@@ -69,8 +71,8 @@ def hertz() -> list[dict[str, object]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cells", type=int, default=10, help="of the block, along an edge")
-    parser.add_argument("--ball", type=int, default=6, help="cells across an eighth of the ball's circumference")
+    parser.add_argument("--cells", type=int, default=10, help="cells of the block, along an edge")
+    parser.add_argument("--ball", type=int, default=6, help="cells across 1/8 of the ball's circumference")
     parser.add_argument("--only", choices=("block", "step", "pressed", "ball", "hertz"))
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--step", type=int, default=16, help="cells of the larger block, along an edge")
@@ -82,7 +84,7 @@ def main() -> None:
             tables[problem] = against_peers(problem, count)
     if given.only in (None, "hertz"):
         tables["hertz"] = hertz()
-    tell(tables, given.json)
+    print_tables(tables, given.json)
 
 
 if __name__ == "__main__":

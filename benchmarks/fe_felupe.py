@@ -1,4 +1,4 @@
-"""The two problems with FElupe, which a user may have installed, with its own contact of nodes or with one of faces."""
+"""The problems of fe_problems.py with FElupe, with its contact at nodes or a contact at integration points of faces."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from palpate.studies.peers import felupe as peer
 
 
 class FacePlane(peer.Item):
-    """Faces (F,6) held above a rigid plane by a penalty [Pa/m] at six points each."""
+    """Contact of faces (F,6) with a rigid plane by a penalty [Pa/m] at six integration points per face."""
 
     def __init__(self, field: Any, problem: Problem) -> None:
         super().__init__(field)
@@ -46,12 +46,17 @@ class FacePlane(peer.Item):
 
 
 def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict[str, object] | None:
-    """With FElupe; None where it is not installed."""
+    """Force, times and iterations of FElupe; None if it is not installed.
+
+    faces    contact at integration points of faces instead of FElupe's contact at nodes
+    cholmod  CHOLMOD instead of PARDISO or SuperLU
+    """
     try:
         fem = peer.library()
         name, spsolve = _cholmod() if cholmod else _direct()
     except (ImportError, MissingError):
         return None
+    # body and contact
     begun, used = time.perf_counter(), time.process_time()
     mesh, count = problem.mesh, len(problem.mesh.points)
     points = np.concatenate([mesh.points, [[0.0, 0.0, problem.floor]]])  # the last point carries the plane
@@ -63,6 +68,7 @@ def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict
         nodes = np.unique(problem.skin)
         normal = np.array([0.0, 0.0, 1.0])
         items.append(fem.ContactRigidPlane(field, nodes, count, normal, multiplier=problem.penalty * problem.share))
+    # boundary conditions: fixed directions, and the driven nodes
     held = np.concatenate([problem.fixed, [[True] * 3]])
     move = np.concatenate([problem.driven, [False]])
     held[move, 2] = False
@@ -70,6 +76,7 @@ def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict
         f"held{k}": fem.Boundary(field[0], mask=held[:, k], skip=tuple(int(k != i) for i in range(3))) for k in range(3)
     }
     bounds["move"] = fem.Boundary(field[0], mask=move, skip=(1, 1, 0))
+    # load steps by Newton's method
     iterations = 0
     for step in range(1, problem.steps + 1):
         bounds["move"].update(-problem.travel * step / problem.steps)
@@ -89,7 +96,7 @@ def felupe(problem: Problem, faces: bool = False, cholmod: bool = False) -> dict
 
 
 def _cholmod():
-    """CHOLMOD, with the analysis of the first matrix kept for all of the same pattern."""
+    """CHOLMOD; matrices of the same pattern share one symbolic analysis."""
     from sksparse.cholmod import analyze
 
     kept: dict[str, Any] = {}
@@ -106,8 +113,10 @@ def _cholmod():
 
 
 def _direct():
-    """The fastest sparse solver that is there: PARDISO, or SuperLU. pypardiso finds no MKL outside the environment that
-    it is installed in, so it is shown where it lies."""
+    """PARDISO if it is installed, else SuperLU.
+
+    pypardiso only searches its environment for MKL, so `PYPARDISO_MKL_RT` points it to MKL in another one.
+    """
     try:
         if "PYPARDISO_MKL_RT" not in os.environ:
             parts = importlib.metadata.files("mkl") or []

@@ -1,4 +1,4 @@
-"""A rigid sphere on an elastic block, and an elastic ball on a rigid plane, against Hertz's theory."""
+"""A rigid sphere on an elastic block, and an elastic ball on a rigid plane, compared with Hertz's theory."""
 
 from __future__ import annotations
 
@@ -11,16 +11,17 @@ from palpate.models.fe.element.mesh import bricks, grid
 
 YOUNG, RADIUS = 1e4, 0.01
 SIZE = 30.0
-"""[1] Of the meshed part, in radii of contact."""
+"""[1] Size of the meshed part, in contact radii."""
 
 
 def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> dict[str, float]:
-    """Force and area over theory; `ratio` is approach over radius, `faces` are over the radius of contact.
+    """Force and area over theory; `ratio`: approach over radius, `faces`: faces across the contact radius.
 
-    A quarter of the body is meshed up to `SIZE`. There it is held to the field of a point force on a half-space
-    (Boussinesq), which is what is left of Hertz's field so far away: so it is as good as a half-space, or, with `ball`,
-    as the ball that the theory means (one held at its equator is stiffer).
+    A quarter of the body is meshed up to `SIZE`. On this boundary the displacement is that of a point force on a
+    half-space (Boussinesq), to which Hertz's field decays. So the mesh represents a half-space or, with `ball`, the
+    ball of the theory; a ball fixed at its equator would be stiffer.
     """
+    # graded mesh of a quarter, fine at the contact
     depth = ratio * RADIUS
     a = np.sqrt(RADIUS * depth)
     h = a / faces
@@ -33,6 +34,7 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
         h *= 1.8
     points, cells = grid(x, x, -np.array(z[::-1]))
     mesh = quadratic(points, bricks(points, cells))
+    # symmetry planes and far boundary
     p, near = mesh.points, 1e-9 * a
     far = (p[:, 0] > x[-1] - near) | (p[:, 1] > x[-1] - near) | (p[:, 2] < near - z[-1])
     fixed = np.stack([(p[:, 0] < near) | far, (p[:, 1] < near) | far, far], axis=1)
@@ -40,6 +42,7 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
     if ball:
         away = np.hypot(p[:, 0], p[:, 1])
         p[:, 2] -= (RADIUS - np.sqrt(RADIUS**2 - away**2)) * (1 + p[:, 2] / z[-1])
+    # F = 4/3 E/(1 - nu²) sqrt(R) d^(3/2), and the far field of this force
     theory = 4.0 / 3.0 * YOUNG / (1 - poisson**2) * np.sqrt(RADIUS) * depth**1.5
     held = np.zeros_like(p)
     held[far] = theory * point_force(p[far], YOUNG, poisson)
@@ -52,6 +55,7 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
     steps = Settings(step=1.0, largest=1.0)
     body = Solver(mesh, {0: linear(YOUNG, poisson)}, fixed, lambda load: load * held, contacts=[touch], settings=steps)
     body.advance(1.0)
+    # compare with p = p0 sqrt(1 - r²/a²), p0 = 3F/(2 pi a²)
     value, _ = face_rule.shape(face_rule.POINTS)
     place = np.einsum("qa,fai->fqi", value, p[touch.faces])
     right = 1.5 * theory / (np.pi * a * a) * np.sqrt(np.maximum(1.0 - (np.linalg.norm(place, axis=2) / a) ** 2, 0.0))
@@ -71,7 +75,10 @@ def indented(poisson: float, faces: int, ratio: float, ball: bool = False) -> di
 
 
 def point_force(points: np.ndarray, young: float, poisson: float) -> np.ndarray:
-    """Displacement [m] (n,3) of the half-space z < 0 of a modulus [Pa] by a unit force [N] at the origin, into it.
+    """Displacement [m] (n,3) of the half-space z < 0 under a unit force [N] at the origin, along -z.
+
+    points  (n,3) [m]
+    young   modulus [Pa]
 
     K. L. Johnson, Contact Mechanics, Cambridge 1985, eq. 3.18.
     """

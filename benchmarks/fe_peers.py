@@ -1,18 +1,18 @@
-"""One solver on one problem, in a process of its own, so that its peak of memory is its own:
+"""Run one solver on one problem; a separate process per solver, because peak memory is counted per process.
 
     python benchmarks/fe_peers.py palpate|felupe|felupe-cholmod|felupe-faces|calculix block|step|pressed|ball CELLS
 
-Prints a JSON object: force [N] on the driven nodes, processor seconds from the mesh to the result, seconds on the
-clock, peak memory [MB]. All take one core and the same steps and tolerance. The peers are for the user to install:
-FElupe with `pip install felupe pypardiso` (without PARDISO it takes SuperLU, which is much slower), and for CHOLMOD
-`pip install 'scikit-sparse<0.5'` where the headers of SuiteSparse 5 are, with OpenBLAS as the system's BLAS (the
-reference BLAS makes it several times slower); CalculiX with
-`apt install calculix-ccx`. Exit status 3 and a line that says so where one is missing.
+Prints a JSON object: force [N] on the driven nodes, processor time and wall time [s] from the mesh to the result, peak
+memory [MB]. All solvers use one core and the same steps and tolerance. Exit code 3: the solver is not installed.
 
-What differs where the ball touches the plane; palpate and CalculiX integrate a pressure over the faces, palpate at six
-points each; FElupe's own contact holds back nodes, which is softer on quadratic faces, whose corner nodes carry nothing
-under an even pressure. `felupe-faces` gives FElupe the six points. All have the same stiff penalty, and palpate
-raises multipliers where the penetration would be above its bound.
+palpate needs no other package. Install FElupe with `pip install felupe pypardiso`; without PARDISO it uses SuperLU,
+which is much slower. CHOLMOD: `pip install 'scikit-sparse<0.5'`, which needs the headers of SuiteSparse 5; use OpenBLAS
+as the system's BLAS, since the reference BLAS is several times slower. CalculiX: `apt install calculix-ccx`.
+
+The contact of the ball with the plane differs. palpate and CalculiX integrate the pressure over faces, palpate at six
+points each. FElupe's contact acts at nodes; this is softer on quadratic faces, whose corner nodes carry no force under
+uniform pressure. `felupe-faces` adds six points per face to FElupe. All use the same stiff penalty; palpate also
+updates Lagrange multipliers where the penetration would exceed its bound.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ MISSING = 3
 
 
 def palpate(problem: Problem) -> dict[str, object]:
-    """With palpate; what numba compiles is compiled before, on a mesh of a few elements."""
+    """Figures of palpate; a run on a mesh of few elements compiles the kernels first."""
     _palpate(ball(2) if len(problem.skin) else block(1))
     begun = time.perf_counter()
     used = time.process_time()
@@ -74,17 +74,17 @@ def _palpate(problem: Problem) -> Solver:
 
 
 def calculix(problem: Problem) -> dict[str, object] | None:
-    """With CalculiX; None where `ccx` is not installed."""
+    """Figures of CalculiX; None if `ccx` is not installed."""
     with tempfile.TemporaryDirectory() as folder:
         try:
-            seconds, status, said = peer.run(_deck(problem), Path(folder))
+            seconds, status, output = peer.run(_deck(problem), Path(folder))
         except MissingError:
             return None
         child = resource.getrusage(resource.RUSAGE_CHILDREN)
         rows = [r.split() for r in Path(folder, "run.dat").read_text().splitlines()] if status == 0 else []
         forces = [float(r[2]) for r in rows if len(r) == 3]
         if len(forces) != problem.steps:
-            raise SystemExit(f"ccx ended after {len(forces)} of {problem.steps} steps: {said}")
+            raise SystemExit(f"ccx ended after {len(forces)} of {problem.steps} steps: {output}")
         steps = [r.split() for r in Path(folder, "run.sta").read_text().splitlines()]
     used = sum(int(r[3]) for r in steps if len(r) >= 7 and r[0].isdigit())
     return {
@@ -98,7 +98,7 @@ def calculix(problem: Problem) -> dict[str, object] | None:
 
 
 def _deck(problem: Problem) -> list[str]:
-    """The input file of CalculiX; the plane is a held brick, whose top is the master surface."""
+    """The input file of CalculiX; the plane is a fixed brick, whose top is the master surface."""
     mesh, count = problem.mesh, len(problem.mesh.points)
     lines = list(peer.solids(mesh, [moduli(YOUNG, POISSON)]))
     lines += ["*NSET, NSET=TOP", *(f"{n + 1}," for n in np.flatnonzero(problem.driven))]
@@ -137,14 +137,14 @@ def _deck(problem: Problem) -> list[str]:
 def main() -> None:
     solver, name, cells = sys.argv[1:]
     problem = {"block": block, "step": step, "pressed": pressed, "ball": ball}[name](int(cells))
-    own = {
+    solvers = {
         "palpate": palpate, "felupe": felupe, "felupe-faces": partial(felupe, faces=True),
         "felupe-cholmod": partial(felupe, cholmod=True), "calculix": calculix,
     }  # fmt: skip
-    answer = own[solver](problem)
+    answer = solvers[solver](problem)
     if answer is None:
         how = "apt install calculix-ccx" if solver == "calculix" else "pip install felupe pypardiso scikit-sparse"
-        print(f"{solver} is left out, as it is not installed: {how}", file=sys.stderr)
+        print(f"skipped {solver}, which is not installed: {how}", file=sys.stderr)
         raise SystemExit(MISSING)
     answer.setdefault("peak MB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
     print(json.dumps(answer | {"degrees of freedom": 3 * len(problem.mesh.points)}))

@@ -1,6 +1,6 @@
-"""The two problems that the solvers share: a block squeezed between clamps, and a ball pressed on a rigid plane.
+"""The problems that all solvers compute: a block compressed between clamps or on a plane, a ball pressed on a plane.
 
-Both are neo-Hookean, W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)², and take `STEPS` equal load steps.
+The material is neo-Hookean, W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)²; load steps are equal.
 """
 
 from __future__ import annotations
@@ -17,16 +17,19 @@ STEPS = 4
 RADIUS = 0.01
 """[m] of the ball."""
 STIFF = 2e4 * YOUNG
-"""[Pa] Penalty of contact times the size of the body: a penetration of about 1e-5 of it."""
+"""[Pa] Contact penalty times the size of the body; the penetration is about 1e-5 of this size."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A body whose `driven` nodes go down by `travel` [m] (fixed directions of a node: `fixed`), and whose faces `skin`
-    (F,6) touch a rigid plane at the height `floor` [m] with the normal (0, 0, 1); no plane where the skin is empty.
+    """A body that is pressed down, with or without a rigid plane below it.
 
-    steps    of the load, even ones
-    penalty  [Pa/m] of contact, and the `share` [m²] of a node of the skin in it, for contact of nodes
+    fixed    (N,3) fixed directions of the nodes
+    driven   (N,) nodes that move down by `travel` [m]
+    skin     (F,6) faces that may touch the plane at the height `floor` [m] with normal (0, 0, 1); empty: no plane
+    steps    number of equal load steps
+    penalty  [Pa/m] of the contact
+    share    [m²] area of a node of the skin, for contact at nodes
     """
 
     mesh: TetMesh
@@ -41,7 +44,7 @@ class Problem:
 
 
 def block(cells: int) -> Problem:
-    """A unit cube, both ends clamped, squeezed by 30 %."""
+    """A unit cube, both ends clamped, compressed by 30 %."""
     mesh = box((1.0, 1.0, 1.0), (cells, cells, cells))
     z = mesh.points[:, 2]
     top = z > 1 - 1e-9
@@ -50,12 +53,12 @@ def block(cells: int) -> Problem:
 
 
 def step(cells: int) -> Problem:
-    """A unit cube, both ends clamped, squeezed by 5 % in one step."""
+    """A unit cube, both ends clamped, compressed by 5 % in one step."""
     return replace(block(cells), travel=0.05, steps=1)
 
 
 def pressed(cells: int) -> Problem:
-    """A unit cube, clamped at its top, pressed down on a plane by 30 % in ten steps, without friction."""
+    """A unit cube, clamped at its top, pressed on a plane by 30 % in ten steps, without friction."""
     body = block(cells)
     top = np.repeat(body.driven[:, None], 3, axis=1)
     skin = body.mesh.faces[(body.mesh.points[body.mesh.faces][:, :, 2] < 1e-9).all(axis=1)]
@@ -63,8 +66,7 @@ def pressed(cells: int) -> Problem:
 
 
 def ball(cells: int) -> Problem:
-    """The lower half of a ball, a quarter of it between two planes of symmetry: its equator goes down by 10 % of the
-    radius, with no friction. It is half of a ball pressed between two planes."""
+    """A ball pressed between two planes by 10 % of its radius each, without friction; 1/8 of it by symmetry."""
     mesh = _octant(cells)
     x, y, z = mesh.points.T
     near = 1e-9 * RADIUS
@@ -79,7 +81,7 @@ def ball(cells: int) -> Problem:
 
 
 def _octant(cells: int) -> TetMesh:
-    """The part x, y > 0 > z of a ball with curved faces: a core of bricks and shells round it, finest at the pole."""
+    """The part x, y > 0 > z of a ball: a core of bricks with shells around it, finest at the pole; curved faces."""
     t = np.linspace(0.0, 1.0, cells + 1)
     fine = 0.5 * t + 0.5 * t**2
     core, hexahedra = grid(fine, fine, t)
@@ -107,7 +109,7 @@ def _octant(cells: int) -> TetMesh:
 
 
 def _place(lattice: np.ndarray) -> np.ndarray:
-    """Points [m] (N,3) of lattice coordinates (N,4): three in the core's cube, then 0 ... 1 from there to the skin."""
+    """Points [m] (N,3) from lattice coordinates (N,4): three of the core's cube, one from 0 (core) to 1 (surface)."""
     cube, shell = lattice[:, :3], lattice[:, 3:]
     ray = np.tan(np.pi / 4 * cube)
     ray /= np.maximum(np.linalg.norm(ray, axis=1, keepdims=True), 1e-12)

@@ -1,8 +1,9 @@
-"""Step time of one body under one to five fingers: contact, spreading and body, all of the tick that grows with them.
+"""Time per tick of contact, spreading and body for one body under 1 to 5 fingers.
 
     python benchmarks/fingers.py [--json]
 
-The fingers press the kidney 12 mm apart and slide; a time is the median over 600 steps.
+The fingers press the kidney 12 mm apart and slide. A time is the median over 600 steps. The remaining nodes of a graph
+are independent of the number of fingers.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import time
 
 import msgspec
 from rich.progress import track
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.messages import Pose, Surface
 from palpate.nodes.collision import Nurbs
@@ -27,11 +28,11 @@ BODIES = MassSpring, ReducedFE
 
 
 FORCE = frozenset(BODY.names) | {"laws", "slopes", "coupling"}
-"""Of the surface, what the contact reads."""
+"""Fields of Surface that the contact reads."""
 
 
 def measure(kind: type, count: int, shape: bool = False) -> dict[str, float]:
-    """[us] median times of the parts of a step of `count` fingers; `shape`: the displacement as well."""
+    """Median times [us] of the parts of a step with `count` fingers; `shape`: with the displacement of the body."""
     body, joint = kind(vertices=VERTICES), Joint()
     body.wanted = FORCE | ({"nodes", "displacement"} if shape else set())
     fingers = ((Nurbs(), Share(finger=i), Kernel(vertices=VERTICES)) for i in range(count))
@@ -73,7 +74,7 @@ def main() -> None:
         {"model": kind.__name__, "fingers": count, "shape": shape, **measure(kind, count, shape)}
         for kind, count, shape in track(cases, transient=True)
     ]
-    tell({"µs of a step, kidney of 10 000 vertices": rows}, given.json)
+    print_tables({"µs of a step, kidney of 10 000 vertices": rows}, given.json)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""The layered fingertip against the paper's Table III, and which of the paper's statements hold for each material.
+"""The layered fingertip compared with the paper's Table III and its statements, for each set of materials.
 
     python benchmarks/fingertip.py runs/fingertip [--cells 5] [--pictures folder] [--json]
 
-Presses the printed, the calibrated and the cortical finger on both plates, into folders as `palpate build fe fingertip`
-makes them: finished runs are read, interrupted ones resume. Computing all of them takes about an hour on one core.
+Presses the printed, the calibrated and the cortical finger on both plates. The folders are those of `palpate build fe
+fingertip`: finished runs are loaded, interrupted runs resume. All runs take about an hour on one core.
 """
 
 from __future__ import annotations
@@ -24,12 +24,11 @@ from palpate.models.fe.study.pressing import Pressing
 
 ENDS = {"printed": {"steel": 0.85e-3, "silicone": 1.3e-3}, "calibrated": {"steel": 2.4e-3, "silicone": 2.4e-3},
         "cortical": {"steel": 0.85e-3, "silicone": 1.3e-3}}  # fmt: skip
-"""How far each plate rises for a set of constants [m]: past the paper's greater force, or as far as the paper's."""
+"""Set of materials -> plate -> travel of the plate [m], up to or beyond the paper's."""
 
 
 def fit_divisor(steel: Record) -> float:
-    """The divisor of all moduli whose steel curve passes the paper's two steel points with the least squared error in
-    indentation."""
+    """The divisor of all moduli with the least squared error in indentation at the paper's two points on steel."""
     points = PAPER["steel"]
 
     def miss(log: float) -> float:
@@ -41,19 +40,19 @@ def fit_divisor(steel: Record) -> float:
 
 
 def press(name: str, plate: str, cells: int, folder: Path) -> tuple[PressRun, Record]:
-    """One pressing, or what is left of it."""
+    """Compute, resume or load one press."""
     run = PressRun(folder / f"{plate}-{name}-{cells}-0.2")
 
-    def tell(load: float) -> None:
+    def show_load(load: float) -> None:
         print(f"\r{run.folder.name}: {1e3 * load:.2f} mm", end="", file=sys.stderr, flush=True)
 
-    pressed = record(Pressing(FingertipDimensions(cells=cells), plate, name), ENDS[name][plate], run, tell)
+    pressed = record(Pressing(FingertipDimensions(cells=cells), plate, name), ENDS[name][plate], run, show_load)
     print(file=sys.stderr)
     return run, pressed
 
 
 def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
-    """Table III: indentations [mm] of the paper and of records, by set ("printed", ...) and plate; None: unreached."""
+    """Table III: indentations [mm] of the paper and of each set of materials; None if the force was not reached."""
     rows = []
     for plate, marks in PAPER.items():
         for force, paper in marks:
@@ -67,7 +66,7 @@ def points(sets: dict[str, dict[str, Record]]) -> list[dict[str, Any]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="of the runs")
+    parser.add_argument("folder", type=Path, help="folder of the runs")
     parser.add_argument("--cells", type=int, default=5)
     parser.add_argument("--pictures", type=Path, help="folder for the pictures of the calibrated set")
     parser.add_argument("--json", action="store_true")

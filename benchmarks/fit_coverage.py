@@ -1,7 +1,7 @@
 """Coverage of the 95 % intervals of `palpate fit tissue`, its false alarms, and how often it detects a flaw of a press.
 
-Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak, touch point 0.1 mm off the
-file; without relaxation, and a press and hold with one Prony term.
+Coverage: a ball of 8 mm on a bonded layer of 20 mm, E = 10 kPa, noise of 1 % of the peak; the indentation in the file
+has an offset of 0.1 mm. Two cases: a press without relaxation, and a press and hold with one Prony term.
 
 Flaws: a ball of 8 mm on a half-space, pressed by 0.3 to 0.8 mm in 2 s; modulus, sampling rate, length of the approach,
 noise (0.1 to 2 % of the peak) and size of the flaw are drawn at random.
@@ -26,7 +26,7 @@ from palpate.models.fit.tissue.rigs import Rig, closed_form
 RIG = Rig("ball", 8e-3, 20e-3)
 TRUTH = {"young": 1e4, "share_1": 0.5, "time_1": 2.0}
 OFFSET = 1e-4
-"""[m] How far the indentation of the file is off."""
+"""[m] Offset of the indentation in the file."""
 FLAWS = {
     "none": ("",),
     "drift, 3 to 10 % of the peak": ("drift",),
@@ -36,11 +36,11 @@ FLAWS = {
     "bonded layer of 5 to 8 mm": ("misfits",),
     "stiffens exponentially, 2 to 4 times": ("misfits",),
 }
-"""Flaw of a press -> words of the note that reports it."""
+"""Flaw of a press -> words of the note that reports this flaw."""
 
 
 def noise(count: int, correlation: float, rng: np.random.Generator) -> np.ndarray:
-    """(count,) of variance 1, with this correlation from row to row."""
+    """(count,) Noise of variance 1, first-order autoregressive with this correlation of neighbouring rows."""
     white = rng.standard_normal(count)
     for k in range(1, count):
         white[k] = correlation * white[k - 1] + math.sqrt(1.0 - correlation**2) * white[k]
@@ -50,7 +50,7 @@ def noise(count: int, correlation: float, rng: np.random.Generator) -> np.ndarra
 def trial(
     seed: int, kind: str = "none", correlation: float = 0.0, size: float = 0.01, rows: int = 300
 ) -> MeasuredPress:
-    """A press of 10 s: 2 s in, then held where something relaxes; 1 s of free motion before."""
+    """A press: 1 s of free motion, 2 s inward and, with a relaxing material, a hold until 9 s."""
     rng = np.random.default_rng(seed)
     time = np.linspace(-1.0, 9.0 if kind != "none" else 2.0, rows)
     depth = np.clip(time / 2.0, -0.5, 1.0) * 2e-3
@@ -60,25 +60,30 @@ def trial(
 
 
 def covered(trials: int, kind: str, correlation: float, first: int = 0) -> dict[str, float]:
-    """Share of the trials whose interval holds the truth, for each parameter; and of those with a false alarm."""
+    """Share of trials whose interval contains the true value, for each parameter, and share with a false alarm."""
     held: dict[str, list[bool]] = {}
     for seed in range(first, first + trials):
         fit = fit_tissue([trial(seed, kind, correlation)], RIG, "layer", kind)
-        for name, own in fit.estimate.intervals.items():
-            held.setdefault(name, []).append(own.low <= TRUTH[name] <= own.high)
+        for name, interval in fit.estimate.intervals.items():
+            held.setdefault(name, []).append(interval.low <= TRUTH[name] <= interval.high)
         held.setdefault("false alarm", []).append(bool(fit.notes))
     return {name: float(np.mean(each)) for name, each in held.items()}
 
 
 def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, bool]:
-    """A press with a flaw, fitted by Hertz's law, its modulus [Pa], and whether the flaw exceeds the noise: what
-    Hertz's law misses of the force without noise (RMS) is greater than the noise (RMS)."""
+    """Fit of Hertz's law to a press with a flaw, the true modulus [Pa], and whether the flaw exceeds the noise.
+
+    It exceeds the noise if the RMS residual of Hertz's law, fitted to the force without noise, is greater than the RMS
+    of the noise.
+    """
+    # draw the press: modulus, depth, sampling rate, length of the approach, noise, size of the flaw
     rng = np.random.default_rng(seed)
     young, reach = 10 ** rng.uniform(3.0, 4.7), rng.uniform(0.3e-3, 0.8e-3)
     rate, air, size = 10 ** rng.uniform(1.6, 2.3), rng.uniform(0.4, 1.0), 10 ** rng.uniform(-3.0, -1.7)
     large = rng.uniform()
     time = np.arange(0.0, air + 2.0, 1.0 / rate)
     depth = (time - air) / 2.0 * reach
+    # ideal force: Hertz with nu = 0.5, with a flaw of the tissue if the trial has one
     s = np.maximum(depth, 0.0)
     force = 16 / 9 * young * math.sqrt(RIG.radius) * s**1.5
     if "layer" in flaw:  # E. K. Dimitriadis et al., Biophys. J. 82 (2002) 2798
@@ -86,11 +91,12 @@ def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, 
         force *= 1.0 + 1.133 * chi + 1.283 * chi**2 + 0.769 * chi**3 + 0.0975 * chi**4
     if "stiffens" in flaw:
         force *= np.exp(math.log(2.0 + 2.0 * large) * s / reach)
+    # flaws of the measurement: saturation, drift, missing rows before contact
     peak = force.max()
     limit = peak * (0.4 + 0.4 * large if "limit" in flaw or "saturates" in flaw else math.inf)
     error = size * peak * noise(len(time), correlation, rng)
     drift = (0.03 + 0.07 * large) * peak * time / time[-1] if "drift" in flaw else 0.0
-    exceeds = missed(depth, np.minimum(force, limit) + drift) > size * peak
+    exceeds = residual(depth, np.minimum(force, limit) + drift) > size * peak
     force = np.minimum(force, limit) + error if "limit" in flaw else np.minimum(force + error, limit)
     force = force + rng.choice((-1.0, 1.0)) * drift if "drift" in flaw else force
     kept = depth >= ((0.1 + 0.3 * large) * reach if "begins" in flaw else -1.0)
@@ -98,26 +104,27 @@ def flawed(flaw: str, correlation: float, seed: int) -> tuple[TissueFit, float, 
     return fit_tissue([prepared("press.csv", time[kept], depth[kept], force[kept])], RIG, "hertz"), young, exceeds
 
 
-def missed(depth: np.ndarray, force: np.ndarray) -> float:
-    """RMS [N] that Hertz's law with its touch point and zero of force misses."""
+def residual(depth: np.ndarray, force: np.ndarray) -> float:
+    """RMS residual [N] of Hertz's law with fitted touch point and fitted zero of the force."""
     x, y = depth / depth.max(), force / force.max()
     off = least_squares(lambda q: q[0] * np.maximum(x - q[1], 0.0) ** 1.5 + q[2] - y, (1.0, 0.0, 0.0)).fun
     return float(np.sqrt(np.mean(off**2)) * force.max())
 
 
 def detected(flaw: str, correlation: float, trials: int, first: int = 0) -> dict[str, float]:
-    """Shares of the trials: with the note of this flaw, with another one; with an interval that holds the truth, with
-    one withheld; with a wrong interval and no note, of all and of those whose flaw exceeds the noise."""
+    """Shares of the trials: flaw noted, another note, interval withheld, interval with the true value; wrong interval
+    without a note, of all trials and of those whose flaw exceeds the noise."""
     rows: list[dict[str, Any]] = []
     words = FLAWS[flaw]
     for seed in range(first, first + trials):
         fit, young, exceeds = flawed(flaw, correlation, seed)
-        own = fit.estimate.intervals["young"]
+        interval = fit.estimate.intervals["young"]
         found = [bool(words[0]) and any(word in note for word in words) for note in fit.notes]
         rows.append({
             "noted": any(found), "another note": not all(found), "withheld": fit.estimate.withheld,
-            "holds the truth": not fit.estimate.withheld and own.low <= young <= own.high,
-            "wrong without a note": not fit.notes and not own.low <= young <= own.high, "exceeds the noise": exceeds,
+            "contains the true value": not fit.estimate.withheld and interval.low <= young <= interval.high,
+            "wrong without a note": not fit.notes and not interval.low <= young <= interval.high,
+            "exceeds the noise": exceeds,
         })  # fmt: skip
     shares = {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
     large = [row["wrong without a note"] for row in rows if row["exceeds the noise"]]
@@ -128,15 +135,15 @@ def main() -> None:
     trials, first = (int(text) for text in (sys.argv[1:] + ["200", "0"][len(sys.argv) - 1 :]))
     for kind in ("none", "prony:1"):
         for correlation in (0.0, 0.9):
-            _say(f"relaxation {kind}", correlation, covered(trials, kind, correlation, first))
+            _print(f"relaxation {kind}", correlation, covered(trials, kind, correlation, first))
     for flaw in FLAWS:
         for correlation in (0.0, 0.9):
-            _say(flaw, correlation, detected(flaw, correlation, trials, first))
+            _print(flaw, correlation, detected(flaw, correlation, trials, first))
 
 
-def _say(what: str, correlation: float, shares: dict[str, float]) -> None:
+def _print(title: str, correlation: float, shares: dict[str, float]) -> None:
     text = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items())
-    print(f"{what}, correlation {correlation:g}: {text}", flush=True)
+    print(f"{title}, correlation {correlation:g}: {text}", flush=True)
 
 
 if __name__ == "__main__":

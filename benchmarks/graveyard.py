@@ -1,10 +1,11 @@
-"""Failures that users of other simulators reported, rebuilt from their threads, run on those simulators and on palpate.
+"""Failures that users of other simulators reported, reproduced with those simulators and with palpate.
 
     python -m pip install mujoco drake felupe
     python benchmarks/graveyard.py [--json]
 
-The peers are optional: a case whose peer is missing is named and left out. What stands in the table was run just now,
-with the versions that it names; a thread's model that was not public is rebuilt in its spirit, and the table says so.
+The simulators are optional: the script skips cases whose simulator is not installed, and lists them. Each call runs all
+cases with the installed versions, which the table names. Some reports have no public model; the table marks their
+substitutes.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ import graveyard_here as here
 import graveyard_mujoco
 from rich.console import Console
 from rich.progress import track
-from tables import parser, tell
+from tables import parser, print_tables
 
 TITLE = "Reported failures, there and here"
 
 
 def cases() -> list[tuple[str | None, str, str, Callable[[], str], Callable[[], str]]]:
-    """The package that is needed, the case, who reported it, what happens there, what happens here."""
+    """Required package, case, report, function for that package, function for palpate; each returns the outcome."""
     return [
         (
             "mujoco",
@@ -39,7 +40,7 @@ def cases() -> list[tuple[str | None, str, str, Callable[[], str], Callable[[], 
         (
             "mujoco",
             "a soft beam diverges as it becomes incompressible",
-            "MuJoCo #1173, #1197 (no model of theirs: the beam)",
+            "MuJoCo #1173, #1197 (their model is not public: the beam of #1141)",
             graveyard_mujoco.incompressible,
             here.incompressible,
         ),
@@ -52,21 +53,21 @@ def cases() -> list[tuple[str | None, str, str, Callable[[], str], Callable[[], 
         ),
         (
             "mujoco",
-            "bodies go into one another",
-            "MuJoCo #2084, the same slab with the integrator that holds",
+            "bodies interpenetrate",
+            "MuJoCo #2084, the same slab with the integrator that stays finite",
             lambda: graveyard_mujoco.slab("discrete"),
             here.penetration,
         ),
         (
             "mujoco",
-            "a turned sheet diverges, a level one does not",
-            "MuJoCo #2562, rebuilt",
+            "a rotated sheet diverges, a level one does not",
+            "MuJoCo #2562, model rebuilt from the description",
             graveyard_mujoco.turned,
             here.turned,
         ),
         (
             "drake",
-            "a thrown box makes energy",
+            "a thrown box gains energy",
             "Drake #18241 (its models are not public: boxes of 0.1 m and 0.5 kg)",
             graveyard_drake.thrown,
             here.thrown,
@@ -74,37 +75,37 @@ def cases() -> list[tuple[str | None, str, str, Callable[[], str], Callable[[], 
         (
             "felupe",
             "a nearly incompressible block locks",
-            "what linear tetrahedra are known for; FElupe's default solid",
+            "known of linear tetrahedra; FElupe's default solid",
             graveyard_felupe.locked,
             graveyard_felupe.mixed,
         ),
         (
             None,
-            "a haptic loop makes energy",
-            "a sampled spring, written for the purpose (compare Drake #18241)",
+            "a haptic loop generates energy",
+            "a sampled spring without controller (compare Drake #18241)",
             lambda: here.throws(controlled=False),
             here.thrown,
         ),
     ]
 
 
-LEFT_OUT = "not rebuilt: MuJoCo #1847 (its mesh is not public), ppf-contact-solver #117 (needs a CUDA device)"
+LEFT_OUT = "not reproduced: MuJoCo #1847 (its mesh is not public), ppf-contact-solver #117 (needs a CUDA device)"
 
 
 def main() -> None:
     given = parser(__doc__).parse_args()
-    told, rows = Console(file=sys.stderr), []
+    log, rows = Console(file=sys.stderr), []
     memory: dict[Any, str] = {}
-    for package, case, reported, there, ours in track(cases(), "cases", console=told):
+    for package, case, reported, there, ours in track(cases(), "cases", console=log):
         if package is not None and importlib.util.find_spec(package) is None:
-            told.print(f"left out: {case} (python -m pip install {package})")
+            log.print(f"left out: {case} (python -m pip install {package})")
             continue
         peer = f"{package} {version(package)}" if package else "naive"
         if ours not in memory:
             memory[ours] = ours()
         rows.append({"case": case, "reported": reported, "peer": peer, "there": there(), "here": memory[ours]})
-    told.print(LEFT_OUT)
-    tell({TITLE: rows}, given.json)
+    log.print(LEFT_OUT)
+    print_tables({TITLE: rows}, given.json)
 
 
 if __name__ == "__main__":

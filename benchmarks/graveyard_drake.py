@@ -1,4 +1,4 @@
-"""A rigid box thrown at a compliant one, without gravity, in Drake: does it come away with more energy than it had?"""
+"""A rigid box hits a compliant one, without gravity, in Drake: is the kinetic energy afterwards greater than before?"""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ STEPS = (5e-4, 1e-3, 1e-2)  # [s]
 
 
 def thrown() -> str:
-    """By the step: of all throws those that gained energy, and the largest gain."""
+    """For each time step: number of throws that gain energy, and the largest gain."""
     outcomes = []
     for step in STEPS:
         gains = [
             _gain(step, modulus, speed, tilt) for modulus in MODULI for speed in SPEEDS for tilt in TILTS
         ]  # fmt: skip
         more = sum(gain > 1.001 for gain in gains)
-        outcomes.append(f"{1e3 * step:g} ms: {more} of {len(gains)} gain energy, at most {max(gains):.3g} times it")
+        outcomes.append(f"{1e3 * step:g} ms: {more} of {len(gains)} gain energy, at most {max(gains):.3g} ×")
     return "; ".join(outcomes)
 
 
 def _gain(step: float, modulus: float, speed: float, tilt: float) -> float:
-    """Largest kinetic energy after the throw, over that of the throw."""
+    """Largest kinetic energy during 100 samples after the throw, over the initial one."""
     import pydrake.all as drake
 
     builder = drake.DiagramBuilder()
@@ -46,7 +46,7 @@ def _gain(step: float, modulus: float, speed: float, tilt: float) -> float:
     plant.SetFreeBodyPose(context, bodies[0], drake.RigidTransform(turn, [-1.2 * SIZE, 0, 0.02]))
     plant.SetFreeBodySpatialVelocity(context, bodies[0], drake.SpatialVelocity([0, 0, 0], [speed, 0, 0]))
     before, most = plant.CalcKineticEnergy(context), 0.0
-    for k in range(1, 101):  # until it is a box's size away again, at the speed that it came with
+    for k in range(1, 101):  # long enough to rebound by the size of a box at the initial speed
         simulator.AdvanceTo(0.03 * SIZE / speed * k)
         most = max(most, plant.CalcKineticEnergy(context) / before)
     return most

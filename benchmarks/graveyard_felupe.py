@@ -1,4 +1,4 @@
-"""A nearly incompressible block squeezed between clamps: FElupe's linear tetrahedra, and palpate's elements."""
+"""A nearly incompressible block compressed between clamps: FElupe's linear tetrahedra, and palpate's elements."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ RATIOS = (0.3, 0.49, 0.4999)
 
 
 def locked() -> str:
-    """Force of four-node tetrahedra over that of the mixed element, on the same corners."""
-    return "; ".join(f"{nu}: {_linear(nu) / _mixed(nu, CELLS):.2f} times the force" for nu in RATIOS)
+    """Force with linear tetrahedra of four nodes over that with the mixed element, on the same corner nodes."""
+    return "; ".join(f"{nu}: {_linear(nu) / _mixed(nu, CELLS):.2f} × the force" for nu in RATIOS)
 
 
 def mixed() -> str:
-    """The mixed element's force over that on a mesh of half the size of elements."""
-    return "; ".join(f"{nu}: {_mixed(nu, CELLS) / _mixed(nu, 2 * CELLS):.4f} of a finer mesh's" for nu in RATIOS)
+    """Force with the mixed element over that on a mesh with elements of half the size."""
+    return "; ".join(f"{nu}: {_mixed(nu, CELLS) / _mixed(nu, 2 * CELLS):.4f} × that of a finer mesh" for nu in RATIOS)
 
 
 def _mixed(poisson: float, cells: int) -> float:

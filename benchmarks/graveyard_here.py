@@ -1,4 +1,4 @@
-"""The same hard cases on palpate's own bodies, contact and controller."""
+"""The cases of graveyard.py with the bodies, the contact and the controller of palpate."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ STIFFNESS, SPEEDS = (100.0, 300.0, 1000.0, 3000.0), (0.05, 0.2, 1.0)  # [N/m], [
 
 @functools.cache
 def _kidney(*sets: str) -> dict[str, np.ndarray]:
-    """The shipped touch on the reduced finite elements, 1.6 s of it: force [N], and what of the finger's way neither
-    fingertip nor tissue takes up [m]."""
+    """The first 1.6 s of the shipped touch with reduced finite elements: force [N], and penetration [m], the approach
+    minus the compression of the fingertip and the indentation of the tissue."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "run.mcap"
         launch = find("kidney").but(
@@ -33,58 +33,61 @@ def _kidney(*sets: str) -> dict[str, np.ndarray]:
         assert result.ok, [str(death) for death in result.deaths]
         contact, near = Recording(file).columns("contact"), Recording(file).columns("collision")
     touching = contact["force"] > 0.0
-    rest = near["approach"] - contact["compression"] - contact["indentation"]
-    return {"force": contact["force"], "rest": np.abs(rest[touching])}
+    penetration = near["approach"] - contact["compression"] - contact["indentation"]
+    return {"force": contact["force"], "penetration": np.abs(penetration[touching])}
 
 
 def rates() -> str:
-    """The kidney at three rates of the loop."""
+    """Peak force on the kidney at three loop rates."""
     runs = {rate: _kidney(f"rate={rate}")["force"] for rate in (1000, 500, 100)}
     return "; ".join(f"{1e3 / rate:g} ms: at most {force.max():.3f} N" for rate, force in runs.items())
 
 
 def moduli() -> str:
-    """The kidney of these moduli."""
+    """Peak force on the kidney for each modulus."""
     return "; ".join(f"{young:.0e} Pa: {_kidney(f'tissue.young={young}')['force'].max():.2f} N" for young in MODULI)
 
 
 def penetration() -> str:
-    """What of the finger's way is in neither of the two bodies."""
+    """Greatest penetration for each modulus."""
     return "; ".join(
-        f"{young:.0e} Pa: {1e3 * _kidney(f'tissue.young={young}')['rest'].max():.0e} mm" for young in MODULI
+        f"{young:.0e} Pa: {1e3 * _kidney(f'tissue.young={young}')['penetration'].max():.0e} mm" for young in MODULI
     )
 
 
 def incompressible() -> str:
-    """The finite elements by Poisson's ratio: their error against a mesh of half the size."""
+    """Force of the finite elements for each Poisson's ratio, over that on a mesh with elements of half the size."""
     from graveyard_felupe import mixed
 
     return mixed()
 
 
 def turned() -> str:
-    """The kidney as it lies, and turned by 10 degrees about the axis that it is pressed along: another place of it."""
+    """Peak force on the kidney, and on the kidney rotated by 10 degrees about the axis of the press.
+
+    The finger then touches another point of its surface.
+    """
     lying, turned = _kidney()["force"], _kidney("scene.surface.rotation=[0, 0, 0.17453]")["force"]
     return f"0 degrees: at most {lying.max():.2f} N; 10 degrees: {turned.max():.2f} N"
 
 
 def thrown() -> str:
-    """With the controller."""
+    """Throws with passivity control."""
     return throws(controlled=True)
 
 
 def throws(controlled: bool) -> str:
-    """A grip of 0.3 kg thrown onto walls: of all throws those that come back with more energy, and the largest gain."""
+    """A grip of 0.3 kg thrown at walls: number of throws that rebound with more energy, and the largest gain."""
     outcomes = []
     for step in STEPS:
         gains = [_gain(step, stiffness, speed, controlled) for stiffness in STIFFNESS for speed in SPEEDS]
         more = sum(gain > 1.001 for gain in gains)
-        outcomes.append(f"{1e3 * step:g} ms: {more} of {len(gains)} gain energy, at most {max(gains):.3g} times it")
+        outcomes.append(f"{1e3 * step:g} ms: {more} of {len(gains)} gain energy, at most {max(gains):.3g} ×")
     return "; ".join(outcomes)
 
 
 def _gain(step: float, stiffness: float, speed: float, controlled: bool) -> float:
-    """Kinetic energy as it leaves over that of the throw."""
+    """Kinetic energy after the rebound over the initial one."""
     node = Haptic(passivity=controlled)
     node.start()
     place, velocity, force = np.array([0.0, 0.0, 0.4 * speed * step]), np.array([0.0, 0.0, -speed]), np.zeros(3)

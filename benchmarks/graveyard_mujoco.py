@@ -1,4 +1,4 @@
-"""MuJoCo's soft bodies (`flex`) in the models of its users' threads, with today's words for what was a plugin then."""
+"""MuJoCo's soft bodies (`flex`) in the models of the reports, in the current syntax (a plugin at the time)."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ SLAB = """<mujoco><option timestep="0.001" gravity="0 0 0" integrator="{integrat
     <contact selfcollide="none" solref="{solref}"/>
   </flexcomp></worldbody></mujoco>"""
 MODULI = (1e4, 1e5, 1e6)
-"""[Pa] from fat to gristle."""
+"""[Pa] from fat to cartilage."""
 
 
 def beam() -> str:
-    """The documentation's example on a floor, at steps of 2 and 1 ms."""
+    """The beam of MuJoCo's documentation on a floor, at steps of 2 and 1 ms."""
     return "; ".join(f"{1e3 * step:g} ms: {_end(BEAM.format(step=step, poisson=0.2), 2.0)[0]}" for step in (2e-3, 1e-3))
 
 
 def incompressible() -> str:
-    """The same beam at 1 ms by Poisson's ratio."""
+    """The same beam at 1 ms, for each Poisson's ratio."""
     texts = {nu: BEAM.format(step=1e-3, poisson=nu) for nu in (0.2, 0.45, 0.4999)}
     return "; ".join(f"{nu}: {_end(text, 1.0)[0]}" for nu, text in texts.items())
 
 
 def turned() -> str:
-    """A sheet that falls on a floor, level and turned by 10 degrees."""
+    """A sheet that falls on a floor, level and rotated by 10 degrees."""
     return "; ".join(
         f"{young:.0e} Pa, {turn} degrees: {_end(SHEET.format(young=young, turn=turn), 1.0)[0]}"
         for young in (1e5, 1e6) for turn in (0, 10)
@@ -47,8 +47,10 @@ def turned() -> str:
 
 
 def slab(integrator: str) -> str:
-    """A slab, fixed below, and a ball that is pressed into it by 2 mm at 20 mm/s, by modulus: the force, and how much
-    of the way the ball has gone into the slab. The stiffest contact and the damping that serve MuJoCo best."""
+    """Force on a ball that moves 2 mm into a slab at 20 mm/s, and its penetration, for each modulus.
+
+    The slab is fixed at its base. The contact is the stiffest that stays finite, the damping the better of two values.
+    """
     outcomes = []
     for young in MODULI:
         ends = [_pressed(integrator, young, damping) for damping in (0.0, 1e-3)]
@@ -57,7 +59,7 @@ def slab(integrator: str) -> str:
 
 
 def _pressed(integrator: str, young: float, damping: float) -> tuple[float, str]:
-    """How long it lasted [s], and in words how it ended."""
+    """Time until the end or until the state is not finite [s], and the outcome as text."""
     mujoco = library()
     start = SIZE[2] / 2 + 5e-4 + BALL
     spacing = " ".join(str(size / (count - 1)) for size, count in zip(SIZE, COUNT, strict=True))
@@ -70,18 +72,18 @@ def _pressed(integrator: str, young: float, damping: float) -> tuple[float, str]
         data.mocap_pos[0, 2] = start - min(0.02 * data.time, TRAVEL)  # type: ignore[attr-defined]
 
     words, model, data = _end(text, 0.3, press)
-    if not words.startswith("holds"):
+    if not words.startswith("finite"):
         return data.time, words
     force, one = 0.0, np.zeros(6)
     for k in range(data.ncon):
         mujoco.mj_contactForce(model, data, k, one)
         force += one[0] * abs(data.contact[k].frame[2])
     into = -min((data.contact[k].dist for k in range(data.ncon)), default=0.0)
-    return data.time, f"{force:.2f} N, {1e3 * into:.2f} of {1e3 * TRAVEL:.0f} mm into one another"
+    return data.time, f"{force:.2f} N, {1e3 * into:.2f} of {1e3 * TRAVEL:.0f} mm penetration"
 
 
 def _end(text: str, seconds: float, before=lambda data: None):
-    """Words of how a run ended, the model and its data."""
+    """Outcome of a run as text, the model and its data."""
     mujoco = library()
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
@@ -93,4 +95,4 @@ def _end(text: str, seconds: float, before=lambda data: None):
         if any(data.warning[kind].number for kind in bad):
             data.time = time
             return f"not finite at {1e3 * time:.0f} ms", model, data
-    return f"holds for {seconds:g} s", model, data
+    return f"finite for {seconds:g} s", model, data

@@ -1,14 +1,14 @@
-"""A contact that grows with the force: deformation.ReducedFE under a rigid ball and a soft fingertip.
+"""Accuracy of contacts that grow with the force: deformation.ReducedFE under a rigid ball and a soft fingertip.
 
     python benchmarks/growing_contact.py                 # ball against Hertz; fingertip against full finite elements
     python benchmarks/growing_contact.py --slab 19e3     # softer slab
 
-The ball presses the half-space of Hertz's theory; the body is the slab of `bench accuracy`, so its thickness is part of
-the error. The fingertip is a paraboloid pad of 8 mm radius and 12 mm thickness, neo-Hookean, bonded to a bone; it
-presses the same slab on its foundation, both deformable (`fe.Pair`, without friction). A second run presses the pad on
-a rigid plate: it gives the finger's compression and the contact radius a_p(f) of the area law
-a³ = a_p³ + 3 f R/4E*. The body's indentation is compared with that of the slab, d = integral of dV/f of its energy V.
-At the approach of the bone the pad's compression on the plate is added, as contact.Series does.
+Ball: the reference is Hertz's theory of a half-space; the body is the slab of `bench accuracy`, so the error includes
+the finite thickness. Fingertip: a neo-Hookean paraboloid pad of 8 mm radius and 12 mm thickness, bonded to a bone,
+presses the same slab on its elastic foundation; both are deformable (`fe.Pair`, without friction). A second run presses
+the pad on a rigid plate. It yields the compression of the finger and the contact radius a_p(f) for the area law a³ =
+a_p³ + 3 f R/4E*. The indentation of the body is compared with that of the slab, d = integral of dV/f over its energy V;
+the force at a given approach of the bone includes the compression of the pad on the plate, as in contact.Series.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, SLAB, YOUNG, graded
 
 UP, FOOT = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
-WIDE, THICK = 9.5e-3, 12e-3  # [m] Half width of the pad, and its thickness on the axis
-FORCES = np.geomspace(0.05, 2.5, 30)  # [N] At which the curves are compared
+WIDE, THICK = 9.5e-3, 12e-3  # [m] half width of the pad, and its thickness on the axis
+FORCES = np.geomspace(0.05, 2.5, 30)  # [N] forces at which the curves are compared
 STEPS = Settings(tolerance=1e-5, step=2e-4, largest=4e-4, least=1e-6)
 QUARTERS = 4.0
 
 
 def indentations(area: AreaLaw, young: float, forces: np.ndarray) -> np.ndarray:
-    """[m] of the body at forces [N]."""
+    """Indentations [m] of the body at forces [N]."""
     node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=10000)
     mesh, basis = node.mesh(), node.basis()
     body = condensed_body(basis, mesh, young, 0.0, RADIUS, 0.02, POISSON, rho=nonlinearity(POISSON), area=area)
@@ -72,12 +72,12 @@ def slab(size: float) -> TetMesh:
 
 
 def faces_at(mesh: TetMesh, flags: np.ndarray) -> np.ndarray:
-    """Boundary faces whose corners all have the flag (N,)."""
+    """Boundary faces (F,6) of which all corners are flagged (N,)."""
     return mesh.faces[flags[mesh.faces[:, :3]].all(axis=1)]
 
 
 def run(solver: Solver, touch: Pair | RigidIndenter, energy: object = None) -> np.ndarray:
-    """Approach [m], force [N], radius of contact [m] and energy of the slab [J] (4,n), up to the last of `FORCES`."""
+    """Approach [m], force [N], contact radius [m] and energy of the slab [J] (4,n), up to the last of `FORCES`."""
     rows = [(0.0, 0.0, 0.0, 0.0)]
     while rows[-1][1] < FORCES[-1]:
         begun = time.perf_counter()
@@ -130,7 +130,7 @@ def errors(name: str, found: np.ndarray, right: np.ndarray, unit: str = "force")
 
 
 def force_error(name: str, approach: np.ndarray, forces: np.ndarray, right: np.ndarray) -> None:
-    """At the approaches `right` [m] of `FORCES`, of a curve of forces [N] over its approach [m]."""
+    """Print the force error of a curve (approach [m], forces [N]) at the reference approaches [m] of `FORCES`."""
     errors(name, np.exp(np.interp(np.log(right), np.log(approach), np.log(forces))), FORCES)
 
 
@@ -140,6 +140,7 @@ def main() -> None:
     parser.add_argument("--finger", type=float, default=60e3, help="modulus of the pad [Pa]")
     parser.add_argument("--size", type=float, default=1.2e-3, help="elements under the contact [m], at most 2e-3")
     given = parser.parse_args()
+    # rigid ball against Hertz: F = 4/3 E* sqrt(R) d^(3/2)
     plane_strain = YOUNG / (1.0 - POISSON**2)
     depths = np.linspace(5e-5, 5e-4, 40)
     forces = 4.0 / 3.0 * plane_strain * math.sqrt(RADIUS) * depths**1.5
@@ -152,7 +153,7 @@ def main() -> None:
     print("fingertip on the slab")
     full = on_slab(given.finger, given.slab, given.size)
 
-    # curves over FORCES, by interpolation of logarithms; the first step is below them
+    # curves at FORCES by log-log interpolation, without the first step, which is below them
     def at(forces: np.ndarray, values: np.ndarray) -> np.ndarray:
         return np.exp(np.interp(np.log(FORCES), np.log(forces[1:]), np.log(values[1:])))
 
@@ -168,9 +169,9 @@ def main() -> None:
     for name, area in (("growing contact", law), ("fixed patch of 8 mm", FIXED)):
         found = indentations(area, given.slab, fine)
         force_error(f"{name}, at the indentation of the slab", found, fine, s)
-        own = np.exp(np.interp(np.log(fine), np.log(plate[1, 1:]), np.log(plate[0, 1:])))
+        compression_on_plate = np.exp(np.interp(np.log(fine), np.log(plate[1, 1:]), np.log(plate[0, 1:])))
         inside = fine <= plate[1, -1]
-        force_error(f"{name}, at the approach of the bone", (found + own)[inside], fine[inside], e)
+        force_error(f"{name}, at the approach of the bone", (found + compression_on_plate)[inside], fine[inside], e)
     for row in zip(FORCES[::5], 1e3 * s[::5], 1e3 * compression[::5], 1e3 * law.radii[::5], strict=True):
         print("  {:.3f} N: slab {:.2f} mm, pad on a plate {:.2f} mm, a of the law {:.2f} mm".format(*row))
 

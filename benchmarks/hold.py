@@ -1,11 +1,11 @@
-"""Does a finger hold still? Every body in every graph that it fits, at several rates, under the shipped encoder.
+"""Force noise while a finger holds still, for every body in every graph that accepts it, at several rates.
 
     python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring BeamBundle] [--rates 500 1000 5000] [--exact]
 
-Each run is the touch of the graph, fused, on simulated time; `--exact`: with exact positions in place of the encoder's.
-For each device it prints the peak of the force [N], and over the last 0.2 s, at most half, of the hold with the largest
-force: the mean force [N]; the noise [mN], RMS without any filter,
-about the mean and about a fitted parabola, which removes the slow creep of relaxing bodies; friction [N].
+Each run is the touch of the graph with the shipped encoder, fused, on simulated time; `--exact` replaces the encoder by
+exact positions. Printed for each device: the peak force [N] and, over the last 0.2 s (at most half) of the hold with
+the largest force, the mean force [N], the unfiltered RMS noise [mN] about the mean and about a fitted parabola, which
+removes the creep of relaxing bodies, and the friction [N].
 """
 
 import argparse
@@ -30,7 +30,7 @@ GRAPHS = {  # device: controller, frictions
 }
 NETWORK = 40e-3  # [s] of the graph remote, there and back
 TISSUE = {"organs": ("kidney", "liver")}
-EXACT = {  # what knows of the encoder
+EXACT = {  # nodes with a setting for the encoder's resolution
     "pinch": [f"{node}{f}" for f in ("thumb", "index") for node in ("device-", "", "controller-")],
     "palpate-two": [f"{node}-{f}" for f in (1, 2) for node in ("device", "finger", "controller")],
 }
@@ -38,7 +38,7 @@ SECONDS = 0.2
 
 
 def holds(path) -> list[tuple[float, float]]:
-    """When the part of each rest that is measured begins and ends [s]."""
+    """Begin and end [s] of the measured part of each hold."""
     parts, now = [], 0.0
     for segment in path:
         rest = segment.get("hold") or 0.0
@@ -49,7 +49,7 @@ def holds(path) -> list[tuple[float, float]]:
 
 
 class Hold(NamedTuple):
-    """Forces [N] of a device: its peak, and of the hold the mean, the noise about it and about a parabola, friction."""
+    """Forces [N] of a device: peak; during the hold: mean, noise about it and about a parabola, friction."""
 
     peak: float
     held: float
@@ -59,7 +59,7 @@ class Hold(NamedTuple):
 
 
 def measure(record: Recording, controller: str, frictions: list[str], parts: list[tuple[float, float]], rate: float):
-    """Of the hold with the largest force."""
+    """The figures of the hold with the largest force."""
     force = record.columns(controller)["force"]
     windows = [slice(a, b) for a, b in (np.round(np.array(parts) * rate).astype(int)) if b <= len(force)]
     window = max(windows, key=lambda each: np.linalg.norm(force[each].mean(axis=0)))
@@ -73,7 +73,7 @@ def measure(record: Recording, controller: str, frictions: list[str], parts: lis
 
 
 def run(graph: str, body: str, rate: int, exact: bool = False) -> dict[str, Hold]:
-    """Each device of a graph with a body in it at a rate [Hz]."""
+    """The figures of each device of a graph with a given body at a rate [Hz]."""
     sets = [f"rate={rate}", *(f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",)))]
     if graph == "remote":
         sets.append(f"controller.delay={round(NETWORK * rate)}")
@@ -96,12 +96,12 @@ def run(graph: str, body: str, rate: int, exact: bool = False) -> dict[str, Hold
 
 
 def main() -> None:
-    words = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    words.add_argument("graphs", nargs="*", default=list(GRAPHS))
-    words.add_argument("--bodies", nargs="+", default=["MassSpring", "BeamBundle", "ReducedFE", "Rigid"])
-    words.add_argument("--rates", nargs="+", type=int, default=[500, 1000, 5000])
-    words.add_argument("--exact", action="store_true")
-    given = words.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("graphs", nargs="*", default=list(GRAPHS))
+    parser.add_argument("--bodies", nargs="+", default=["MassSpring", "BeamBundle", "ReducedFE", "Rigid"])
+    parser.add_argument("--rates", nargs="+", type=int, default=[500, 1000, 5000])
+    parser.add_argument("--exact", action="store_true")
+    given = parser.parse_args()
     print(f"{'graph, device':24s}{'body':12s}{'Hz':>6s}    peak    held  rms [mN] about parabola friction", flush=True)
     for graph, body, rate in product(given.graphs, given.bodies, given.rates):
         try:

@@ -1,8 +1,8 @@
-"""One hop between processes: palpate's nodes against the same pattern in plain pyzmq and in C.
+"""Time of one hop between processes: nodes of palpate compared with the same pattern in plain pyzmq and in C.
 
-A message goes round a ring of eight processes on one core; figures are microseconds a hop, median. palpate decodes,
-steps, checks and encodes at each hop; the peers only pass the bytes on. The C program needs a compiler and
-ZeroMQ's headers (Debian: libzmq3-dev); without them its row is left out.
+A message travels around a ring of eight processes on one core; figures are medians per hop. palpate decodes, steps,
+checks and encodes at each hop; the other programs only forward the bytes. The C program needs a compiler and ZeroMQ's
+headers (Debian: libzmq3-dev); without them its row is missing.
 
     python benchmarks/hops.py [--turns N] [--json]
 """
@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 import zmq
-from tables import parser, tell
+from tables import parser, print_tables
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -29,7 +29,7 @@ COUNT, SIZE = 8, 200
 
 
 def plain(turns: int, core: int) -> float:
-    """[us] a hop of bytes through pyzmq: one publisher, one subscriber a process, blocking."""
+    """Time [us] of a hop with pyzmq: one publisher and one subscriber per process, blocking."""
     context = multiprocessing.get_context("fork")
     answer = context.SimpleQueue()
     workers = [context.Process(target=_pass_on, args=(rank, turns, core, answer, os.getpid())) for rank in range(COUNT)]
@@ -64,7 +64,7 @@ def _pass_on(rank: int, turns: int, core: int, answer, key: int) -> None:
 
 
 def in_c(turns: int, core: int) -> float | None:
-    """[us] a hop in C; None where it cannot be built."""
+    """Time [us] of a hop in C; None if the program cannot be built."""
     compiler = shutil.which("cc")
     with tempfile.TemporaryDirectory() as folder:
         program = str(Path(folder) / "ring")
@@ -79,7 +79,7 @@ def in_c(turns: int, core: int) -> float | None:
 
 
 def ours(turns: int, core: int) -> float:
-    """[us] a hop of a graph of palpate, one process per node: the median tick over the number of nodes."""
+    """Time [us] of a hop in palpate with one process per node: the median tick over the number of nodes."""
     from palpate.launch.load.launchfile import LaunchFile
     from palpate.launch.run.execute import execute
 
@@ -106,7 +106,7 @@ def main() -> None:
     core = max(os.sched_getaffinity(0))
     measures = {"C": in_c, "pyzmq": plain, "palpate": ours}
     hops: dict[str, list[float]] = {name: [] for name in measures}
-    for _ in range(3):  # interleaved, so that a busy neighbour troubles all of them
+    for _ in range(3):  # alternating, so that other programs slow all of them equally
         for name, measure in measures.items():
             value = measure(given.turns, core)
             if value is not None:
@@ -115,7 +115,7 @@ def main() -> None:
     base = best.get("C", best["pyzmq"])
     load = os.getloadavg()[0]
     rows = [{"": name, "us a hop": value, "ratio": value / base, "load": load} for name, value in best.items()]
-    tell({"one hop between two processes on one core; load of the machine": rows}, given.json, digits=3)
+    print_tables({"one hop between two processes on one core": rows}, given.json, digits=3)
 
 
 if __name__ == "__main__":

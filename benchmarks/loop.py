@@ -1,11 +1,10 @@
-"""The whole kidney loop: rate fused and as processes, on a fine mesh, late ticks and latency on the real clock, start,
-memory.
+"""The kidney loop: rate fused, with one process per node and on a fine mesh; latency on the real clock; start; memory.
 
     python benchmarks/loop.py [--seconds S] [--json]
 
-Rates are the best of three runs, interleaved, because neighbours on the machine only ever make a run slower; the
-median is beside it. Nothing is recorded. Latency is from the time of a tick to the torque that answers it. Beside each
-run on the real clock a process only sleeps to each tick: what it misses too is the machine's.
+Rates are the best and the median of three alternating runs without recording; other programs can only slow a run down.
+The latency is the time from a tick to its torque. In parallel with each run on the real clock, a process only sleeps
+until each tick; the machine causes the ticks that this process misses.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.geometry.mesh import write_ply
 from palpate.records.times import step_times
 
-VERTICES = (10_000, 550_000)  # Of the kidney as a mesh file: 20 000 and 1.1 million triangles
+VERTICES = (10_000, 550_000)  # of the kidney as a mesh file: 20 000 and 1.1 million triangles
 PLACES = {"fused": "fused", "processes": None}
 REAL = ((APART, 1000.0), (AUTO, 1000.0), (AUTO, 5000.0))
 """Placements and rates [Hz] on the real clock."""
@@ -62,7 +61,7 @@ def _unrecorded(launch: LaunchFile) -> LaunchFile:
 
 
 def rates(seconds: float) -> dict[str, dict[str, float]]:
-    """[Hz] of simulated time as fast as the machine allows."""
+    """Rates [Hz] on simulated time, as fast as the machine allows."""
     runs: dict[str, list[Result]] = {name: [] for name in PLACES}
     for _ in track(range(3), "rates", transient=True):
         for name, place in PLACES.items():
@@ -82,8 +81,8 @@ def rates(seconds: float) -> dict[str, dict[str, float]]:
 
 
 def real_time(place: str, rate: float, seconds: float) -> dict[str, object]:
-    """Ticks left out, ticks whose torque came after the next one had begun, and latency on the real clock; and what the
-    sleeper beside it missed."""
+    """Skipped ticks, ticks whose torque arrived after the next tick, and latency on the real clock; the same of the
+    process that only sleeps."""
     control = Control(seconds, rate)
     result = run(place, "real", seconds, rate, control.look)
     device, statics = result.health["device"], result.health["statics"]
@@ -95,14 +94,14 @@ def real_time(place: str, rate: float, seconds: float) -> dict[str, object]:
         "late": device["late"] / ticks,
         "held": device["held"] / ticks,
         **{key: statics["age"][key] for key in ("p50", "p99", "p999", "longest")},
-        "control": control.told(),
+        "control": control.result(),
         "refused": "; ".join(result.notes),
     }
 
 
 def fine_mesh(seconds: float) -> list[dict[str, object]]:
-    """The kidney as a mesh file of few and of many triangles: best rate [Hz] without a recording, and size of a
-    recording of everything [MB/s]."""
+    """Best rate [Hz] without a recording, and size of a full recording [MB/s], of the kidney as a coarse and as a fine
+    mesh file."""
     rows: list[dict[str, object]] = []
     with tempfile.TemporaryDirectory() as folder:
         launches = {}
@@ -126,18 +125,18 @@ def fine_mesh(seconds: float) -> list[dict[str, object]]:
 
 
 def first_tick() -> float:
-    """[s] from the command to the first tick, all caches warm."""
+    """Time [s] from the command to the first tick, with warm caches."""
     command = [sys.executable, "-m", "palpate.cli", "run", "kidney", "--no-record", "--json", "--duration", "0.05"]
     times = []
     for _ in track(range(3), "start", transient=True):
         begun = time.monotonic()
-        told = subprocess.run(command, capture_output=True, text=True, check=True)
-        times.append(json.loads(told.stdout)["origin"] - begun)
+        printed = subprocess.run(command, capture_output=True, text=True, check=True)
+        times.append(json.loads(printed.stdout)["origin"] - begun)
     return min(times)
 
 
 def memory() -> dict[str, float]:
-    """[MB] proportional set size of each process in the middle of a run: shared pages count once."""
+    """Proportional set size [MB] of each process during a run, in which shared pages count once."""
     launch = _unrecorded(find("kidney").but(duration=1.5))
     graph = launch.load()
     graph.nodes["log"].off = "nothing is recorded"
@@ -163,8 +162,8 @@ def _row(real: dict) -> dict[str, object]:
         "place": real["place"],
         "Hz": round(real["rate"]),
         "ticks": real["ticks"],
-        "left out [%]": 100 * real["late"],
-        "after the next [%]": 100 * real["held"],
+        "skipped [%]": 100 * real["late"],
+        "after the next tick [%]": 100 * real["held"],
         **{f"{key} [us]": 1e6 * real[key] for key in ("p50", "p99", "p999")},
         "sleeper: missed [%]": 100 * asleep["missed"],
         **{f"late {key} [us]": 1e6 * asleep[key] for key in ("p50", "p99", "p999")},
@@ -197,10 +196,10 @@ def main() -> None:
     steps = figures["rates"]["steps"]
     out.print("step p50 \\[us]:", ", ".join(f"{name} {value * 1e6:.1f}" for name, value in steps.items()))
     show("the kidney as a mesh file, fused, simulated time", figures["fine mesh"])
-    show("real clock, and beside it the sleeper", [_row(real) for real in figures["real"]], digits=3)
+    show("real clock, with a process that only sleeps in parallel", [_row(real) for real in figures["real"]], digits=3)
     for real in figures["real"]:
         queue = ", ".join(f"{group} {wait * 1e6:.1f}" for group, wait in real["control"]["queue"].items())
-        out.print(f"waiting for the core \\[us a tick], {real['place']}, {real['rate']:.0f} Hz: {queue}")
+        out.print(f"wait for the core \\[us per tick], {real['place']}, {real['rate']:.0f} Hz: {queue}")
     for refused in {real["refused"] for real in figures["real"]} - {""}:
         out.print(f"refused by the system: {refused}")
     out.print(f"load of the machine at the end: {figures['load']:.1f}")

@@ -1,9 +1,9 @@
-"""Step time of the mass-spring body and of the spreading against the number of vertices: 1e3 to 1e6.
+"""Time of a step of the mass-spring body and of the spreading, for meshes of 1e3 to 1e6 vertices.
 
     python benchmarks/mass_spring.py [--json]
 
-The zone of influence holds about 200 vertices on every mesh, so what is left is the cost that the mesh itself causes.
-A time is the median over 2000 steps of a press that slides; the finest mesh takes some seconds to build.
+The loaded patch contains about 200 vertices of every mesh, so the times differ only by the size of the mesh. A time is
+the median over 2000 steps of a sliding press. The finest mesh takes several seconds to build.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import statistics
 import time
 
 from rich.progress import track
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.messages import Contact
 from palpate.nodes.base.surface import surface_mesh
@@ -24,7 +24,7 @@ ZONE = 200  # vertices under the finger
 
 
 def measure(count: int) -> dict[str, float]:
-    """[us] median step of spreading and body on the kidney with about `count` vertices."""
+    """Median step [us] of spreading and body on the kidney with about `count` vertices."""
     mesh = surface_mesh("kidney", count)
     radius = (ZONE * mesh.areas.sum() / len(mesh.vertices) / 3.14159) ** 0.5
     begun = time.perf_counter()
@@ -35,7 +35,7 @@ def measure(count: int) -> dict[str, float]:
     start = time.perf_counter() - begun
     times: dict[str, list[float]] = {"spread": [], "body": []}
     nodes = 0
-    # A slide over vertices near the top, as the foot point of a finger would move.
+    # a slide over vertices near the top, along the path of a finger's foot point
     top = mesh.vertices[:, 2].argmax()
     foot = mesh.vertices[top]
     for step in range(STEPS):
@@ -64,7 +64,7 @@ def main() -> None:
     given = parser(__doc__).parse_args()
     measure(1000)  # compile
     rows = [measure(count) for count in track((10**3, 10**4, 10**5, 10**6), "meshes", transient=True)]
-    tell({"one step with about 200 loaded vertices": rows}, given.json, digits=3)
+    print_tables({"one step with about 200 loaded vertices": rows}, given.json, digits=3)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""The page of `palpate touch` in Chromium's software renderer: frames per second, late ticks with and without the page,
-and the time from a pointer's sample to the frame that shows its force.
+"""Frame rate, latency and late ticks of the page of `palpate touch` in Chromium's software renderer.
 
     python benchmarks/page.py [GRAPH]     needs chromium and playwright
+
+Late ticks are counted with and without the page. The latency is the time from a sample of the pointer to the frame that
+shows its force.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from palpate.views.page import serve
 from palpate.views.page.session import Session
 
 SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-"""As Chromium starts by itself where there is no GPU: WebGL by SwiftShader, the page put together without it."""
+"""Chromium's default without a GPU: SwiftShader renders WebGL, and the page is composited without it."""
 SPAN = 8.0  # [s]
 
 
@@ -47,13 +49,13 @@ def main(graph: str) -> None:
 
 
 def late(session: Session) -> int:
-    """Ticks that the loop has missed so far, as the newest frame tells."""
+    """Late ticks of the loop so far, from the newest frame."""
     (length,) = struct.unpack_from("<I", session.frame)
     return int(json.loads(session.frame[4 : 4 + length])["late"])
 
 
 def measure(browser: Browser, address: str, session: Session) -> None:
-    """A page that is pressed and stroked at 1280 x 800."""
+    """Press and stroke on the page at 1280 x 800 pixels, and print its figures."""
     view = browser.new_page(bypass_csp=True, viewport={"width": 1280, "height": 800})
     view.goto(address)
     view.wait_for_function("window.palpate && palpate.newest")

@@ -1,10 +1,10 @@
-"""What recording and replaying cost: rate of the kidney graph with and without, bytes a second, speed of replay
-and of the check, and the memory of a replay of a long file beside that of a short one.
+"""Cost of recording and replay: rate of the kidney graph, size of files, speed of replay and check, memory of a replay.
 
     python benchmarks/recording.py [--minutes M] [--seconds S] [--json]
 
-Rates are medians of interleaved runs on simulated time, as fast as the machine allows. No node reads the shape of the
-surface: without a recording nobody computes it. So a third rate is that of a run that computes all and keeps nothing.
+Rates are medians of alternating runs on simulated time, as fast as the machine allows: without a recording, with
+sources only, and with all streams. Without a recording the shape of the surface is not computed, because no node reads
+it. So a fourth run computes all streams but records none. The memory of a replay is that of a long and of a short file.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from palpate.launch.run.execute import execute
 
 ROUNDS = 5
 NOTHING, COMPUTED = "without", "computed"
-"""Not recorded; and a recording that leaves out every stream."""
+"""No recording; a recording without any stream, so that all streams are computed."""
 
 
 def rate(seconds: float, record: Path | None, place: str | None, only: str | None = None) -> tuple[float, float]:
-    """Ticks a second [Hz] of one run of the kidney graph, and processor time a tick [s], user and system."""
+    """Ticks per second of one run of the kidney graph, and processor time per tick [s], user and system."""
     kept = {"only": only} if only in (SOURCES, ALL) else {}
     launch = dataclasses.replace(find("kidney").but(duration=seconds, place=place, **kept), record=record)
     graph = launch.load()
@@ -44,13 +44,15 @@ def rate(seconds: float, record: Path | None, place: str | None, only: str | Non
 
 
 def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
-    """Rates with and without recording, of one process and of a process per node; ratios are medians of pairs that run
-    one after the other. Processor time has the start of the run in it."""
+    """Rates with and without recording, fused and with one process per node.
+
+    Ratios are medians over pairs of consecutive runs. Processor time includes the start of the run.
+    """
     rates: dict[str, dict[str, float]] = {}
     for name, place in (("fused", "fused"), ("processes", None)):
         rate(seconds, None, place)
         runs: dict[str, list[tuple[float, float]]] = {NOTHING: [], COMPUTED: [], SOURCES: [], ALL: []}
-        for _ in range(ROUNDS):  # interleaved, so that a busy neighbour troubles both
+        for _ in range(ROUNDS):  # alternating, so that other programs slow all of them equally
             for only, made in runs.items():
                 made.append(rate(seconds, None if only == NOTHING else folder / f"{name}.mcap", place, only))
         for only, base in ((SOURCES, NOTHING), (ALL, NOTHING), (ALL, COMPUTED)):
@@ -65,25 +67,25 @@ def overhead(seconds: float, folder: Path) -> dict[str, dict[str, float]]:
 
 
 def replayed(path: Path, *options: str) -> dict[str, float]:
-    """Multiple of real time and peak memory [MB] of `palpate replay`, in a process of its own."""
+    """Multiple of real time and peak memory [MB] of `palpate replay` in a separate process."""
     command = [sys.executable, "-m", "palpate.cli", "replay", str(path), "--json", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        told = json.loads(process.stdout.read())
+        summary = json.loads(process.stdout.read())
         _, status, usage = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise SystemExit(f"{' '.join(command)}: exit code {process.returncode}")
     figures = {"memory_MB": usage.ru_maxrss / 1024, "cpu_s": usage.ru_utime + usage.ru_stime}
-    if "wall" in told:
-        figures["speed"] = told["seconds"] / told["wall"]
+    if "wall" in summary:
+        figures["speed"] = summary["seconds"] / summary["wall"]
     return figures
 
 
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--minutes", type=float, default=0.5, help="length of the long recording")
-    options.add_argument("--seconds", type=float, default=4.0, help="of simulated time, each run of the overhead")
+    options.add_argument("--seconds", type=float, default=4.0, help="simulated time of each run for the overhead")
     given = options.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -111,10 +113,10 @@ def _print(figures: dict) -> None:
         "processor_ratio": "by processor time",
     }
     rows = [{"": name} | {names[key]: row[key] for key in names} for name, row in figures["overhead"].items()]
-    show("ticks a second of the kidney graph", rows)
+    show("ticks per second of the kidney graph", rows)
     for name in ("recording", "recording of sources"):
         size = figures[name]
-        print(f"{name}, {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB a second of simulated time")
+        print(f"{name}, {size['seconds']:.0f} s: {size['kB_per_s']:.0f} kB per second of simulated time")
     for name in ("replay short", "replay long", "check long"):
         row = figures[name]
         print(f"{name}: {row['speed']:.1f} x real time, peak memory {row['memory_MB']:.0f} MB")

@@ -1,12 +1,12 @@
-"""The references of `palpate bench accuracy`, made anew: two solvers, each on two meshes.
+"""Recompute the references of `palpate bench accuracy` with two solvers, each on two meshes.
 
-    python benchmarks/references.py [PLACE ...]     # such as middle kidney+00; all without a name: 40 minutes of a core
+    python benchmarks/references.py [PLACE ...]     # for example middle kidney+00; all, without a name: 40 minutes
 
     value = mean of both solvers' finer meshes
     band  = |difference of these| + the greater of both  |finer - coarser| / ((h/h')² - 1)
 
-The last is Richardson's estimate with second order, which is below the order that smooth parts of the solution have.
-It needs FElupe (`pip install "palpate[bench]"`). An interrupted run resumes.
+The last term is Richardson's error estimate with second order, a lower bound of the order in smooth parts of the
+solution. Needs FElupe (`pip install "palpate[bench]"`). An interrupted run resumes.
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ from palpate.studies.peers import continuum, felupe
 from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
 
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}
-"""Cells across the patch's radius, coarser and finer, of each solver."""
+"""Solver -> cells across the patch radius of its coarser and finer mesh."""
 NEAR = 2.0 * RADIUS
-"""[m] Round the place within which shapes are compared."""
+"""[m] Radius around the patch within which shapes are compared."""
 Place = Block | Kidney
 
 
 def kept(block: Place, solver: str) -> ContinuumCurve:
-    """The same, or what was computed before with the same sources."""
-    told = f"{solver} {block} {felupe.version()} {_sources()}"
-    path = sites.cache() / "curves" / f"{hashlib.sha256(told.encode()).hexdigest()[:20]}.npz"
+    """The curve of a solver, computed or loaded from the cache; the key includes the sources and FElupe's version."""
+    key = f"{solver} {block} {felupe.version()} {_sources()}"
+    path = sites.cache() / "curves" / f"{hashlib.sha256(key.encode()).hexdigest()[:20]}.npz"
     if path.is_file():
         with np.load(path) as file:
-            own = {f.name: file[f.name] for f in fields(ContinuumCurve)}
-        return ContinuumCurve(**{**own, "unknowns": int(own["unknowns"])})
+            stored = {f.name: file[f.name] for f in fields(ContinuumCurve)}
+        return ContinuumCurve(**{**stored, "unknowns": int(stored["unknowns"])})
     curve = sites.computed(block, solver)
     with replacing(path) as part:
         np.savez(part, **{f.name: getattr(curve, f.name) for f in fields(ContinuumCurve)})
@@ -55,7 +55,7 @@ def kept(block: Place, solver: str) -> ContinuumCurve:
 
 @lru_cache(maxsize=1)
 def _sources() -> str:
-    """A hash of what a curve depends on."""
+    """Hash of the sources that a curve depends on."""
     modules = (continuum, kidney, felupe)
     text = b"".join(Path(str(module.__file__)).read_bytes() for module in modules)
     return hashlib.sha256(text + kernel_cache.key().encode()).hexdigest()
@@ -64,7 +64,7 @@ def _sources() -> str:
 def rebuild(
     names: list[str], provenance: dict[str, Any], folder: Path = SHIPPED, meshes: dict[str, tuple[int, int]] = MESHES
 ) -> Iterator[tuple[str, float]]:
-    """Compute the references of these names anew and store them; yields the name and the share done."""
+    """Recompute and store the named references; yields the current task and the completed share."""
     todo = [(name, solver, cells) for name in names for solver in meshes for cells in meshes[solver]]
     curves_of: dict[tuple[str, str, int], ContinuumCurve] = {}
     for done, (name, solver, cells) in enumerate(todo):
@@ -78,9 +78,9 @@ def rebuild(
             **provenance,
             "place": asdict(SITES[name]),
             "solvers": {
-                solver: {"cells a radius": meshes[solver], "unknowns": [c.unknowns for c in own],
-                         "indentation": [c.indentation.tolist() for c in own]}
-                for solver, own in curves.items()
+                solver: {"cells a radius": meshes[solver], "unknowns": [c.unknowns for c in two],
+                         "indentation": [c.indentation.tolist() for c in two]}
+                for solver, two in curves.items()
             },
             "young": YOUNG, "poisson": POISSON, "bed": BED, "radius": RADIUS, "felupe": felupe.version(),
         }  # fmt: skip
@@ -95,35 +95,36 @@ def combined(
     block: Place, curves: dict[str, list[ContinuumCurve]], meshes: dict[str, tuple[int, int]]
 ) -> ReferenceSite:
     """The reference from each solver's curves on its coarser and finer mesh."""
-    fine = {solver: own[-1] for solver, own in curves.items()}
+    # force, indentation, work: mean of the finer meshes
+    fine = {solver: two[-1] for solver, two in curves.items()}
     base = fine["fe"]
     rest = {
-        solver: 1.0 / ((meshes[solver][1] / meshes[solver][0]) ** 2 - 1.0) if len(own) > 1 else 1.0
-        for solver, own in curves.items()
+        solver: 1.0 / ((meshes[solver][1] / meshes[solver][0]) ** 2 - 1.0) if len(two) > 1 else 1.0
+        for solver, two in curves.items()
     }
     depth = np.mean([c.indentation for c in fine.values()], axis=0)
     apart = np.ptp([c.indentation for c in fine.values()], axis=0)
-    left = np.max([rest[s] * np.abs(own[-1].indentation - own[0].indentation) for s, own in curves.items()], axis=0)
+    left = np.max([rest[s] * np.abs(two[-1].indentation - two[0].indentation) for s, two in curves.items()], axis=0)
     work = np.mean([c.work for c in fine.values()], axis=0)
     numbers = (base.force, depth, work, apart + left, base.x, base.y)
     if not len(base.x):
         return ReferenceSite(*numbers, base.shape, np.zeros_like(depth), {})
-    shapes = {s: [_carried(c, base) for c in own] for s, own in curves.items()}
-    shape = np.mean([own[-1] for own in shapes.values()], axis=0)
+    shapes = {s: [_carried(c, base) for c in two] for s, two in curves.items()}
+    shape = np.mean([two[-1] for two in shapes.values()], axis=0)
     x, y = np.meshgrid(base.x, base.y, indexing="ij")
     near = np.hypot(x - block.place, y) < NEAR
 
     def rms(difference: np.ndarray) -> np.ndarray:
         return np.asarray(np.sqrt((difference[:, near] ** 2).mean(axis=1)))
 
-    last = [own[-1] for own in shapes.values()]
-    own_left = np.max([rest[s] * rms(own[-1] - own[0]) for s, own in shapes.items()], axis=0)
-    shape_band = rms(last[0] - last[-1]) + own_left
+    last = [two[-1] for two in shapes.values()]
+    shape_left = np.max([rest[s] * rms(two[-1] - two[0]) for s, two in shapes.items()], axis=0)
+    shape_band = rms(last[0] - last[-1]) + shape_left
     return ReferenceSite(*numbers, shape, shape_band, {})
 
 
 def _carried(curve: ContinuumCurve, base: ContinuumCurve) -> np.ndarray:
-    """The shape of a curve at the lines of another (L,x,y)."""
+    """The shapes of a curve, interpolated to the grid of another one (L,x,y)."""
     if len(curve.x) == len(base.x) and np.allclose(curve.x, base.x) and len(curve.y) == len(base.y):
         return curve.shape
     at = np.stack(np.meshgrid(base.x, base.y, indexing="ij"), axis=-1)

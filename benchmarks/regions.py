@@ -1,14 +1,15 @@
-"""What dry friction and an encoder make of a sampled spring: four regions of a plane without units.
+"""Stability of a sampled spring with dry friction and an encoder: four regions of a dimensionless plane.
 
     python benchmarks/regions.py --mass 0.1 --resolution 60e-6 --drag 0.2 --coulomb 0.05 --rate 1000 -o regions.png
 
-    beta = b/(K T)       viscous drag against what sampling puts in       b [N s/m], K [N/m], T [s]
-    sigma = f_c/(K d)    dry friction against what the encoder puts in    f_c [N], d [m] step of the position
+    beta = b/(K T)       viscous drag over the effect of sampling         b [N s/m], K [N/m], T [s]
+    sigma = f_c/(K d)    dry friction over the effect of the encoder      f_c [N], d [m] step of the position
 
-beta >= 1/2 and sigma >= 1/2: passive (J. J. Abbott, A. M. Okamura, IEEE Trans. Robotics 21, 2005, 952-964). Else drag
-and dry friction may share the work, by how fast the device moves: N. Diolaiti, G. Niemeyer, F. Barbagli, J. K.
-Salisbury, IEEE Trans. Robotics 22 (2006) 256-268 part the plane into rest from anywhere, rest from near by only, a
-swing that is kept, and one that grows. Here the regions come from simulation, and the lines at 1/2 are drawn over them.
+beta >= 1/2 and sigma >= 1/2: passive (J. J. Abbott, A. M. Okamura, IEEE Trans. Robotics 21, 2005, 952-964). Elsewhere
+drag and dry friction together may dissipate the energy, depending on the speed. N. Diolaiti, G. Niemeyer, F. Barbagli,
+J. K. Salisbury, IEEE Trans. Robotics 22 (2006) 256-268 divide the plane into rest from any amplitude, rest from small
+amplitudes only, limit cycle, and growing oscillation. The script finds the regions by simulation and draws the lines at
+1/2.
 """
 
 from __future__ import annotations
@@ -21,18 +22,20 @@ import numpy as np
 from palpate.physics.device.wall_loop import WallDevice, run
 from palpate.views.pictures.style import INK, figure
 
-REST, NEAR, CYCLE, GROWS = "rests", "rests from near by", "swings on", "grows"
+REST, NEAR, CYCLE, GROWS = "rest", "rest from small amplitudes", "limit cycle", "growing oscillation"
 KINDS = (REST, NEAR, CYCLE, GROWS)
 SECONDS = 10.0
 NEARBY, FARAWAY = 2.5, 200.0
-"""[1] Steps of the position from which the device is let go."""
+"""[1] Initial distances from equilibrium, in steps of the position."""
 AT = np.geomspace(0.02, 4.0, 13)
-"""Of both axes."""
+"""Values of beta and of sigma at which the device is simulated."""
 
 
 def fate(device: WallDevice, stiffness: float, period: float, begin: float) -> str:
-    """`REST`, `CYCLE` or `GROWS`: what becomes of a device that is let go `begin` [m] away on a spring [N/m] that never
-    lets go, sampled at each period [s]."""
+    """Outcome `REST`, `CYCLE` or `GROWS` for a device released at `begin` [m] on a bilateral spring.
+
+    stiffness  [N/m] of the spring, which is sampled at each `period` [s]
+    """
     steps = np.full(round(SECONDS / period), period)
     free = device._replace(limit=1e12, slew=1e15)
     path = run(free, stiffness, 0.0, controlled=False, steps=steps, free=True, begin=begin)[:, 0]
@@ -48,7 +51,7 @@ def fate(device: WallDevice, stiffness: float, period: float, begin: float) -> s
 
 
 def region(device: WallDevice, stiffness: float, period: float) -> str:
-    """One of `KINDS`: what becomes of it from near by and from far away."""
+    """One of `KINDS`, from the outcomes after a release near to and far from equilibrium."""
     near, far = (fate(device, stiffness, period, n * device.resolution) for n in (NEARBY, FARAWAY))
     if near == far:
         return near
@@ -56,7 +59,7 @@ def region(device: WallDevice, stiffness: float, period: float) -> str:
 
 
 def plane(device: WallDevice, stiffness: float, period: float, beta: np.ndarray, sigma: np.ndarray) -> list[list[str]]:
-    """The region at each sigma (rows) and beta (columns), of a device with this mass and resolution."""
+    """The region for each sigma (rows) and beta (columns) with the device's mass and resolution."""
 
     def at(b: float, s: float) -> str:
         drag, coulomb = b * stiffness * period, s * stiffness * device.resolution
@@ -66,7 +69,7 @@ def plane(device: WallDevice, stiffness: float, period: float, beta: np.ndarray,
 
 
 def draw(device: WallDevice, period: float, path: Path) -> None:
-    """The plane, the lines at 1/2, and where the device lies at some stiffnesses."""
+    """Draw the regions, the lines at 1/2, and the device's points for four stiffnesses."""
     from matplotlib.colors import ListedColormap
 
     stiffness = 2.0 * device.drag / period
@@ -101,7 +104,7 @@ def main() -> None:
     parser.add_argument("-o", "--out", type=Path, default=Path("regions.png"))
     given = parser.parse_args()
     if not given.resolution > 0.0:
-        parser.error(f"--resolution: found {given.resolution:g}, expected an encoder: the plane has its step in it")
+        parser.error(f"--resolution: found {given.resolution:g}, expected more than 0, because sigma is relative to it")
     draw(WallDevice(given.mass, given.drag, given.coulomb, given.resolution), 1.0 / given.rate, given.out)
 
 

@@ -1,11 +1,11 @@
-"""Nodes that only pass a message on: what remains is the cost of the hop."""
+"""Nodes that only forward a message, so that the time of a tick is the cost of its hops."""
 
 from palpate.messages import Torque
 from palpate.nodes.base import Node
 
 
 class Start(Node):
-    """Sends a message round the ring."""
+    """Sends one message per tick around the ring."""
 
     paced = True
     sink = True
@@ -15,7 +15,7 @@ class Start(Node):
 
 
 class Relay(Node):
-    """Passes it on."""
+    """Forwards the message."""
 
     def step(self, torque: Torque) -> Torque:
         return Torque(torques=torque.torques)

@@ -1,10 +1,10 @@
-"""Frames for renderers of others' (docs/renderers.md): how many come, how large they are, and what they cost the loop.
+"""Rate and size of the frames for external renderers (docs/renderers.md), and their cost for the loop.
 
     python benchmarks/renderers.py [--turns N] [--json]
 
-`palpate touch kidney` without a browser, its finger pressed in; spans of 4 s without a client and with one, in turns.
-Processor time is that of the processes of the run, and that of this one, which serves the frames; the client is a
-process of its own. Ticks that came late are counted by the run.
+Runs `palpate touch kidney` without a browser, with the finger pressed in. Spans of 4 s without a client and with one
+alternate. Processor time: that of the processes of the run, and that of this process, which serves the frames; the
+client is a separate process. The run counts its late ticks.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 import psutil
-from tables import parser, tell
+from tables import parser, print_tables
 from websockets.sync.client import connect
 
 from palpate.launch.load.launchfile import find
@@ -31,7 +31,7 @@ TICK = os.sysconf("SC_CLK_TCK")
 
 
 def listen(address: str, pipe: Connection) -> None:
-    """A client: for each order it tells how many frames came since the last, and their bytes."""
+    """A client: at each request on the pipe, it answers with the frames since the last one and their bytes."""
     frames = size = 0
     with connect(address, max_size=None, compression=None) as socket:
         while True:
@@ -46,7 +46,7 @@ def listen(address: str, pipe: Connection) -> None:
 
 
 def busy(processes: set[int]) -> float:
-    """Processor time [s] of these."""
+    """Processor time [s] of the processes so far."""
     total = 0
     for process in processes:
         numbers = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
@@ -55,8 +55,8 @@ def busy(processes: set[int]) -> float:
 
 
 def span(session: Session, run: set[int], address: str, client: bool) -> dict[str, float]:
-    """What a span took: shares of a core, and what the client saw."""
-    told: dict[str, float] = {}
+    """Shares of a core and late ticks in one span, and the frames that the client received."""
+    row: dict[str, float] = {}
     if client:
         context = multiprocessing.get_context("spawn")
         pipe, end = context.Pipe()
@@ -66,19 +66,19 @@ def span(session: Session, run: set[int], address: str, client: bool) -> dict[st
         pipe.send(True)
         pipe.recv()
     late = FRAME.unpack_from(binary(session.frame))[4]
-    before, own, begun = busy(run), busy({os.getpid()}), time.monotonic()
+    before, served, begun = busy(run), busy({os.getpid()}), time.monotonic()
     time.sleep(SPAN)
     wall = time.monotonic() - begun
-    told |= {"run [% of a core]": 100 * (busy(run) - before) / wall}
-    told |= {"server [% of a core]": 100 * (busy({os.getpid()}) - own) / wall}
-    told |= {"late ticks": FRAME.unpack_from(binary(session.frame))[4] - late}
+    row |= {"run [% of a core]": 100 * (busy(run) - before) / wall}
+    row |= {"server [% of a core]": 100 * (busy({os.getpid()}) - served) / wall}
+    row |= {"late ticks": FRAME.unpack_from(binary(session.frame))[4] - late}
     if client:
         pipe.send(True)
         frames, size = pipe.recv()
-        told |= {"frames [1/s]": frames / wall, "frame [kB]": 1e-3 * size / max(frames, 1)}
+        row |= {"frames [1/s]": frames / wall, "frame [kB]": 1e-3 * size / max(frames, 1)}
         pipe.send(False)
         process.join()
-    return told
+    return row
 
 
 def main() -> None:
@@ -103,7 +103,7 @@ def main() -> None:
                 ]
         finally:
             page.close()
-    tell({f"Frames for renderers, spans of {SPAN:g} s": rows}, given.json, digits=3)
+    print_tables({f"Frames for renderers, spans of {SPAN:g} s": rows}, given.json, digits=3)
 
 
 if __name__ == "__main__":

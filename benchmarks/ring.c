@@ -1,4 +1,4 @@
-/* A message of 200 bytes goes round a ring of processes joined by ZeroMQ; prints the median turn in microseconds.
+/* A message of 200 bytes travels around a ring of processes connected by ZeroMQ; prints the median turn [us].
  *
  *   ring PROCESSES TURNS CORE      CORE < 0: not pinned
  *

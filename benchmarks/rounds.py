@@ -1,12 +1,12 @@
-"""Closed rounds of a finger over the kidney, by the ledger: does any body give out work?
+"""Energy that the bodies generate over closed paths of a finger on the kidney, measured by the ledger.
 
     python benchmarks/rounds.py [--turns 5]
 
-The finger goes along a prescribed way (no device or friction; no damping but the body's own): it presses here, slides
-at one approach, lifts there and comes back through the air; or it goes in circles. Printed: the work put in each time
-round, what the body had made in all by the end, and as a share of the work put in; the books' own error; and the most
-that the hand had ever got out of it in all, by the contact's force itself and by that of a controller beside it, which
-observes it (`controller.Haptic`, `passivity`).
+The finger follows a prescribed path, without device, friction or damping except that of the body. It presses at one
+point, slides at constant approach, lifts at another point and returns through the air; or it moves in circles. Printed:
+the work put in per turn, the energy that the body has generated in total and relative to the work put in, the residual
+of the energy balance, and the greatest energy that the hand received, with the force of the contact and with that of a
+passive controller (`controller.Haptic`, `passivity`).
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ SOFT_4, STIFF_4 = np.array([-0.0424, -0.0175, 0.013]), np.array([0.0069, 0.0025,
 
 
 def slide(a: np.ndarray, b: np.ndarray, approach: float, steps: int = 150) -> tuple[np.ndarray, np.ndarray]:
-    """Points near the surface (k,3) and approaches [m] (k): down at a, along, up at b, and back above it."""
-    way, ramp, air = np.linspace(a, b, 500), np.linspace(0.0, approach, steps), np.full(50, -5e-3)
-    points = np.concatenate([np.repeat(a[None], steps, 0), way, np.repeat(b[None], steps, 0), np.linspace(b, a, 50)])
+    """Points near the surface (k,3) and approaches [m] (k): press at a, slide, lift at b, return through the air."""
+    line, ramp, air = np.linspace(a, b, 500), np.linspace(0.0, approach, steps), np.full(50, -5e-3)
+    points = np.concatenate([np.repeat(a[None], steps, 0), line, np.repeat(b[None], steps, 0), np.linspace(b, a, 50)])
     return points, np.concatenate([ramp, np.full(500, approach), ramp[::-1], air])
 
 
 def circle(radius: float, approach: float, turn: float) -> tuple[np.ndarray, np.ndarray]:
-    """A circle on the kidney's top at one approach."""
+    """A circle on top of the kidney at constant approach; `turn`: 1 or -1, the direction."""
     angle = turn * np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 0.021)], axis=1)
     return points, np.full(len(angle), approach)
@@ -59,27 +59,27 @@ ROUNDS = {
     "slide soft to stiff, 4 mm": slide(SOFT_4, STIFF_4, 4e-3),
     "slide stiff to soft, 4 mm": slide(STIFF_4, SOFT_4, 4e-3),
     "circle of 12 mm, 10 mm deep": circle(12e-3, 10e-3, 1.0),
-    "the other way round": circle(12e-3, 10e-3, -1.0),
+    "the same, reversed": circle(12e-3, 10e-3, -1.0),
 }
 
 
 class Display:
-    """What the hand gets out of a force that is held over each step."""
+    """Energy [J] that the hand receives from a force that is constant over each step: `given`; its maximum: `most`."""
 
     def __init__(self) -> None:
         self.given = self.most = 0.0
         self.place, self.force = None, np.zeros(3)
 
     def to(self, place: np.ndarray, force) -> None:
-        """Move to a place [m] (3), where the next step's force [N] (3) begins."""
+        """Move to a position [m] (3); `force` [N] (3) acts until the next call."""
         if self.place is not None:
             self.given += float(self.force @ (place - self.place))
             self.most = max(self.most, self.given)
         self.place, self.force = place, np.asarray(force)
 
 
-class Touch:
-    """A finger that is moved along a way over a body, and the ledger of it."""
+class TouchedBody:
+    """A body, a finger that moves along a path on it, and the ledger of their energy."""
 
     def __init__(self, body) -> None:
         self.near = FakeBus(Mesh(thickness=THICKNESS, **PLACE))
@@ -91,7 +91,7 @@ class Touch:
         self.put = self.unexplained = 0.0
 
     def to(self, place: np.ndarray) -> None:
-        """Move the finger to a place [m] (3)."""
+        """Move the finger to a position [m] (3)."""
         before = place if self.bare.place is None else self.bare.place
         pose = Pose(position=tuple(place.tolist()), velocity=tuple(((place - before) / 1e-3).tolist()), dt=1e-3)
         (near,) = self.near.publish(pose)
@@ -101,20 +101,20 @@ class Touch:
         (self.surface,) = self.body.publish(load)
         n, a = np.array(contact.normal), np.array(contact.lateral_force)
         force = Force(force=tuple((contact.force * n + a).tolist()), state="contact", energy=0.0)
-        books = self.ledger.publish(pose, contact, self.surface, force)[-1]
-        self.put += max(books.work, 0.0)
+        balance = self.ledger.publish(pose, contact, self.surface, force)[-1]
+        self.put += max(balance.work, 0.0)
         self.bare.to(place, force.force)
         self.kept.to(place, self.controller.publish(contact, pose)[-1].force)
-        self.unexplained = books.unexplained
+        self.unexplained = balance.unexplained
 
 
-def measure(body, points: np.ndarray, approaches: np.ndarray, turns: int) -> Touch:
-    """The touch after so many turns."""
-    touch = Touch(body)
+def measure(body, points: np.ndarray, approaches: np.ndarray, turns: int) -> TouchedBody:
+    """The touch after `turns` closed paths."""
+    touch = TouchedBody(body)
     foot, normal, *_ = MeshClosestPoint(body.mesh()).find(points)
     places = foot + (THICKNESS - approaches)[:, None] * normal
     before = max(approaches[0], 0.0)
-    for e in np.linspace(-1e-3, before, 100):  # down to where the round begins
+    for e in np.linspace(-1e-3, before, 100):  # approach the start of the path
         touch.to(foot[0] + (THICKNESS - e) * normal[0])
     for _ in range(turns):
         for place in places:
@@ -128,14 +128,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--turns", type=int, default=5)
     turns = parser.parse_args().turns
-    titles = f"body | round, {turns} times | put in, once [mJ] | made [mJ] | of what was put in | unexplained [mJ]"
-    print(f"| {titles} | to the hand, bare [mJ] | with the controller [mJ] |")
+    titles = f"body | path, {turns} times | put in per turn [mJ] | generated [mJ] | of work put in | unexplained [mJ]"
+    print(f"| {titles} | to the hand, contact force [mJ] | with the controller [mJ] |")
     print("|---|---|---|---|---|---|---|---|")
     for name, body in BODIES.items():
-        for kind, way in ROUNDS.items():
-            touch = measure(body(), *way, turns)
+        for kind, path in ROUNDS.items():
+            touch = measure(body(), *path, turns)
             made, put = touch.ledger.node.generated("tissue"), touch.put
-            note = "" if touch.surface.stored else " (does not tell what it holds)"
+            note = "" if touch.surface.stored else " (does not report its stored energy)"
             row = f"{1e3 * put / turns:.3f} | {1e3 * made:.3f}{note} | {100.0 * made / put:.1f} %"
             given = f"{1e3 * touch.bare.most:.3f} | {1e3 * touch.kept.most:.3f}"
             print(f"| {name} | {kind} | {row} | {1e3 * touch.unexplained:.4f} | {given} |", flush=True)

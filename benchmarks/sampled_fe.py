@@ -1,11 +1,11 @@
-"""The sampled fingertip against its full model, on touches that it was not made from.
+"""Error and speed of the sampled fingertip compared with its full model, on touches outside its training set.
 
     python benchmarks/sampled_fe.py [--touches 6] [--modes 80] [--json]
 
-Error of the indentation under patch loads (3 to 6 mm, some with a tangential part, to about 2 mm deep), error of the
-force with another fingertip in series (contact.Series' own, the approach given), by the share of the greatest load;
-size of the basis; times of a step while the load presses, holds and slides at 1 kHz, against one of the full model.
-Some minutes on one core, nearly all of it for the full model.
+The touches are patch loads of 3 to 6 mm, some with a tangential part, up to about 2 mm deep. For each share of the
+greatest load: error of the indentation, and error of the force at a given approach with the default fingertip of
+contact.Series in series. Also the size of the basis, and the time of a step at 1 kHz while the load presses, holds and
+slides, compared with a load step of the full model. Takes several minutes on one core, mostly for the full model.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.messages import Load
 from palpate.models.fe.meshing.fingertip import FingertipDimensions
@@ -36,27 +36,27 @@ Row = dict[str, object]
 
 
 def errors(full: Reducible, presses: list[PressSolution], basis: SampledBasis) -> list[Row]:
-    """Error of the indentation and, at the same approach, of the force with a finger in series."""
+    """Errors of the indentation at the same load, and of the force at the same approach with a finger in series."""
     finger = exponential(Series().finger_stiffness, Series().finger_hardening)
     missed: list[list[float]] = [[] for _ in STIFFENING]
     forces: list[list[float]] = [[] for _ in STIFFENING]
     depths: list[list[float]] = [[] for _ in STIFFENING]
-    for own in presses:
+    for pressed in presses:
         body = SampledBody(basis, full.surface, YOUNG, 0.0, 5e-3, 1.0)
-        nodes = np.flatnonzero(np.abs(own.touch.load).max(axis=1) > 0).astype(np.int32)
-        along = -(own.touch.load @ own.touch.normal)
-        levels = own.touch.levels[: len(own.solutions)] * YOUNG
-        means = np.einsum("nv,lni->lvi", full.hats, own.solutions)
-        deep = np.array([float(-along @ (u @ own.touch.normal)) for u in means])
+        nodes = np.flatnonzero(np.abs(pressed.touch.load).max(axis=1) > 0).astype(np.int32)
+        along = -(pressed.touch.load @ pressed.touch.normal)
+        levels = pressed.touch.levels[: len(pressed.solutions)] * YOUNG
+        means = np.einsum("nv,lni->lvi", full.hats, pressed.solutions)
+        deep = np.array([float(-along @ (u @ pressed.touch.normal)) for u in means])
         for k, level in enumerate(levels):
-            missed[k].append(abs(equilibrium(body, own, nodes, float(level))[3] / deep[k] - 1.0))
+            missed[k].append(abs(equilibrium(body, pressed, nodes, float(level))[3] / deep[k] - 1.0))
             depths[k].append(deep[k])
             approach = deep[k] + np.log1p(level * finger.second / finger.first) / finger.second
             low, high = 0.0, 4.0 * float(level)
-            for _ in range(40):  # the force at which finger and body together have come as far
+            for _ in range(40):  # bisection: the force with this approach of finger and body together
                 force = 0.5 * (low + high)
-                own_depth = np.log1p(force * finger.second / finger.first) / finger.second
-                further = equilibrium(body, own, nodes, force)[3] + own_depth > approach
+                compression = np.log1p(force * finger.second / finger.first) / finger.second
+                further = equilibrium(body, pressed, nodes, force)[3] + compression > approach
                 low, high = (low, force) if further else (force, high)
             forces[k].append(abs(force / level - 1.0))
     return [
@@ -75,31 +75,31 @@ def errors(full: Reducible, presses: list[PressSolution], basis: SampledBasis) -
 
 
 def pressed_and_slid(t: float) -> tuple[float, float]:
-    """Force [N] and place along the finger [m]: pressing to 0.5 N in 0.3 s, holding, sliding at 20 mm/s, letting go."""
+    """Force [N] and position along the finger [m]: press to 0.5 N in 0.3 s, hold, slide at 20 mm/s, release."""
     force = float(np.interp(t, [0, 0.3, 2.6, 2.9], [0, 0.5, 0.5, 0]))
     return force, float(np.interp(t, [0.6, 1.1, 1.6], [-5e-3, 5e-3, -5e-3]))
 
 
 def tapped(t: float) -> tuple[float, float]:
-    """The same of taps of 0.5 N, 50 ms on and 50 ms off, at four places in turn."""
+    """Force [N] and position [m] of taps of 0.5 N, 50 ms on and 50 ms off, at four places in turn."""
     tap = int(t / 0.05)
     return 0.5 * (tap % 2 == 0), (0.0, 3e-3, -3e-3, 2e-3)[tap // 2 % 4]
 
 
 def times(node: ReducedFE, full_seconds: float) -> list[Row]:
-    """Steps of the node in three seconds of each way of touching."""
-    ways = {"slide": pressed_and_slid, "taps": tapped}
-    return [{"way": name} | timed(node, full_seconds, way) for name, way in ways.items()]
+    """Times of the node's steps in 3 s of each motion."""
+    motions = {"slide": pressed_and_slid, "taps": tapped}
+    return [{"motion": name} | timed(node, full_seconds, motion) for name, motion in motions.items()]
 
 
-def timed(node: ReducedFE, full_seconds: float, way: Callable[[float], tuple[float, float]]) -> Row:
-    """Steps of the node along one way."""
+def timed(node: ReducedFE, full_seconds: float, motion: Callable[[float], tuple[float, float]]) -> Row:
+    """Times of the node's steps in one motion: time [s] -> force [N], position along the finger [m]."""
     node.start()
     mesh = node.mesh()
     patch = spreader(mesh, 5e-3)
     spent, busy, evaluations, done = [], [], [], 0
     for k in range(3000):
-        force, y = way((k + 0.5) * 1e-3)
+        force, y = motion((k + 0.5) * 1e-3)
         top = mesh.vertices[
             np.argmin(
                 np.abs(mesh.vertices[:, 0]) + np.abs(mesh.vertices[:, 1] - node.position[1] - y) - mesh.normals[:, 2]
@@ -151,7 +151,7 @@ def main() -> None:
             {"modes": basis.modes.shape[1], "points": len(basis.points.kinds), "of": 4 * len(full.mesh.elements)}
         ],
     }
-    tell(shown, given.json, digits=3)
+    print_tables(shown, given.json, digits=3)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""What sleep saves: graphs in one process with nodes that sleep while they are at rest, and without, in turns.
+"""Time saved by nodes that sleep at rest: fused graphs with and without sleep, in alternating runs.
 
     python benchmarks/sleep.py [--turns N] [--json]
 
-The time of a tick is the mean over all ticks of the best of N runs, which are not recorded; the torques of the device
-are compared byte for byte; asleep is the share of its steps for which a node slept.
+The time of a tick is the mean over a run without recording, the least of N runs. "torques" compares the torques of the
+device byte for byte; "asleep" is the share of a node's steps that it slept.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from rich.progress import track
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.engine.slot import Slot
 from palpate.launch.load.launchfile import find
@@ -31,7 +31,7 @@ SLEEPERS = ("contact", "friction", "spread", "tissue")
 
 
 def run(overrides: tuple[str, ...], sleeps: bool, record: Path | None = None) -> Result:
-    """One run in one process; the times are those of a run that is not recorded."""
+    """One fused run; times are only comparable without a recording."""
     Slot.sleeps = sleeps
     launch = find("kidney").but(place="fused", overrides=overrides, duration=6.3)
     result = execute(dataclasses.replace(launch, record=record)).result
@@ -65,7 +65,7 @@ def main() -> None:
     options = parser(__doc__)
     options.add_argument("--turns", type=int, default=3)
     given = options.parse_args()
-    tell({"What sleep saves": [compared(name, given.turns) for name in GRAPHS]}, given.json, digits=3)
+    print_tables({"Time saved by sleep": [compared(name, given.turns) for name in GRAPHS]}, given.json, digits=3)
 
 
 if __name__ == "__main__":

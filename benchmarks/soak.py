@@ -1,12 +1,12 @@
-"""Long runs, many starts, several runs at once: does anything grow, slow down, fail to start, or differ?
+"""Leaks, slowdown, failed starts and different results in long runs, many starts and parallel runs of the kidney.
 
     python benchmarks/soak.py [--fused 60] [--real 20] [--starts 300] [--at-once 8] [--json]
 
-fused    minutes of the graph's clock of the kidney's touch, again and again in one process: memory, descriptors,
-         threads, and the duration of a tick in the first and the last tenth
-real     minutes of the same as processes on the real clock: the same of all its processes together
-starts   starts and stops of the kidney as processes
-at-once  runs side by side on the simulated clock: each must have the bytes of the fused run
+fused    minutes of simulated time: the touch is repeated in one process. Memory, descriptors, threads and the duration
+         of a tick, means over the first and the last 10 %
+real     minutes on the real clock with one process per node: the same figures, summed over all processes
+starts   number of starts and stops with one process per node
+at-once  number of parallel runs on the simulated clock; each must record the bytes of a fused run
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from pathlib import Path
 import psutil
 from rich.console import Console
 from rich.progress import Progress
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
 TOUCH = 6.3
-"""[s] of the graph's clock: one touch of the kidney."""
+"""[s] Simulated time of one touch of the kidney."""
 SAMPLES = 200
 
 
-def held(pid: int) -> dict[str, float]:
-    """Memory [MB], descriptors and threads of a process and all below it."""
+def usage(pid: int) -> dict[str, float]:
+    """Memory [MB], descriptors and threads of a process and its descendants."""
     sums = {"memory": 0.0, "descriptors": 0.0, "threads": 0.0}
     for one in {pid, *(child.pid for child in psutil.Process(pid).children(recursive=True))}:
         try:
             text = (Path("/proc") / str(one) / "smaps_rollup").read_text()
-            # without pages of files: their share depends on who else on the machine has the same libraries open
+            # without pages of files: their share depends on the other processes that map the same libraries
             kinds = ("Pss_Anon:", "Pss_Shmem:")
             sums["memory"] += sum(int(text.split(kind)[1].split()[0]) for kind in kinds) / 1024
             sums["descriptors"] += len(os.listdir(f"/proc/{one}/fd"))
@@ -51,26 +51,26 @@ def held(pid: int) -> dict[str, float]:
     return sums
 
 
-def grown(name: str, minutes: float, looks: list[dict[str, float]]) -> dict[str, object]:
-    """Means over the first and the last tenth of the looks, the first fifth left out: caches fill."""
-    looks = looks[len(looks) // 5 :]
-    tenth = max(1, len(looks) // 10)
-    row: dict[str, object] = {"what": name, "minutes": round(minutes, 1)}
-    for key in looks[0]:
-        begin, end = (sum(look[key] for look in part) / len(part) for part in (looks[:tenth], looks[-tenth:]))
+def growth(name: str, minutes: float, samples: list[dict[str, float]]) -> dict[str, object]:
+    """Means over the first and the last 10 % of the samples, without the first 20 %, in which caches fill."""
+    samples = samples[len(samples) // 5 :]
+    tenth = max(1, len(samples) // 10)
+    row: dict[str, object] = {"test": name, "minutes": round(minutes, 1)}
+    for key in samples[0]:
+        begin, end = (sum(sample[key] for sample in part) / len(part) for part in (samples[:tenth], samples[-tenth:]))
         row[key] = f"{begin:.4g} -> {end:.4g}"
     return row
 
 
 def fused(minutes: float, tick) -> dict[str, object]:
-    """One process, touch after touch."""
-    looks: list[dict[str, float]] = []
-    while (passed := TOUCH * len(looks)) < 60 * minutes:
+    """Repeat the touch in one process."""
+    samples: list[dict[str, float]] = []
+    while (passed := TOUCH * len(samples)) < 60 * minutes:
         result = execute(find("kidney").but(place="fused", duration=TOUCH)).result
         assert result.ok, result.deaths
-        looks.append(held(os.getpid()) | {"a tick [us]": 1e6 * result.wall / result.ticks})
+        samples.append(usage(os.getpid()) | {"a tick [us]": 1e6 * result.wall / result.ticks})
         tick(passed / (60 * minutes))
-    return grown("fused", minutes, looks) | {"touches": len(looks)}
+    return growth("fused", minutes, samples) | {"touches": len(samples)}
 
 
 def command(*more: str) -> list[str]:
@@ -78,34 +78,34 @@ def command(*more: str) -> list[str]:
 
 
 def real(minutes: float, tick) -> dict[str, object]:
-    """Processes on the real clock, one run; the hand holds after its touch."""
+    """One run on the real clock, one process per node; after its touch the hand stays still."""
     run = subprocess.Popen(command("--clock", "real", "--duration", str(60 * minutes), "--no-record", "--json"),
                            stdout=subprocess.PIPE, text=True)  # fmt: skip
-    said: list[str] = []
-    reader = threading.Thread(target=lambda: said.append(run.stdout.read()))
+    printed: list[str] = []
+    reader = threading.Thread(target=lambda: printed.append(run.stdout.read()))
     reader.start()
-    begun, looks = time.monotonic(), []
+    begun, samples = time.monotonic(), []
     while run.poll() is None:
-        if len(looks) < SAMPLES:  # after that it ends
-            looks.append(held(run.pid))
+        if len(samples) < SAMPLES:  # later samples would show processes that end
+            samples.append(usage(run.pid))
         tick((time.monotonic() - begun) / (60 * minutes))
         time.sleep(60 * minutes / SAMPLES)
     reader.join()
-    assert run.returncode == 0, said
-    return grown("processes, real clock", minutes, looks)
+    assert run.returncode == 0, printed
+    return growth("processes, real clock", minutes, samples)
 
 
 def starts(count: int, tick) -> dict[str, object]:
-    """Starts and stops of 0.2 s each."""
+    """Start and stop runs of 0.2 s."""
     failed = 0
     for k in range(count):
         failed += subprocess.run(command("--duration", "0.2", "--no-record"), capture_output=True).returncode != 0
         tick((k + 1) / count)
-    return {"what": "starts and stops", "runs": count, "failed": failed}
+    return {"test": "starts and stops", "runs": count, "failed": failed}
 
 
 def digest(path: Path) -> str:
-    """Of all messages of a recording."""
+    """SHA-256 over all messages of a recording."""
     recording, sums = Recording(path), hashlib.sha256()
     for stream in sorted(recording.streams):
         for _, _, payload in recording.payloads(stream):
@@ -114,7 +114,7 @@ def digest(path: Path) -> str:
 
 
 def at_once(count: int, tick) -> dict[str, object]:
-    """Runs side by side; the bytes of each against those of the fused run."""
+    """Parallel runs: number that failed, and number whose messages have the bytes of a fused run."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         subprocess.run(
@@ -132,7 +132,7 @@ def at_once(count: int, tick) -> dict[str, object]:
         with ThreadPoolExecutor(count) as pool:
             digests = list(pool.map(one, range(count)))
         tick(1.0)
-    return {"what": "at once", "runs": count, "failed": digests.count("failed"),
+    return {"test": "parallel runs", "runs": count, "failed": digests.count("failed"),
             "same bytes as fused": digests.count(right)}  # fmt: skip
 
 
@@ -150,7 +150,7 @@ def main() -> None:
                 task = progress.add_task(work.__name__, total=1.0)
                 rows.append(work(size, lambda share, task=task: progress.update(task, completed=share)))
                 progress.update(task, completed=1.0)
-    tell({"Long runs: first tenth -> last tenth": rows}, given.json)
+    print_tables({"Long runs: first 10 % -> last 10 %": rows}, given.json)
 
 
 if __name__ == "__main__":

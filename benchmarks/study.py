@@ -1,10 +1,10 @@
-"""A study beside a plain loop: processor time and wall time a point on one and two workers.
+"""Processor time and wall time per point of a study on one and two workers, compared with a plain loop.
 
     python benchmarks/study.py [--points 40] [--rounds 3]
 
-The plain loop computes one point after another in one process, by the function that the workers call. Rounds of loop
-and study are interleaved, since the machine may be shared. Processor time is that of this process and all below it,
-which says what a study costs on a busy machine, too.
+The loop computes the points in one process, with the function that the workers call. Rounds of loop and study
+alternate, because the machine may be shared. Processor time includes all child processes; it depends less than wall
+time on the load of the machine.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from palpate.studies.sweeps.point import Task, compute
 
 
 def used() -> float:
-    """[s] Processor time of this process and all below it."""
+    """Processor time [s] of this process and its descendants."""
     here = psutil.Process()
     return sum(sum(each.cpu_times()[:2]) for each in (here, *here.children(recursive=True)))
 
@@ -56,20 +56,20 @@ def main() -> None:
                 warm = palpate.Study("kidney", {"tissue.stiffness": [110, 120, 125, 128]}, duration=0.5)
                 warm.run(home / f"warm{number}", client)
             for turn in range(given.rounds):
-                ways: dict[str, Callable[[], object]] = {
+                variants: dict[str, Callable[[], object]] = {
                     "loop": loop,
                     "study, 1 worker": lambda turn=turn: study.run(home / f"a{turn}", one),
                     "study, 2 workers": lambda turn=turn: study.run(home / f"b{turn}", two),
                 }
-                for name, way in ways.items():
+                for name, compute_all in variants.items():
                     since, before = time.perf_counter(), used()
-                    way()
+                    compute_all()
                     taken = time.perf_counter() - since, used() - before
                     times.setdefault(name, []).append((taken[0] / given.points, taken[1] / given.points))
     for name, taken in times.items():
         wall, cpu = (statistics.median(column) for column in zip(*taken, strict=True))
         speed, cost = (
-            statistics.median(first[k] / own[k] for first, own in zip(times["loop"], taken, strict=True))
+            statistics.median(base[k] / each[k] for base, each in zip(times["loop"], taken, strict=True))
             for k in (0, 1)
         )
         print(f"{name:18} {1.0 / wall:5.2f} points/s, {speed:.2f} x the loop; "

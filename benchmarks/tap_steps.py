@@ -1,4 +1,4 @@
-"""How the step of finger and tissue limits a tap: implicit Euler against a limited second-order rate.
+"""Time integration of finger and tissue in fast taps: implicit Euler compared with limited second-order rates.
 
     python benchmarks/tap_steps.py
 
@@ -10,9 +10,9 @@ references of the accuracy bench. The rate at the end of a step is
     limited    v + minmod(v - v0, v0 - v00)/2:  2nd order where the motion is smooth, Euler at a corner
     lagged     v + minmod(v0 - v00, v00 - v000)/2:  known before the step, so that a terminal law stays linear
 
-Each rate is nondecreasing in s, so that a step has one solution, and <...> keeps the force positive. Printed: the force
-error (RMS/worst, % of peak) against Euler at 128 kHz, extrapolated; and the least net work of random closed
-motions over the work put in, which is positive where nothing is generated.
+Each rate is nondecreasing in s, so a step has a unique solution; <x> = max(x, 0) keeps the force positive. Printed: the
+force error (RMS/worst, % of peak) relative to extrapolated Euler at 128 kHz, and the least net work of random closed
+motions over the work put in, which is negative if the law generates energy.
 """
 
 import math
@@ -79,7 +79,7 @@ def pressed(approach, dt, stiffness, retardation, finger_form, tissue_form):
 
 
 def moved(smooth: bool, knots: tuple[tuple[float, float], ...], rate: float) -> np.ndarray:
-    """Approach [m] at each tick; through the knots by half cosines, or straight."""
+    """Approach [m] at each tick, between the knots by half cosines (`smooth`) or linear."""
     at, to = np.array(knots).T
     time = np.arange(round(at[-1] * rate) + 1) / rate
     k = np.clip(np.searchsorted(at, time, side="right") - 1, 0, len(at) - 2)
@@ -88,14 +88,14 @@ def moved(smooth: bool, knots: tuple[tuple[float, float], ...], rate: float) -> 
 
 
 def error(path: str, form: str, rate: float, fine: np.ndarray) -> tuple[float, float]:
-    """RMS and worst error over the peak of the fine solution."""
+    """RMS and largest error of the force, relative to the peak of the fine solution."""
     force = pressed(moved(*PATHS[path], rate), 1.0 / rate, STIFFNESS, RETARDATION, *FORMS[form])
     off = (force - fine[:: round(FINE / rate)]) / fine.max()
     return float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
 
 
 def reference(path: str) -> np.ndarray:
-    """Force [N] at `FINE`, extrapolated; both rates have an instant in common at every other tick."""
+    """Force [N] at `FINE`, by Richardson extrapolation from `FINE` and half of it."""
     e = moved(*PATHS[path], FINE)
     fine, coarse = (pressed(e[::n], n / FINE, STIFFNESS, RETARDATION, 0, 0) for n in (1, 2))
     time = np.arange(len(e))
@@ -103,7 +103,7 @@ def reference(path: str) -> np.ndarray:
 
 
 def least_work(form: str, trials: int = 300) -> float:
-    """Of closed motions at 1 kHz that no hand makes: noise, sines and jumps of up to 400 Hz."""
+    """Least net work over work put in, of closed motions at 1 kHz: noise, sines and square waves up to 400 Hz."""
     random, least = np.random.default_rng(3), np.inf
     for trial in range(trials):
         tick, turns, phase = np.arange(400), random.uniform(5, 400), random.uniform(0, 6)

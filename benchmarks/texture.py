@@ -1,8 +1,8 @@
-"""Cost of a texture in blocks of 10 samples a tick (10 kHz at 1 kHz), over that of friction in the same loop.
+"""Time of a step of the textures with 10 samples per tick (10 kHz at 1 kHz), compared with LuGre friction.
 
     python benchmarks/texture.py
 
-Compiled kernels, called as a segment calls them, one step at a time: p50 and p99 in us, and the ratio of the medians.
+Each step calls the compiled kernel from Python. Printed: p50 and p99 [us], and the ratio of the medians.
 """
 
 import json
@@ -26,7 +26,7 @@ RUB = Friction(force=(0.5, 0, 0), bristle=(1e-3, 0, 0), stick=False)
 
 
 def timed(node, messages) -> np.ndarray:
-    """Time of each step [us]; the first thousand are left out."""
+    """Time of each step [us] without the first 1000."""
     node.start()
     records = node.records(messages)
     took = np.empty(STEPS)
