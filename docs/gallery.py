@@ -1,4 +1,4 @@
-"""Write gallery.md: every graph that ships, what it shows, its command, its picture, its clock and its nodes.
+"""Write gallery.md: the purpose, command, picture, clock and nodes of every shipped graph.
 
 python docs/gallery.py             # the page
 python docs/pictures/gallery.py    # its pictures
@@ -24,10 +24,10 @@ devices and sensors. A run ends with its [pictures](pictures.md); `palpate pictu
 
 
 def entry(name: str) -> str:
-    """One graph: what its run is for, its command, picture, length, clock, rate and nodes."""
+    """Section of one graph: purpose, command, picture, duration, clock, rate and nodes."""
     launch = find(name)
     graph = launch.load()
-    what = launch.graph.read_text(encoding="utf-8").partition("\nrun:")[0].splitlines()[-1]  # the line above it
+    purpose = launch.graph.read_text(encoding="utf-8").partition("\nrun:")[0].splitlines()[-1]  # the line above `run:`
     hardware = [node for node in plan(graph).order if graph.nodes[node].cls.hardware]
     command = f"palpate run {name}"
     if hardware:
@@ -36,7 +36,7 @@ def entry(name: str) -> str:
     nodes = ", ".join(f"{node} `{graph.nodes[node].use}`" for node in plan(graph).order)
     clock = launch.clock or "simulated"
     return (
-        f"## {name}\n\n{what.lstrip('# ')}\n\n```sh\n{command}\n```\n\n"
+        f"## {name}\n\n{purpose.lstrip('# ')}\n\n```sh\n{command}\n```\n\n"
         f"![A run of {name}](pictures/gallery-{name}.png)\n\n"
         f"{launch.duration:g} s on the {clock} clock at {graph.rate:g} Hz. Nodes: {nodes}.\n"
     )

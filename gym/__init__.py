@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class GymError(PalpateError, ImportError):
-    """The package `gymnasium` is missing; says what to type."""
+    """The package `gymnasium` is missing; the message has the command that installs it."""
 
     exit_code = MISUSE
 

@@ -1,4 +1,4 @@
-"""The task: find a hard nodule in soft tissue by touch, and say where it is (docs/gym.md)."""
+"""The task: find a hard nodule in soft tissue by touch, and report its position (docs/gym.md)."""
 
 import math
 from typing import Any
@@ -12,22 +12,22 @@ from palpate.physics.errors import ArgumentError
 from palpate.stepping import Tick
 
 FIELD = 0.012
-"""[m] The nodule lies within this of the middle of the field along x and y."""
+"""[m] Largest distance of the nodule from the centre of the field along x and along y."""
 GENTLE = 2.0
-"""[N] of normal force; more costs reward."""
+"""[N] Normal force above which the reward decreases."""
 
 
 class FindNodule(Touch):
-    """A nodule lies somewhere below the surface; the episode ends when the hand says that it is under the finger.
+    """Find a nodule below the surface; the episode ends when the action reports that the finger is above it.
 
-    The action has a fourth number: above 0.5 it says "here". The reward of a step of T seconds in an episode of at most
-    D seconds is
+    The action has a fourth number; a value above 0.5 means "here". The reward of a step of T seconds in an episode of
+    at most D seconds is
 
-        r = -T/D (1 + max(0, f/2 N - 1))  +  exp(-(d/a)^2) where "here" is said
+        r = -T/D (1 + max(0, f/2 N - 1))  +  exp(-(d/a)^2) if the action means "here"
 
-    f the normal force, d the distance of the contact's foot point from the point of the surface above the nodule,
-    a the nodule's radius. Each episode has the nodule at another place, uniform in a square of 24 mm. `info` has
-    `distance` d [m] in the step that ends it. Arguments are those of `Touch`; the graph has a body that can have a
+    with the normal force f, the distance d from the contact's foot point to the point of the surface above the nodule,
+    and the nodule's radius a. The position of the nodule is uniform in a square of 24 mm in each episode. `info` has
+    `distance` d [m] in the last step. Arguments are those of `Touch`; the graph must have a body that supports a
     nodule.
     """
 

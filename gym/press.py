@@ -1,4 +1,4 @@
-"""The task: press on tissue of unknown stiffness with a wanted force (docs/gym.md)."""
+"""The task: press tissue of unknown stiffness with a target force (docs/gym.md)."""
 
 import math
 from typing import Any
@@ -11,21 +11,22 @@ from palpate.physics.errors import ArgumentError
 from palpate.stepping import Tick
 
 FORCES = 0.5, 2.5
-"""[N] Range of the wanted force."""
+"""[N] Range of the target force."""
 FACTORS = 0.5, 2.0
-"""[1] Range of the body's stiffness over that of its graph."""
+"""[1] Range of the body's stiffness, relative to that of its graph."""
 
 
 class Press(Touch):
-    """Hold the normal force at a wanted one, on a body whose stiffness is another one in each episode.
+    """Keep the normal force at a target, on a body whose stiffness changes with each episode.
 
-    The observation has a part more, `wanted` [N] (1). The reward of a step of T seconds in an episode of D seconds is
+    The observation has an additional part, `wanted` [N] (1). The reward of a step of T seconds in an episode of D
+    seconds is
 
         r = T/D max(0, 1 - |f - w|/w)
 
-    f the normal force, w the wanted one, uniform in 0.5 to 2.5 N; the body's stiffness is that of the graph times a
-    factor, log-uniform in 1/2 to 2, and the hand begins up to 5 mm aside along x and y. `info` has `error` |f - w| [N].
-    Arguments are those of `Touch`; the graph has one hand and a body with a setting `stiffness`.
+    with the normal force f and the target w, uniform in 0.5 to 2.5 N. The body's stiffness is that of the graph times a
+    factor, log-uniform in 1/2 to 2, and the hand starts up to 5 mm off centre along x and y. `info` has `error` |f - w|
+    [N]. Arguments are those of `Touch`; the graph must have one hand and a body with a setting `stiffness`.
     """
 
     units = Touch.units | {"wanted": "N"}
@@ -45,7 +46,7 @@ class Press(Touch):
         self.body = bodies[0]
         self._stiffness = nodes[self.body].settings["stiffness"]
         self.target = FORCES[0]
-        """[N] wanted."""
+        """[N] Target force of this episode."""
 
     def draw(self) -> Changes:
         self.target = float(self.np_random.uniform(*FORCES))
@@ -61,5 +62,5 @@ class Press(Touch):
         error = abs(self.contact_of(tick, self.hands[0]).force - self.target)
         return self.step_time / self.duration * max(0.0, 1.0 - error / self.target), False, {"error": error}
 
-    def told(self) -> dict[str, float]:
+    def targets(self) -> dict[str, float]:
         return {"wanted": self.target}

@@ -1,4 +1,4 @@
-"""Scripted policies, to compare a learned one with, and what a policy scores."""
+"""Scripted policies, as a baseline for learned ones, and the score of a policy."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,15 +14,17 @@ Policy = Callable[[Observation], np.ndarray]
 
 LINES = 9  # of the search, 3 mm apart
 STROKE = 0.06  # [m/s] along a line
-APPROACH = 0.05  # [m/s] downwards, until the finger feels `FELT`
-NEAR, SETTLE = 0.3e-3, 0.1  # [m] from the place where it says "here", [s] in which the hand goes there
+APPROACH = 0.05  # [m/s] downwards, until the force on the finger reaches `FELT`
+NEAR, SETTLE = 0.3e-3, 0.1  # [m] distance at which it reports "here"; [s] time constant of the motion to that point
 FELT = 1.5  # [N] upwards
-GAIN = 0.02  # [m/s/N] of the press: 10 /s on the 500 N/m of the hand
+GAIN = 0.02  # [m/s/N] of the press: 10 /s with the hand's 500 N/m
 
 
 class Search:
-    """Find the nodule: come down until tissue is felt, go over the field line by line at that height, and say "here"
-    over the middle of what pressed back hardest. It reads the observation alone.
+    """Find the nodule from the observation alone.
+
+    The finger moves down until it touches tissue, scans the field line by line at this height, moves to the centre of
+    the largest forces and reports "here".
 
     period  [s] of a step of the environment
     """
@@ -46,21 +48,21 @@ class Search:
         if not self.down:
             self.down = bool(force[2] >= FELT)
             return _action(0.0, 0.0, -APPROACH, 0.0)
-        if len(self.corners) < 2 * LINES:  # on the way to the first corner the force is still that of coming down
+        if len(self.corners) < 2 * LINES:  # the force on the path to the first corner still depends on the approach
             self.felt.append((here[0], here[1], force[2]))
         if not self.corners:
             if self.found is None:
                 self.found = self._found()
-            away = self.found - here[:2]  # not of the goal: friction holds the finger back by millimetres
+            away = self.found - here[:2]  # not from the goal, which friction keeps millimetres ahead
             near = float(np.hypot(*away)) < NEAR
             return _action(*np.clip(away / SETTLE, -STROKE, STROKE), 0.0, float(near))
         away = self.middle + self.corners[0] - self.goal
         far = float(np.hypot(*away))
-        way = away * min(1.0, STROKE * self.period / max(far, 1e-9))
-        self.goal = self.goal + way
+        move = away * min(1.0, STROKE * self.period / max(far, 1e-9))
+        self.goal = self.goal + move
         if far <= STROKE * self.period:
             self.corners.pop(0)
-        return _action(*(way / self.period), 0.0, 0.0)
+        return _action(*(move / self.period), 0.0, 0.0)
 
     def _found(self) -> np.ndarray:
         """Mean of the places, weighted with the force above the 90th percentile."""
@@ -70,11 +72,11 @@ class Search:
 
 
 class Approach:
-    """Press with the wanted force: the hand moves down by `GAIN` times the force that lacks."""
+    """Press with the target force: the hand moves down at `GAIN` times the error of the force."""
 
     def __call__(self, observation: Observation) -> np.ndarray:
-        lacks = float(observation["wanted"][0] - np.linalg.norm(observation["force"]))
-        return np.array([0.0, 0.0, np.clip(-GAIN * lacks, -SPEED, SPEED)], np.float32)
+        error = float(observation["wanted"][0] - np.linalg.norm(observation["force"]))
+        return np.array([0.0, 0.0, np.clip(-GAIN * error, -SPEED, SPEED)], np.float32)
 
 
 def _action(*numbers: float) -> np.ndarray:
@@ -82,7 +84,7 @@ def _action(*numbers: float) -> np.ndarray:
 
 
 def score(env: gymnasium.Env, policy: Callable[[], Policy], seeds: range) -> list[dict[str, Any]]:
-    """Of an episode for each seed, with a new policy: what `info` says in its last step, and the `return`."""
+    """Run one episode per seed with a new policy; of each, `info` of its last step, with the `return`."""
     episodes = []
     for seed in seeds:
         act, total, over = policy(), 0.0, False

@@ -1,14 +1,14 @@
-"""A picture of tissue and fingers from the side, x to the right and z up, in numpy alone."""
+"""A picture of tissue and fingers from the side, x to the right and z up, with numpy only."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 SIZE = 240, 320  # pixels, down and across
-COLUMN = 8  # pixels; in each the highest vertex counts
-MARGIN = 0.01  # [m] around where the hands begin
-SPAN = 0.08  # [m] at least across
-NEAR = 5e-3  # [m] of a finger along y: the slice of tissue that is drawn
+COLUMN = 8  # pixels; the highest vertex in each column is drawn
+MARGIN = 0.01  # [m] above the start of the hands
+SPAN = 0.08  # [m] least width
+NEAR = 5e-3  # [m] distance from a finger along y of the drawn slice of tissue
 RADIUS = 6e-3  # [m] of the drawn finger
 PER_NEWTON = 6e-3  # [m] of the bar that shows the force
 PAPER, TISSUE, FINGER, FORCE = (255, 255, 255), (222, 150, 140), (90, 110, 160), (200, 30, 30)
@@ -20,9 +20,9 @@ def side_view(
 ) -> np.ndarray:  # fmt: skip
     """(240,320,3) uint8.
 
-    shapes   (n,3) [m] vertices of each deformed surface, of which the upper side of a slice near the fingers is filled
-    fingers  position [m] (3) of the bone edge and force [N] (3) on the finger, of each
-    begins   [m] (3) where each hand begins: the picture is centred below them
+    shapes   (n,3) [m] vertices of each deformed surface; the slice near the fingers is filled below its upper side
+    fingers  position [m] (3) of the bone edge and force [N] (3) of each finger
+    begins   [m] (3) start of each hand: the picture is centred below them
     """
     picture = np.full((*SIZE, 3), PAPER, np.uint8)
     middle = np.mean(begins, axis=0)

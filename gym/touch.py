@@ -1,4 +1,4 @@
-"""A graph as an environment: a hand moves by velocity and feels the contact's true force (docs/gym.md)."""
+"""A graph as an environment: actions set the velocity of a hand, observations have the contact force (docs/gym.md)."""
 
 import functools
 import math
@@ -23,16 +23,16 @@ from palpate.stepping import Stepper, Tick
 SPEED = 0.25
 """[m/s] at most of the hand's goal along each axis."""
 ROOM = ((-0.03, -0.03, -0.025), (0.03, 0.03, 0.005))
-"""[m] (2,3) Lower and upper corner of the box that the goal stays in, from where the hand begins."""
+"""[m] (2,3) Lower and upper corner of the box of the goal, relative to the start of the hand."""
 BOUNDS = {"position": 0.2, "velocity": 5.0, "force": 50.0}
-"""Of each part of the observation [m], [m/s], [N] along each axis; larger numbers are cut off there."""
+"""Limit of each part of the observation [m], [m/s], [N] along each axis; larger values are clipped."""
 
 Changes = dict[str, dict[str, Any]]
 """Settings by node and name."""
 
 
 class Hand(NamedTuple):
-    """One hand: its device, and the streams that its controller hears. `friction` is None where the graph has none."""
+    """One hand: its device and the input streams of its controller; `friction`: None without one."""
 
     device: str
     pose: str
@@ -41,33 +41,33 @@ class Hand(NamedTuple):
 
 
 class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
-    """A graph whose simulated hands are steered. By itself it gives no reward: tasks are its subclasses.
+    """A graph whose simulated hands follow the actions. The reward is 0; subclasses define tasks.
 
-    graph     one that ships, or a path, with device.Simulated in it
-    ticks     of the graph's clock in one step of the environment
-    duration  [s] after which an episode is cut off
-    scene     in place of the graph's own
-    nodes     what other nodes are, as for `palpate.run`: {"tissue": "deformation.ReducedFE"}
-    render_mode  "rgb_array": `render` gives a picture from the side; None: nothing is drawn
+    graph     name of a shipped graph, or a path; it must contain device.Simulated
+    ticks     ticks of the graph's clock in one step of the environment
+    duration  [s] after which an episode is truncated
+    scene     replaces the scene of the graph
+    nodes     replaced node classes, as for `palpate.run`: {"tissue": "deformation.ReducedFE"}
+    render_mode  "rgb_array": `render` returns a picture from the side; None: no pictures
 
     action       velocity of the hand's goal [m/s] (3), world frame
-    observation  position [m] and velocity [m/s] (3) of the fingertip's bone edge, force [N] (3) that the tissue exerts
-                 on the finger, all in the world frame
-    Of several hands each has a row, (h,3).
+    observation  position [m] and velocity [m/s] (3) of the fingertip's bone edge, force [N] (3) of the tissue on the
+                 finger, all in the world frame
+    With several hands these are (h,3), one row per hand.
 
-    Pickled, it is made again by its arguments, before its first reset: the state of an episode is not carried.
+    A pickled environment is built again from its arguments, in the state before its first reset.
 
-    PalpateError: what is wrong with the graph or an argument.
+    PalpateError: the graph or an argument is invalid.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"]}
     units: ClassVar[dict[str, str]] = {"action": "m/s", "position": "m", "velocity": "m/s", "force": "N"}
-    """Of the action and of each part of the observation."""
+    """Unit of the action and of each part of the observation."""
     wanted: ClassVar[tuple[str, ...]] = ()
-    """Forces [N] in the observation beside those, each of one number."""
+    """Additional forces [N] of the observation, one number each."""
 
     _given: tuple[tuple[Any, ...], dict[str, Any]]
-    """Arguments of the constructor, from which a copy in another process is made."""
+    """Arguments of the constructor, for pickling."""
 
     def __new__(cls, *args: Any, **given: Any) -> Self:
         env = super().__new__(cls)
@@ -96,12 +96,12 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.hands = [_hand(self.stepper.plan, name) for name in devices]
         self.ticks, self.duration = ticks, duration
         self.step_time = ticks / self.stepper.rate
-        """[s] of one step of the environment."""
+        """[s] Duration of one step of the environment."""
         self.metadata = {**self.metadata, "render_fps": round(1.0 / self.step_time) or 1}
         self.tick: Tick | None = None
         """The graph after its last tick: `env.unwrapped.tick.tissue.displacement`."""
         self.shape = (3,) if len(devices) == 1 else (len(devices), 3)
-        """Of a part of the observation that each hand has."""
+        """Shape of the parts of the observation that each hand has."""
         self._steered = [node for node in map(self.stepper.node, devices) if isinstance(node, Steered)]
         self._begins = [node.begin for node in self._steered]
         self._started = False
@@ -115,25 +115,25 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return functools.partial(type(self), **given), args
 
     def __copy__(self) -> NoReturn:
-        """ArgumentError: compiled nodes keep their state where a copy would share it."""
-        raise ArgumentError("an environment that runs cannot be copied; make another one like it")
+        """ArgumentError: a copy would share the state of the compiled nodes."""
+        raise ArgumentError("a running environment cannot be copied; make another one with the same arguments")
 
     def __deepcopy__(self, memo: Any) -> NoReturn:
         """ArgumentError: see `__copy__`."""
         self.__copy__()
 
-    # -- what a task says --------------------------------------------------------------------------------------------
+    # -- defined by tasks --------------------------------------------------------------------------------------------
 
     def draw(self) -> Changes:
-        """What is another in this episode: settings by node, drawn from `self.np_random`."""
+        """Settings of this episode by node, drawn from `self.np_random`."""
         return {}
 
     def judge(self, tick: Tick, action: np.ndarray) -> tuple[float, bool, dict[str, Any]]:
-        """Reward of a step, whether the task is over, and what `info` says."""
+        """Reward of a step, whether the task is over, and the entries of `info`."""
         return 0.0, False, {}
 
-    def told(self) -> dict[str, float]:
-        """The numbers of `wanted`."""
+    def targets(self) -> dict[str, float]:
+        """The values of `wanted` in this episode."""
         return {}
 
     def setting(self, node: str, name: str) -> Any:
@@ -141,7 +141,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return getattr(self.stepper.node(node), name)
 
     def begin(self, seed: int | None, options: Mapping[str, Any] | None) -> Changes:
-        """Draw an episode; its settings."""
+        """Draw an episode and return its settings."""
         super().reset(seed=seed)
         changes = self.draw()
         for node, values in (options or {}).items():
@@ -153,8 +153,10 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode: `draw`, every node as at its start, and one tick. `options`: settings by node, which go
-        before those drawn, {"tissue": {"stiffness": 200}}."""
+        """Begin an episode: draw its settings, restart every node, and run one tick.
+
+        `options`: settings by node that override the drawn ones, {"tissue": {"stiffness": 200}}.
+        """
         changes = self.begin(seed, options)
         if not self._started:
             self.stepper.start()
@@ -167,7 +169,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._observed(self.tick), {"time": self.tick.time}
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Steer for `ticks` ticks. ArgumentError: no reset before, or an action of another shape or with a NaN."""
+        """Run `ticks` ticks with this action. ArgumentError: no reset before, a wrong shape, or a NaN."""
         if self.tick is None:
             raise ArgumentError("step: there is no episode; call reset() first")
         action = np.asarray(action, float)
@@ -185,8 +187,10 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._observed(tick), reward, over, not over and tick.time >= self.duration, info
 
     def render(self) -> np.ndarray | None:
-        """(240,320,3) The scene from the side, see `gym.side_view`; None without a `render_mode`. ArgumentError: no
-        reset before."""
+        """Picture (240,320,3) of the scene from the side, see `gym.side_view`; None without a `render_mode`.
+
+        ArgumentError: no reset before.
+        """
         if self.render_mode is None:
             return None
         if self.tick is None:
@@ -208,7 +212,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._started, self.tick = False, None
             self.stepper.stop()
 
-    # -- what is felt ------------------------------------------------------------------------------------------------
+    # -- observation -------------------------------------------------------------------------------------------------
 
     def contact_of(self, tick: Tick, hand: Hand) -> Contact:
         """The contact of a hand."""
@@ -222,7 +226,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             name: np.array([_within(values[place], most) for values in felt], np.float32).reshape(self.shape)
             for place, (name, most) in enumerate(BOUNDS.items())
         }
-        return parts | {name: np.array([value], np.float32) for name, value in self.told().items()}
+        return parts | {name: np.array([value], np.float32) for name, value in self.targets().items()}
 
     def _felt(self, tick: Tick, hand: Hand) -> tuple[Any, Any, Any]:
         """Position, velocity and force f_n n - f_t + a of a finger."""
@@ -236,7 +240,7 @@ class Touch(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
 
 def _simulated(graph: Graph) -> list[str]:
-    """The nodes that are simulated hands. ArgumentError: there is none."""
+    """Names of the nodes that are simulated hands. ArgumentError: the graph has none."""
     names = [name for name, spec in graph.nodes.items() if issubclass(spec.cls, Simulated)]
     if not names:
         sources = ", ".join(f"{name} ({spec.use})" for name, spec in graph.nodes.items() if spec.cls.paced)
@@ -248,13 +252,13 @@ def _simulated(graph: Graph) -> list[str]:
 
 
 def _hand(plan: Plan, device: str) -> Hand:
-    """What a device's hand feels: the inputs of the controller that answers it. ArgumentError: nothing answers it."""
+    """The hand of a device: the inputs of the controller that commands its force. ArgumentError: without one."""
     queue = [edge.producer for edge in plan.edges[device]]
     for name in queue:
         if Force in plan.graph.nodes[name].streams.values():
-            heard = {edge.stream: plan.graph.streams[edge.stream] for edge in plan.edges[name]}
+            inputs = {edge.stream: plan.graph.streams[edge.stream] for edge in plan.edges[name]}
             pose, contact, friction = (
-                next((stream for stream, sent in heard.items() if issubclass(sent, kind)), None)
+                next((stream for stream, sent in inputs.items() if issubclass(sent, kind)), None)
                 for kind in (Pose, Contact, Friction)
             )
             if pose and contact:
@@ -262,8 +266,8 @@ def _hand(plan: Plan, device: str) -> Hand:
             break
         queue += [edge.producer for edge in plan.edges[name] if edge.producer not in queue]
     raise ArgumentError(
-        f"{plan.graph.path.stem}: no force comes back to {device!r}; expected a controller that hears a Contact and a "
-        "Pose, as controller.Haptic does in the graph kidney"
+        f"{plan.graph.path.stem}: {device!r} receives no force; expected a controller with a Contact and a Pose as "
+        "inputs, such as controller.Haptic in the graph kidney"
     )
 
 

@@ -1,4 +1,4 @@
-"""Many environments in one: lanes of an ensemble (launch/run/lanes.py), stepped in blocks of ticks.
+"""Parallel environments as lanes of an ensemble (launch/run/lanes.py), stepped in blocks of ticks.
 
 envs = gymnasium.make_vec("palpate/Press-v0", num_envs=256, vectorization_mode="vector_entry_point")
 """
@@ -24,21 +24,21 @@ from palpate.nodes.device.steered import Steered
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.stepping import Tick, settled
 
-CHUNKS = 4  # parts of the lanes for each thread
+CHUNKS = 4  # groups of lanes per thread
 
 
 class VectorTouch(VectorEnv):
-    """Environments of one task, each a lane with its own settings; what a lane gives is what its single environment
-    gives, bit for bit.
+    """Environments of one task, one lane with separate settings each; results equal those of single environments bit
+    for bit.
 
-    task      class of the environments, a `Touch`
-    num_envs  how many
-    threads   None: one for each core
-    given     arguments of the task, but for `render_mode`
+    task      class of the environments, a subclass of `Touch`
+    num_envs  number of environments
+    threads   None: one per core
+    given     arguments of the task, except `render_mode`
 
-    An environment whose episode is over is reset by the next `step`, which leaves out its action (`NEXT_STEP`).
+    After the end of an episode the next `step` resets the environment and ignores its action (`NEXT_STEP`).
 
-    PalpateError: what is wrong with the graph or an argument; a node in Python has no lanes.
+    PalpateError: the graph or an argument is invalid, or a node is not compiled.
     """
 
     metadata: dict[str, Any] = {"autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -48,7 +48,7 @@ class VectorTouch(VectorEnv):
             raise ArgumentError(f"num_envs: found {num_envs!r}, expected a whole number from 1")
         self.num_envs, first = num_envs, task(**given)
         self.tasks = [first, *(_alike(first) for _ in range(num_envs - 1))]
-        """The environments; their nodes do not run."""
+        """The environments, whose nodes do not run."""
         plan, job = first.stepper.plan, first.stepper.job
         check_compiled(plan)
         self._hands, self._ticks = first.hands, first.ticks
@@ -76,41 +76,39 @@ class VectorTouch(VectorEnv):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Begin an episode in each environment, as `Touch.reset`; a single `seed` is that of the first one, the others
-        count on from it."""
+        """Begin an episode in each environment, as `Touch.reset`; environment i gets `seed[i]`, or `seed` + i."""
         seeds: Sequence[int | None] = seed if isinstance(seed, Sequence) else [seed] * self.num_envs
         if isinstance(seed, int):
             seeds = range(seed, seed + self.num_envs)
         if len(seeds) != self.num_envs:
             raise ArgumentError(f"seed: found {len(seeds)} numbers, expected {self.num_envs}")
-        for lane, own in enumerate(seeds):
-            self._begin(lane, own, options)
+        for lane, one in enumerate(seeds):
+            self._begin(lane, one, options)
         self._over = np.zeros(self.num_envs, bool)
         return self._observed(), {"time": self._times(), "_time": np.ones(self.num_envs, bool)}
 
     def step(self, actions: Any) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Steer all environments for `ticks` ticks. ArgumentError: no reset before, or actions of another shape or with
-        a NaN."""
+        """Run `ticks` ticks in all environments. ArgumentError: no reset before, a wrong shape, or a NaN."""
         if self._over is None:
             raise ArgumentError("step: there is no episode; call reset() first")
         actions = np.asarray(actions, float)
         if actions.shape != self.action_space.shape or not np.isfinite(actions).all():
             raise ArgumentError(f"actions: found {actions.shape}, expected {self.action_space.shape} finite numbers")
         speeds = np.clip(actions.reshape(self.num_envs, -1), -SPEED, SPEED)
-        anew = self._over
+        restarted = self._over
         for goals, speed in zip(self._goals, speeds, strict=True):
             for number, velocity in enumerate(goals):
                 velocity[:] = speed[3 * number : 3 * number + 3]
         before = self._lanes.ticks.copy()
-        if anew.any():
-            for lane in np.flatnonzero(anew):
+        if restarted.any():
+            for lane in np.flatnonzero(restarted):
                 self._begin(int(lane), None, None)
-            parts = [(int(lane), 1) for lane in np.flatnonzero(~anew)]
+            parts = [(int(lane), 1) for lane in np.flatnonzero(~restarted)]
         else:
             parts = [(int(chunk[0]), len(chunk)) for chunk in self._chunks]
         list(self._pool.map(lambda part: self._lanes.run(part[0], part[1], self._ticks), parts))
-        self._check(np.flatnonzero(~anew & (self._lanes.ticks != before + self._ticks)))
-        return self._judged(actions, anew)
+        self._check(np.flatnonzero(~restarted & (self._lanes.ticks != before + self._ticks)))
+        return self._judged(actions, restarted)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop all nodes."""
@@ -126,7 +124,7 @@ class VectorTouch(VectorEnv):
         there: Changes = {}
         unknown = set(changes) - {slot.name for slot in self._slots}
         if unknown:
-            task.stepper.node(min(unknown))  # says which there are
+            task.stepper.node(min(unknown))  # raises an error that lists the nodes
         for place, (slot, job) in enumerate(zip(self._slots, self._jobs, strict=True)):
             there[slot.name] = job.settings
             if slot.name in changes:
@@ -137,16 +135,16 @@ class VectorTouch(VectorEnv):
         task.setting = lambda node, name: there[node].get(name, getattr(nodes[node], name))  # type: ignore[method-assign]
         goals = []
         for place in self._devices:
-            name, own = self._slots[place].name, self._lanes.own(lane, place)[0]
+            name, record = self._slots[place].name, self._lanes.own(lane, place)[0]
             begin, origin = task.setting(name, "begin"), task.setting(name, "origin")
-            own["low"], own["high"] = (np.subtract(np.add(begin, corner).tolist(), origin) for corner in ROOM)
-            goals.append(own["velocity"])
+            record["low"], record["high"] = (np.subtract(np.add(begin, corner).tolist(), origin) for corner in ROOM)
+            goals.append(record["velocity"])
         self._goals[lane], self._views[lane] = goals, self._view(lane)
         self._lanes.run(lane, 1, 1)
         self._check([lane] if self._lanes.ticks[lane] != 1 else [])
 
     def _view(self, lane: int) -> Any:
-        """What a `Tick` of a lane reads."""
+        """The attributes of a worker that a `Tick` of a lane reads."""
         outputs = {}
         for slot in self._slots:
             for output in slot.outputs:
@@ -156,24 +154,24 @@ class VectorTouch(VectorEnv):
         return SimpleNamespace(job=self.tasks[0].stepper.job, outputs=outputs, slots=[])
 
     def _check(self, lanes: Sequence[int] | np.ndarray) -> None:
-        """RunError: these lanes failed."""
+        """Raise RunError with the failure of the first of these lanes."""
         for lane in lanes:
             error = self._lanes.failure(int(lane))
             raise RunError(f"environment {lane}: {error}") from error
 
-    # -- what is felt ------------------------------------------------------------------------------------------------
+    # -- observation -------------------------------------------------------------------------------------------------
 
     def _times(self) -> np.ndarray:
         rate = self.tasks[0].stepper.rate
         return np.rint((self._lanes.ticks - 1) * 1e9 / rate) * 1e-9
 
-    def _judged(self, actions: np.ndarray, anew: np.ndarray) -> Any:
-        """Observations, rewards, ends and infos after a step; `anew` were reset by it."""
+    def _judged(self, actions: np.ndarray, restarted: np.ndarray) -> Any:
+        """Observations, rewards, ends and infos after a step, which has reset the environments `restarted`."""
         count, times = self.num_envs, self._times()
         rewards, over = np.zeros(count), np.zeros(count, bool)
         infos: dict[str, Any] = {"time": times, "_time": np.ones(count, bool)}
         for lane, task in enumerate(self.tasks):
-            if anew[lane]:
+            if restarted[lane]:
                 continue
             tick = Tick(self._views[lane], int(self._lanes.ticks[lane]) - 1)
             rewards[lane], over[lane], info = task.judge(tick, actions[lane])
@@ -182,7 +180,7 @@ class VectorTouch(VectorEnv):
                     infos[key] = np.zeros(count, type(value) if isinstance(value, bool | int | float) else object)
                     infos[f"_{key}"] = np.zeros(count, bool)
                 infos[key][lane], infos[f"_{key}"][lane] = value, True
-        late = ~over & ~anew & (times >= self.tasks[0].duration)
+        late = ~over & ~restarted & (times >= self.tasks[0].duration)
         self._over = over | late
         return self._observed(), rewards, over, late, infos
 
@@ -200,7 +198,7 @@ class VectorTouch(VectorEnv):
             .reshape(self.num_envs, *self.tasks[0].shape)
             for name, rows in found.items()
         }
-        wanted = [task.told() for task in self.tasks] if self.tasks[0].wanted else []
+        wanted = [task.targets() for task in self.tasks] if self.tasks[0].wanted else []
         return parts | {name: np.array([[one[name]] for one in wanted], np.float32) for name in self.tasks[0].wanted}
 
 
@@ -214,31 +212,31 @@ class _Last:
 
     @property
     def last(self) -> Any:
-        """None before the first."""
+        """The message; None before the first one."""
         return self._read(self._memory) if self._memory[0] else None
 
 
 def _alike(task: Touch) -> Touch:
-    """An environment as a lane has it: what the first one was made of, with its own random numbers."""
+    """An environment for another lane: it shares the parts of the first one except the random numbers."""
     other = object.__new__(type(task))
     other.__dict__.update(task.__dict__)
     return other
 
 
 def find_nodule(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
-    """Of `palpate/FindNodule-v0`."""
+    """Parallel environments of `palpate/FindNodule-v0`."""
     from palpate.gym.find_nodule import FindNodule
 
     return VectorTouch(FindNodule, num_envs, **given)
 
 
 def press(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
-    """Of `palpate/Press-v0`."""
+    """Parallel environments of `palpate/Press-v0`."""
     from palpate.gym.press import Press
 
     return VectorTouch(Press, num_envs, **given)
 
 
 def touch(num_envs: int = 1, **given: Any) -> gymnasium.vector.VectorEnv:
-    """Of `palpate/Touch-v0`."""
+    """Parallel environments of `palpate/Touch-v0`."""
     return VectorTouch(Touch, num_envs, **given)

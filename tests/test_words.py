@@ -18,7 +18,7 @@ PAGES = ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md", "docs")
 """Files and folders whose Markdown is checked."""
 SETTINGS = ("graphs", "docs", "tests/golden")
 """Folders whose YAML is checked: comments, questions and labels."""
-PYTHON = ("benchmarks", "docs", "engine", "messages", "physics", "models/fe", "tests/test_words.py")
+PYTHON = ("benchmarks", "docs", "engine", "gym", "messages", "physics", "models/fe", "tests/test_words.py")
 """Rooms whose Python is checked: docstrings, comments and messages. Add a room when its text has been revised."""
 
 DIALECT = {

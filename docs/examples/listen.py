@@ -14,20 +14,20 @@ import zmq
 
 
 def outlets():
-    """Addresses where the runs of this user on this machine publish."""
+    """Addresses at which this user's runs on this machine publish."""
     folders = (Path(os.environ.get("XDG_RUNTIME_DIR", "/nowhere")) / "palpate", Path(f"/tmp/palpate-{os.getuid()}"))
     return [f"ipc://{path}" for folder in folders for path in folder.glob("*/*.observers")]
 
 
 def array(value):
-    """A large array travels as {dtype, shape, data}: here as a flat tuple of numbers."""
+    """Decode a large array, sent as {dtype, shape, data}, to a flat tuple of numbers."""
     code = {"<f8": "d", "<f4": "f", "<i4": "i", "<i8": "q"}[value["dtype"]]
     return struct.unpack(f"<{len(value['data']) // struct.calcsize(code)}{code}", value["data"])
 
 
 def listen(stream, count):
     socket = zmq.Context.instance().socket(zmq.SUB)
-    socket.subscribe(stream.encode() + b"\0")  # with the zero byte, or `contact` would match `contact-2`, too
+    socket.subscribe(stream.encode() + b"\0")  # without the zero byte `contact` would also match `contact-2`
     addresses = outlets()
     if not addresses:
         sys.exit("no run is active; start one: palpate run kidney --clock real")

@@ -33,7 +33,7 @@ def stiffening(F, J, p, P, A):
 
 
 def block(cells: int) -> TetMesh:
-    """A quarter of the block, top at z = 0, finest under the ball; region 0 is fat, 1 skin."""
+    """A quarter of the block with its top at z = 0, finest under the ball; region 0 is fat, region 1 skin."""
     across = SIDE * np.linspace(0.0, 1.0, cells + 1) ** 1.6
     up = np.concatenate([-SKIN - FAT * np.linspace(1.0, 0.0, cells) ** 1.6, [-SKIN / 2, 0.0]])
     points, bricked = grid(across, across, up)
@@ -42,7 +42,7 @@ def block(cells: int) -> TetMesh:
 
 
 def press(law: Material, depths: np.ndarray, cells: int = 6) -> tuple[Solver, list[float], list[float]]:
-    """Force [N] and contact area [m²] of the whole ball at these depths [m]."""
+    """The solver after the last depth, and force [N] and contact area [m²] of the whole ball at these depths [m]."""
     mesh = block(cells)
     x, y, z = mesh.points.T
     fixed = np.stack([x < 1e-9, y < 1e-9, np.zeros_like(z, dtype=bool)], axis=1)

@@ -1,9 +1,9 @@
-"""How long a pressed fingertip sticks at each inclination, for three pulps: python docs/pictures/angles.py [folder]
+"""Time that a pressed fingertip sticks, by inclination, for three pulps: python docs/pictures/angles.py [folder]
 
-beam-bundle-angles.png   contact, friction, and time until every node slides over the angle, and three pulps in section
+beam-bundle-angles.png   contact area, friction and time to full sliding over the angle; sections of the three pulps
 
-Pressed 2 mm deep until it rests, then drawn back at 2 mm/s. Dashed: what the loads alone let expect, mu F_n / (k v)
-with the lateral stiffness k of all beams in contact.
+The fingertip is pressed 2 mm deep until it rests, then drawn back at 2 mm/s. Dashed: estimate mu F_n / (k v) of the
+time with the lateral stiffness k of all beams in contact.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ PULPS = {
     "half the bulge": (Anatomy(bulge=1.1e-3, palmar=6.3e-3), FINGER),
     "no bulge: a straight pulp": (Anatomy(bulge=0.0, palmar=7.4e-3), NORMAL),
 }
-"""Name -> shape and colour; all have the same depth at the thickest place of the default."""
+"""Name -> shape and colour; all have the same depth where the default is thickest."""
 ANGLES = np.arange(0.0, 76.0, 7.5)
 DEPTH, SPEED_ALONG, MU, PITCH = 2e-3, 2e-3, 0.7, 0.8e-3
 
 
 class Slide(NamedTuple):
-    """Contact [m²], friction in full sliding [N], time to it [s], and the time predicted from the loads [s]."""
+    """Contact area [m²], friction in full sliding [N], time to full sliding [s], and its estimate [s]."""
 
     area: float
     friction: float
@@ -40,7 +40,7 @@ class Slide(NamedTuple):
 
 
 def slide(tip: FingertipSurfaces, degrees: float, dt: float = 1e-2) -> Slide:
-    """Press, wait for rest, draw back until every node slides."""
+    """Press, wait until the beams are at rest, draw back until every node slides."""
     body = fill(tip, DEPTH, pitch=PITCH, angle=np.radians(degrees))
     state = BundleState(body)
     for _ in range(40):

@@ -2,14 +2,14 @@
 
 python docs/pictures/beam_bundle.py [folder]
 
-beam-bundle-run.png      press, hold, slide and lift as shipped: what `palpate run fingertip-slide` draws
-beam-bundle-pad.png      its pad, seen from below through the plate
+beam-bundle-run.png      the picture that `palpate run fingertip-slide` draws: press, hold, slide and lift
+beam-bundle-pad.png      the pad of this run, seen from below through the plate
 beam-bundle-normal.png   normal force on the pad at three angles
 beam-bundle-press.png    load, hold, unload at four speeds, with relaxation
 beam-bundle-slide.png    friction over time: three angles, four directions, stick and slip
 beam-bundle-local.png    localized displacement over time, two directions
 
-Every curve is a run of the graph `fingertip-slide` with a few settings changed, as `--set` changes them.
+Every curve is a run of the graph `fingertip-slide` with some settings changed, as with `--set`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ SCRATCH = tempfile.TemporaryDirectory(prefix="palpate-")
 
 @cache
 def run(*sets: str, duration: float = 3.0) -> TouchStreams:
-    """The recording of one run; `sets` are as for --set, of the scene's finger."""
+    """Streams of one run; `sets`: settings of the scene's finger or of a node, as for `--set`."""
     file = Path(SCRATCH.name) / f"{next(NUMBER)}.mcap"
     overrides = [one if one.startswith("finger.") else f"scene.finger.{one}" for one in sets]
     launch = find("fingertip-slide").but(place="fused", record=file, overrides=overrides, duration=duration)
@@ -134,7 +134,7 @@ def localized(path: Path) -> None:
             touching = slip.state > 0
             (x, y), way = slip.points[touching].T * 1e3, slip.path[touching] * 1e3
             stuck = way == 0
-            # Lightly pressed nodes of the rim, which the skin hardly holds, run ahead: the scale leaves them out.
+            # Nodes at the rim bear little pressure and slip far, so the scale ends at the 90th percentile.
             most = np.percentile(way[~stuck], 90)
             shown = axes.scatter(x[~stuck], y[~stuck], c=way[~stuck], s=22, marker="s", cmap="turbo", vmin=0, vmax=most)
             axes.scatter(x[stuck], y[stuck], c="0.8", s=22, marker="s")
@@ -143,7 +143,7 @@ def localized(path: Path) -> None:
         line[0].set_ylabel(f"{name}, y [mm]")
     for axes in grid[1]:
         axes.set_xlabel("x [mm]")
-    figure.suptitle("Localized displacement [mm] (grey: has not slipped; a colour scale to each map)")
+    figure.suptitle("Localized displacement [mm] (grey: has not slipped; each map has its colour scale)")
     save(figure, path)
 
 

@@ -1,4 +1,4 @@
-"""Run the shipped experiments with simulated observers, and keep a picture of their answers:
+"""Run the shipped experiments with simulated observers, and draw their answers:
 python docs/pictures/experiment.py [folder]
 
 experiment-stiffness.png  `palpate experiment kidney-stiffness --simulate`, two participants

@@ -1,4 +1,4 @@
-"""Press the layered fingertip on both plates, and keep the pictures:
+"""Press the layered fingertip on both plates, and draw the results:
 
 python docs/pictures/fingertip.py runs/fingertip [folder]
 

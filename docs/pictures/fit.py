@@ -1,4 +1,4 @@
-"""Fit the example sessions and keep two pictures of their first subject: python docs/pictures/fit.py [folder]
+"""Fit the example sessions and draw two pictures of the first subject: python docs/pictures/fit.py [folder]
 
 fit-subject.png   force and scatter, the chosen curves and the band of a new session
 fit-models.png    all five regressions of the force and of its scatter
@@ -23,8 +23,8 @@ def main(folder: Path) -> list[Path]:
     with tempfile.TemporaryDirectory(prefix="palpate-") as scratch:
         sessions = Path(scratch) / "sessions.csv"
         write_example(sessions)
-        told = fit_sessions(sessions, subjects=["A"], out=None, mean=None, deviation=None, folds=9, depth_limit=None)
-        for path in draw_choice(told.chosen[0], Path(scratch) / "a"):
+        fitted = fit_sessions(sessions, subjects=["A"], out=None, mean=None, deviation=None, folds=9, depth_limit=None)
+        for path in draw_choice(fitted.chosen[0], Path(scratch) / "a"):
             name = PICTURES.get(path.stem.rpartition("-")[2])
             if name:
                 shutil.copyfile(path, folder / name)

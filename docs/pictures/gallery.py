@@ -1,5 +1,7 @@
-"""Draw the gallery, gallery-NAME.png: run the shipped graphs with emulated devices, and draw each at its
-deepest instant, or its first picture where there is no surface to see, or else force and place over time.
+"""Draw the pictures of the gallery, gallery-NAME.png, from runs of the shipped graphs with emulated devices.
+
+A picture shows the surface at the deepest instant; without a surface, the first picture of the run; without pictures,
+force and position over time.
 
 python docs/pictures/gallery.py            # all
 python docs/pictures/gallery.py nodule     # one
@@ -28,7 +30,7 @@ LIVE = 6.0  # [s] of a run on the real clock
 
 
 def drawn(name: str, folder: Path) -> Path:
-    """Run a launch file and draw it; the picture."""
+    """Run a launch file and draw it; returns the picture."""
     launch, file = find(name), folder / f"{name}.mcap"
     hardware = [spec.name for spec in launch.load().nodes.values() if spec.cls.hardware]
     launch = launch.but(record=file, place="fused", overrides=tuple(f"{node}.port=emulator" for node in hardware))

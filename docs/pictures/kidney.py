@@ -1,4 +1,4 @@
-"""Make kidney.png, the picture in the README: run the shipped kidney, draw the recording, shrink the file.
+"""Draw kidney.png, the picture in the README, from a run of the shipped kidney.
 
 python docs/pictures/kidney.py
 """

@@ -1,6 +1,6 @@
-"""Run softness and nodule, and keep pictures that the runs end with: python docs/pictures/softness.py [folder]
+"""Run softness and nodule, and copy pictures of the runs: python docs/pictures/softness.py [folder]
 
-softness.png          a fingerpad on soft tissue, where Hertz theory is valid and where not: `palpate run softness`
+softness.png          a fingerpad on soft tissue, inside and outside the range of Hertz's theory: `palpate run softness`
 softness-nodule.png   a finger slides over a hard nodule, force and pins: `palpate run nodule`
 afferents.png         spikes of the finger's afferents: `palpate run nodule --scene afferents`
 softness-band.png     force of the kidney and of a measured subject: `palpate run kidney --set scene.finger.band=true`
@@ -23,7 +23,7 @@ RUNS = {
     "softness-band.png": ("kidney", "force", ("scene.finger.band=true",)),
     "afferents.png": ("nodule", "afferents", (), "afferents"),
 }
-"""Picture: the graph, which of its pictures, what is set, and another scene."""
+"""File -> graph, name of its picture, settings, and the scene if it is not the default."""
 
 
 def main(folder: Path) -> list[Path]:

@@ -1,7 +1,7 @@
-"""Run the shipped studies, and keep pictures of them: python docs/pictures/study.py [folder]
+"""Run the shipped studies, and draw their results: python docs/pictures/study.py [folder]
 
 study-curves.png       force over time at each stiffness: `palpate study kidney-stiffness`
-study-sensitivity.png  which parameter the force depends on: `palpate study kidney-sensitivity`
+study-sensitivity.png  sensitivity of the force to the parameters: `palpate study kidney-sensitivity`
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Make the pictures of docs/texture.md: the spectrogram of the graph, and rendered against wanted spectra.
+"""Draw the pictures of docs/texture.md: the spectrogram of the graph, and rendered and specified spectra.
 
 python docs/pictures/texture.py
 """
@@ -38,7 +38,7 @@ def stroke(speed: float) -> np.ndarray:
 
 
 def spectra() -> None:
-    out = figure(9.0, 4.6, "Rendered (points) and wanted (lines) third-octave levels, 1 N")
+    out = figure(9.0, 4.6, "Rendered (points) and specified (lines) third-octave levels, 1 N")
     axes = out.subplots()
     for speed, colour in zip((0.02, 0.05, 0.1, 0.2, 0.3), (NORMAL, FINGER, SPEED, FRICTION, ENERGY), strict=True):
         x = stroke(speed)

@@ -1,10 +1,10 @@
 """Make a release: version, notes, build, check, tag.
 
-    python docs/release/release.py 0.2.0 --dry-run    # everything but the commit and the tag in this repository
+    python docs/release/release.py 0.2.0 --dry-run    # all steps except commit and tag in this repository
     python docs/release/release.py 0.2.0
 
-It works in a clone, so that it builds the committed files, and fetches commit and tag at the end; the files to upload
-are then in dist/. Needs `build` and a network.
+The script works in a clone, so that it builds the committed files. At the end it pulls commit and tag from the clone
+and copies the files to upload to dist/. Needs the package `build` and network access.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ HOLDS = (
 
 
 def notes(changelog: str) -> str:
-    """The changes of the next release. SystemExit: there are no entries."""
+    """The changes of the next release. SystemExit: no entries."""
     _, found, rest = changelog.partition(UNRELEASED)
     text = re.split(r"^## \[", rest, maxsplit=1, flags=re.MULTILINE)[0].strip()
     if not found or not text:
@@ -41,17 +41,17 @@ def notes(changelog: str) -> str:
 
 
 def check_version(version: str, now: str, tags: list[str]) -> None:
-    """SystemExit: not a semver.org version, not above the current one (unless that has no tag), or already tagged."""
+    """SystemExit: not a semver.org version, below the current one, or already tagged."""
     if not re.fullmatch(r"\d+\.\d+\.\d+", version):
-        raise SystemExit(f"{version!r} is no version; expected three numbers, 0.2.0")
+        raise SystemExit(f"version: found {version!r}, expected three numbers such as 0.2.0")
     if f"v{version}" in tags:
-        raise SystemExit(f"v{version} is tagged already")
+        raise SystemExit(f"tag v{version} exists already")
     if tuple(map(int, version.split("."))) < tuple(map(int, now.split("."))):
-        raise SystemExit(f"{version} is below the present version, {now}")
+        raise SystemExit(f"version: found {version}, which is below the current one, {now}")
 
 
 def write_version(folder: Path, version: str) -> None:
-    """The version into the project's file and the citation, and the notes under its heading."""
+    """Write the version to all files that contain it, and give the notes their heading."""
     today = datetime.date.today().isoformat()
     for name, pattern, new in (
         ("pyproject.toml", r'^version = ".*"$', f'version = "{version}"'),
@@ -90,7 +90,7 @@ def main() -> None:
     parser.add_argument("--dry-run", action="store_true")
     given = parser.parse_args()
     if run("git", "status", "--porcelain", "--untracked-files=no", folder=ROOT):
-        raise SystemExit("there are changes that are not committed; `git status` lists them")
+        raise SystemExit("uncommitted changes; `git status` lists them")
     now = re.search(r'^version = "(.*)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE)
     assert now is not None
     check_version(given.version, now[1], run("git", "tag", folder=ROOT).split())

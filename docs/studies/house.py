@@ -2,7 +2,7 @@
 
     python docs/studies/house.py [COMMIT...]
 
-Without a commit it counts the working tree. Imports inside functions and for types do not count as a cycle.
+Without a commit it counts the working tree. Imports inside functions and imports for types do not count as cycles.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ SHIPPED = (
     "fe", "fit", "scan", "bench",  # of commits before decision 14
 )  # fmt: skip
 MANY = 12
-"""Parameters of a function that are too many."""
+"""Number of parameters above which a function is listed."""
 
 
 def sources(commit: str | None) -> dict[PurePosixPath, str]:
-    """Python files by path from the root: of a commit, or of the working tree as git tracks it."""
+    """Path from the root -> text of the Python files of a commit, or of the tracked files of the working tree."""
     if commit is None:
         tracked = subprocess.run(["git", "ls-files", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True)
         paths = [path for path in tracked.stdout.split() if (ROOT / path).is_file()]
@@ -54,7 +54,7 @@ def parameters(tree: ast.AST) -> list[int]:
 
 
 def imported(tree: ast.Module, modules: dict[str, PurePosixPath]) -> set[PurePosixPath]:
-    """Files that a file needs in order to be loaded."""
+    """Files that a file imports when it is loaded."""
     names: set[str] = set()
     for node in tree.body:
         if isinstance(node, ast.Import):
@@ -65,8 +65,8 @@ def imported(tree: ast.Module, modules: dict[str, PurePosixPath]) -> set[PurePos
     return {modules[name] for name in names if name in modules}
 
 
-def circles(needs: dict[PurePosixPath, set[PurePosixPath]]) -> int:
-    """Groups of two or more files that need each other (strongly connected components, R. Tarjan 1972)."""
+def cycles(needs: dict[PurePosixPath, set[PurePosixPath]]) -> int:
+    """Number of groups of files that import each other (strongly connected components, R. Tarjan 1972)."""
     index: dict[PurePosixPath, int] = {}
     low: dict[PurePosixPath, int] = {}
     stack: list[PurePosixPath] = []
@@ -95,6 +95,7 @@ def circles(needs: dict[PurePosixPath, set[PurePosixPath]]) -> int:
 
 
 def figures(commit: str | None) -> dict[str, object]:
+    """Figure -> value of a commit, or of the working tree."""
     files = sources(commit)
     shipped = {path: text for path, text in files.items() if path.parts[0] in SHIPPED}
     trees = {path: ast.parse(text) for path, text in shipped.items()}
@@ -102,7 +103,7 @@ def figures(commit: str | None) -> dict[str, object]:
         ".".join(("palpate", *path.with_suffix("").parts)).removesuffix(".__init__"): path
         for path in shipped
     }  # fmt: skip
-    # A folder's __init__ gathers names of its files; a file that reads one of its siblings makes no circle by that.
+    # Without __init__ files: they collect names of their folder, so importing a sibling would appear as a cycle.
     needs = {
         path: {other for other in imported(tree, modules) if other.name != "__init__.py"}
         for path, tree in trees.items()
@@ -124,8 +125,8 @@ def figures(commit: str | None) -> dict[str, object]:
         "fullest folder of tests": f"{most_tests} ({fullest_tests})",
         "most parameters": max(signatures),
         f"functions with more than {MANY}": sum(count > MANY for count in signatures),
-        "circles between files": circles(needs),
-        "exceptions that follow from Exception itself": sum(
+        "import cycles": cycles(needs),
+        "direct subclasses of built-in exceptions": sum(
             isinstance(node, ast.ClassDef)
             and node.name.endswith("Error")
             and any(isinstance(base, ast.Name) and base.id in vars(__builtins__) for base in node.bases)
