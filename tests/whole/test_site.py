@@ -45,3 +45,24 @@ def test_formulas_are_latex_and_every_block_ends():
         assert text.count("$$") % 2 == 0, page
         for block in re.findall(r"\$\$(.*?)\$\$", text, re.DOTALL):
             assert block.count("{") == block.count("}") and block.isascii(), (page, block)
+
+
+# A formula in plain text: a Greek letter, an index or exponent of a symbol in Unicode, a sum or root, `x_y`, `x = `.
+PLAIN_FORMULA = re.compile(
+    r"[Α-Ωα-ω₀-₉ₐ-ₜᵀⁿ∫Σ√∂∇⟨⟩‖]|(?<![\w./])[A-Za-z](?:[²³]|_[A-Za-z0-9]|(?: ?[=<>≤≥≈·]|'? [+−/]) ?[\w(−\\])"
+)
+CODE_FORMULA = re.compile(r"(?<![\w.])[A-Za-zα-ω]\w{0,2} [-=+−*/·<>≤≥] [\w(]|[₀-₉²³√∫Σ]")
+
+
+@pytest.mark.parametrize("text", ("K u = f", "x ≥ 0", "τ", "s₂", "c_ij", "R²", "f = 2"))
+def test_a_formula_in_plain_text_is_recognized(text):
+    assert PLAIN_FORMULA.search(text)
+
+
+@pytest.mark.parametrize("page", sorted((DOCS / "equations").glob("*.md")), ids=lambda page: page.stem)
+def test_inline_formulas_of_the_equations_are_latex(page):
+    text = re.sub(r"^```.*?^```|\$\$.*?\$\$", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+    assert text.count("$") % 2 == 0
+    text = re.sub(r"\$[^$]+\$", " ", text)
+    assert not [code for code in re.findall(r"`([^`]+)`", text) if CODE_FORMULA.search(code)]
+    assert not [line for line in re.sub(r"`[^`]+`", " ", text).split("\n") if PLAIN_FORMULA.search(line)]
