@@ -50,7 +50,7 @@ def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[R
     if stored.times:
         write_json(writer, "palpate.times", stored.times)
     writer.finish()
-    filling.report.cut = stored.damage is not None
+    filling.report.cut = stored.cut
     return filling.report, counts
 
 
@@ -80,11 +80,15 @@ class _Filling:
                 now = nanoseconds(tick, self.plan.graph.rate) if self._simulated else None
                 sent = self.player.step(tick, payloads, now)
                 if self.player.missing is not None:
-                    if self.stored.complete:
-                        node, stream, lost = self.player.missing  # an input of the step did not reach the logger
+                    node, stream, lost = self.player.missing
+                    if self.stored.cut:  # within this tick, or before earlier messages that were still on their way
+                        self.report.nodes[
+                            node
+                        ].stopped = f"from tick {tick} on: {stream!r} of tick {lost} is not in the truncated file"
+                    else:  # an input of the step did not reach the logger
                         difference = Difference(stream, lost, "message", "1", f"used by {node!r}", "not in the file")
                         self.report.nodes[node].first = difference
-                    break  # otherwise the file is truncated within this tick
+                    break
                 agreed = self._check(tick, payloads, sent)
                 if self.report.first is not None:
                     pending = []

@@ -128,6 +128,12 @@ class Stored:
         return self.damage is None
 
     @property
+    def cut(self) -> bool:
+        """Whether the run's last messages may be missing: the file is truncated or damaged, or recovered from such a
+        file."""
+        return not self.complete or "recovered_from" in self.about
+
+    @property
     def ending(self) -> str:
         """Position of a truncation or damage, and the remedy, in one line; empty for a complete file."""
         if self.damage is None:

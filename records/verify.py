@@ -44,7 +44,7 @@ def verify(
                 f"{recording.path}: a check steps every node at its recorded ticks, so {part.name}.every cannot "
                 "change. Replay without --check, or leave it out."
             )
-    report.cut = not recording.complete or "recovered_from" in recording.about
+    report.cut = recording.cut
     for part in player.parts:
         if part.streams and not report.nodes[part.name].stopped:
             report.nodes[part.name].stopped = _cannot(recording, part.streams, part.name)

@@ -20,6 +20,7 @@ from palpate.records.fill import begin_copy, recover, recover_full
 from palpate.records.format.head import head_of
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
+from palpate.records.replay import Replay
 from palpate.records.stored import RecordingError, Stored
 from palpate.records.verify import verify
 from palpate.views.run import Run
@@ -189,6 +190,30 @@ def test_a_file_cut_off_anywhere_gives_what_lies_before(tmp_path, clock):
     assert max(found) > 100, (len(whole), found)
 
 
+def test_a_live_recording_cut_off_anywhere_and_recovered_computes_to_its_last_whole_tick(tmp_path):
+    """Messages of a node can be in the file before those that it used: processes send them in bursts of ticks."""
+    path = record_live(tmp_path)
+    whole = rows(path)
+    bursts = sorted(rows(path, stored=True), key=lambda row: (row[1] // 16, -NODES.index(row[0]), row[1]))
+    named = 0
+    for count in random.Random(5).sample(range(40, len(bursts)), 25):
+        arrived = bursts[:count]
+        truncated = rewritten(tmp_path / "cut.mcap", Stored(path), arrived, {"recovered_from": "run.mcap"})
+        got = rows(truncated)
+        assert got == whole[: len(got)]
+        complete = min(max((t for name, t, *_ in arrived if name == node), default=-1) for node in NODES)
+        assert not got or got[-1][1] >= complete - 16
+        report = verify(Recording(truncated), plan_of(Recording(truncated)))
+        assert report.cut and report.first is None
+        gaps = [node.stopped for node in report.nodes.values() if node.stopped]
+        assert len(gaps) <= 1 and all("is not in the truncated file" in gap for gap in gaps)
+        named += len(gaps)
+        player = Replay(Recording(truncated), plan_of(Recording(truncated)))
+        player.run()
+        assert all(node.differing == 0 for node in player.reports.values()) and not player.player.substituted
+    assert named > 5
+
+
 def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alone(tmp_path):
     path = record_live(tmp_path)
     own = [row for row in rows(path) if row[0] == "sum"]
@@ -199,14 +224,18 @@ def test_a_live_message_that_is_lost_and_that_nothing_depends_on_is_missing_alon
 def without(path: Path, *gone: tuple[str, int]) -> Path:
     """The same recording without messages that did not reach the logger."""
     recording = Stored(path)
-    holed = path.with_name("holed.mcap")
-    with holed.open("wb") as file:
-        writer, channels = begin_copy(recording, file, recording.about)
-        for name, tick, time, payload in recording.raw():
-            if (name, tick) not in gone:
-                writer.add_message(channels[name], tick, time, payload)
+    left = [row for row in recording.raw() if row[:2] not in gone]
+    return rewritten(path.with_name("holed.mcap"), recording, left, {})
+
+
+def rewritten(target: Path, recording: Stored, left: list[tuple[str, int, int, bytes]], more: dict[str, str]) -> Path:
+    """A complete file with these messages, and more about the run."""
+    with target.open("wb") as file:
+        writer, channels = begin_copy(recording, file, {**recording.about, **more})
+        for name, tick, time, payload in left:
+            writer.add_message(channels[name], tick, time, payload)
         writer.finish()
-    return holed
+    return target
 
 
 def test_a_logger_next_to_a_node_hears_the_others_to_their_end_on_the_real_clock(tmp_path):
