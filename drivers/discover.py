@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from palpate.drivers import falcon
-from palpate.drivers.hid import spacemouse
 from palpate.physics.extras import install
 
 USB = Path("/sys/bus/usb/devices")
@@ -21,7 +20,7 @@ class Known(NamedTuple):
     """A kind of device.
 
     name, use        the manufacturer's name, and the node that drives it
-    vendor, product  USB ids, four hexadecimal digits; product "*": any
+    vendor, product  USB ids, four hexadecimal digits
     needs            module that the driver imports
     through          "usb" or "hidraw": kind of its device file
     """
@@ -34,15 +33,9 @@ class Known(NamedTuple):
     through: str
 
 
-def _mouse(vendor: int, product: str) -> Known:
-    return Known(f"3Dconnexion {spacemouse.NAME}", "device.SpaceMouse", f"{vendor:04x}", product, "hid", "hidraw")
-
-
 KNOWN = (
     Known(falcon.NAME, "device.Falcon", f"{falcon.VENDOR:04x}", f"{falcon.PRODUCT:04x}", "usb", "usb"),
     Known("raw-HID device (Teensy)", "device.RawHid", "16c0", "0486", "hid", "hidraw"),
-    _mouse(spacemouse.VENDOR, "*"),
-    *(_mouse(spacemouse.OLD_VENDOR, f"{product:04x}") for product in sorted(spacemouse.OLD)),
 )
 
 
@@ -81,7 +74,7 @@ class ConnectedDevice:
 def devices() -> Iterator[ConnectedDevice]:
     for folder in sorted(USB.glob("*")) if USB.is_dir() else ():
         ids = _word(folder / "idVendor"), _word(folder / "idProduct")
-        yield from (_found(k, folder) for k in KNOWN if k.vendor == ids[0] and k.product in (ids[1], "*"))
+        yield from (_found(k, folder) for k in KNOWN if (k.vendor, k.product) == ids)
 
 
 def _found(kind: Known, folder: Path) -> ConnectedDevice:
@@ -114,7 +107,6 @@ def udev_rules() -> str:
     lines = ["# Devices that palpate drives. After a change: udevadm control --reload, then plug the device in again."]
     for kind in KNOWN:
         lines.append(f"# {kind.name}: {kind.use}")
-        ids = f'ATTRS{{idVendor}}=="{kind.vendor}"'
-        ids += "" if kind.product == "*" else f', ATTRS{{idProduct}}=="{kind.product}"'
+        ids = f'ATTRS{{idVendor}}=="{kind.vendor}", ATTRS{{idProduct}}=="{kind.product}"'
         lines.append(f'SUBSYSTEM=="{kind.through}", {ids}, MODE="0660", GROUP="plugdev", TAG+="uaccess"')
     return "\n".join(lines) + "\n"

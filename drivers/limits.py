@@ -41,6 +41,5 @@ LIMITS = {
     "falcon": Limits(0.4096, 8.0, 1.5, ((-0.09, -0.09, 0.06), (0.09, 0.09, 0.185)), delay=3, each=True),
     "inverse3": Limits(10.0, 10.0, 2.0, delay=2),
     "rawhid": Limits(5.0, 5.0, 1.5, delay=3),
-    "spacemouse": Limits(0.0, 0.0, math.inf),
 }
 """By the name of the driver."""

@@ -1,14 +1,10 @@
-"""HID devices: haptic devices that speak the open raw-HID protocol, and 3Dconnexion's mice."""
-
-from typing import Annotated, ClassVar, Literal
-
-import msgspec
+"""HID devices: haptic devices that speak the open raw-HID protocol."""
 
 from palpate.drivers.exchange import Driver
-from palpate.drivers.hid import raw, spacemouse
+from palpate.drivers.hid import raw
 from palpate.drivers.transport.hid import UsbHid
-from palpate.messages import DeviceState, Force, Torque, Vector3
-from palpate.nodes.base.wired import EMULATOR, Wired
+from palpate.messages import DeviceState, Force, Torque
+from palpate.nodes.base.wired import EMULATOR
 from palpate.nodes.device.hardware import Hardware, state
 
 
@@ -31,46 +27,3 @@ class RawHid(Hardware):
         if torque is not None:
             return state(self.talk(torque.torques, dt))
         return state(self.talk(force.force if force is not None else (0.0, 0.0, 0.0), dt))
-
-
-class SpaceMouse(Wired):
-    """A position that a 3Dconnexion mouse sets, without a force. With `port: emulator` it moves up and down.
-
-    mode    "rate": the deflection is a velocity, `speed` at full deflection; "place": it is the distance from
-            `begin`, `reach` at full deflection
-    begin   the position at the start, in the device's frame
-    low, high  corners of the box that limits the position
-    """
-
-    paced: ClassVar[bool] = True
-
-    mode: Annotated[Literal["rate", "place"], "1"] = "rate"
-    begin: Annotated[Vector3, "m"] = (0.0, 0.0, 0.116)
-    speed: Annotated[float, "m/s", msgspec.Meta(gt=0, le=1)] = 0.05
-    reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 0.03
-    low: Annotated[Vector3, "m"] = (-0.06, -0.06, 0.08)
-    high: Annotated[Vector3, "m"] = (0.06, 0.06, 0.15)
-
-    def start(self) -> None:
-        self.point = self.begin
-        super().start()
-
-    def driver(self) -> Driver:
-        if self.port == EMULATOR:
-            from palpate.drivers.hid.emulator import EmulatedSpaceMouse
-
-            return spacemouse.SpaceMouseDriver(EmulatedSpaceMouse(self.faults).connect)
-        return spacemouse.SpaceMouseDriver(lambda: UsbHid(spacemouse.fits, spacemouse.NAME, self.port))
-
-    def step(self, *, dt: float) -> DeviceState:
-        sample = self.talk((), dt)
-        if sample is None:
-            return DeviceState(position=self.point)
-        scale = self.reach if self.mode == "place" else self.speed * min(max(dt, 0.0), 0.1)
-        origin = self.begin if self.mode == "place" else self.point
-        x, y, z = (
-            min(max(o + scale * a, low), high)
-            for o, a, low, high in zip(origin, sample.position, self.low, self.high, strict=True)
-        )
-        self.point = x, y, z
-        return DeviceState(position=self.point, buttons=sample.buttons)

@@ -17,7 +17,7 @@ from palpate.models.fit.press import Loading, _onset, add_session
 from palpate.models.fit.sessions import SessionError
 
 FALCON = {"idVendor": "0403", "idProduct": "cb48", "busnum": "1", "devnum": "7", "serial": "FT1"}
-STICK = {"idVendor": "256f", "idProduct": "c635", "busnum": "1", "devnum": "8", "serial": ""}
+BOARD = {"idVendor": "16c0", "idProduct": "0486", "busnum": "1", "devnum": "8", "serial": ""}
 MOUSE = {"idVendor": "046d", "idProduct": "c077", "busnum": "1", "devnum": "9"}
 
 
@@ -27,16 +27,16 @@ def run(*words):
 
 @pytest.fixture
 def bus(tmp_path, monkeypatch):
-    """A kernel's folders with a Falcon, a SpaceMouse and an ordinary mouse."""
+    """A kernel's folders with a Falcon, a raw-HID device and an ordinary mouse."""
     usb, dev = tmp_path / "usb", tmp_path / "dev"
-    for name, words in {"1-1": FALCON, "1-2": STICK, "1-3": MOUSE}.items():
+    for name, words in {"1-1": FALCON, "1-2": BOARD, "1-3": MOUSE}.items():
         (usb / name).mkdir(parents=True)
         for key, word in words.items():
             (usb / name / key).write_text(f"{word}\n")
     (dev / "bus" / "usb" / "001").mkdir(parents=True)
     (dev / "bus" / "usb" / "001" / "007").touch(mode=0o600)
     for interface, hidraw in (("1-2:1.0", "hidraw10"), ("1-2:1.1", "hidraw2")):
-        (usb / "1-2" / interface / "0003:256F:C635.0001" / "hidraw" / hidraw).mkdir(parents=True)
+        (usb / "1-2" / interface / "0003:16C0:0486.0001" / "hidraw" / hidraw).mkdir(parents=True)
     (dev / "hidraw10").touch(mode=0o600)
     monkeypatch.setattr(discover, "USB", usb)
     monkeypatch.setattr(discover, "DEV", dev)
@@ -45,18 +45,18 @@ def bus(tmp_path, monkeypatch):
 
 def test_devices_lists_what_is_plugged_in(bus):
     data = json.loads(run("devices", "--json").stdout)
-    falcon, mouse = data["devices"]
+    falcon, board = data["devices"]
     assert (falcon["name"], falcon["use"], falcon["port"]) == ("Novint Falcon", "device.Falcon", "1:7")
     assert falcon["serial"] == "FT1" and falcon["next"] == ""
-    assert (mouse["use"], mouse["ids"], mouse["next"]) == ("device.SpaceMouse", "256f:c635", "")
-    assert mouse["port"] == mouse["file"] == str(bus / "hidraw10"), "of its first interface"
+    assert (board["use"], board["ids"], board["next"]) == ("device.RawHid", "16c0:0486", "")
+    assert board["port"] == board["file"] == str(bus / "hidraw10"), "of its first interface"
 
 
 def test_a_hid_device_that_the_kernel_has_no_file_for_is_listed(bus):
     for name in ("1-2:1.0", "1-2:1.1"):
         shutil.rmtree(bus.parent / "usb" / "1-2" / name)
-    mouse = json.loads(run("devices", "--json").stdout)["devices"][1]
-    assert mouse["port"] == "" and mouse["next"].startswith("no hidraw file")
+    board = json.loads(run("devices", "--json").stdout)["devices"][1]
+    assert board["port"] == "" and board["next"].startswith("no hidraw file")
 
 
 def test_devices_says_what_to_do_next(bus, monkeypatch):
@@ -73,7 +73,7 @@ def test_the_udev_rule_is_written_and_names_every_device(tmp_path, monkeypatch):
     assert run("devices", "--install-udev").exit_code == 0
     text = rule.read_text()
     assert 'SUBSYSTEM=="usb", ATTRS{idVendor}=="0403", ATTRS{idProduct}=="cb48", MODE="0660"' in text
-    assert 'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="256f", MODE="0660"' in text
+    assert 'SUBSYSTEM=="hidraw", ATTRS{idVendor}=="16c0", ATTRS{idProduct}=="0486", MODE="0660"' in text
     for line in text.splitlines():
         assert line.startswith("#") or re.fullmatch(r'[A-Z]+=="\w+"(, [A-Za-z{}]+(==|\+?=)"\w+")+', line), line
 

@@ -15,7 +15,7 @@ from palpate.drivers.limits import LIMITS
 from palpate.launch.load.launchfile import find
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, DeviceState, Force, Torque
-from palpate.nodes.device import Falcon, Inverse3, RawHid, SpaceMouse
+from palpate.nodes.device import Falcon, Inverse3, RawHid
 from palpate.nodes.sensor import NetFT
 
 FORCE, TORQUE = Force(force=(0.0, 0.0, 1.0), state="contact", energy=0.0), Torque(torques=(0.02, 0.02, 0.02))
@@ -23,7 +23,6 @@ KINDS = {
     "falcon": (Falcon, {}, {"torque": TORQUE}),
     "rawhid": (RawHid, {}, {"force": FORCE}),
     "inverse3": (Inverse3, {}, {"force": FORCE}),
-    "spacemouse": (SpaceMouse, {}, {}),
     "netft": (NetFT, {}, {}),
 }
 HAPTIC = ["falcon", "rawhid", "inverse3"]
@@ -116,7 +115,7 @@ def test_a_silent_device_gets_no_force(name, made):
 
 
 @pytest.mark.parametrize("reconnect", [False, True])
-@pytest.mark.parametrize("name", [n for n in KINDS if n != "spacemouse"])  # it rests in silence
+@pytest.mark.parametrize("name", KINDS)
 def test_a_device_that_stops_answering_is_an_error_with_its_name(name, reconnect):
     """One that is waited for is an error if it stays silent."""
     kind, given, held = KINDS[name]
@@ -169,7 +168,7 @@ def test_a_pulled_plug_is_one_clear_line(name, made):
     assert told.value.lost and "\n" not in str(told.value)
 
 
-@pytest.mark.parametrize("name", ["falcon", "rawhid", "spacemouse"])
+@pytest.mark.parametrize("name", ["falcon", "rawhid"])
 def test_a_device_that_is_back_is_taken_up_again(name, made):
     node, bus = made(name, reconnect=True, faults=EmulatedFaults(unplug=0.3, back=0.9))
     notes: list[str] = []

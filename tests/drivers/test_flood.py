@@ -6,7 +6,7 @@ import pytest
 
 from palpate.drivers.guard import Guard
 from palpate.drivers.haply import inverse3
-from palpate.drivers.hid import raw, spacemouse
+from palpate.drivers.hid import raw
 from palpate.drivers.sensors import netft
 from palpate.drivers.transport.burst import MOST
 
@@ -27,11 +27,6 @@ def sampled(number: int) -> bytes:
 def at(number: int) -> bytes:
     """A state of a raw-HID device: `number` counts along x."""
     return raw.pack(raw.RawState(number, 0, raw.HOMED, 3, 0, (number, 0, 0, 0, 0, 0), 0))
-
-
-def moved(number: int) -> bytes:
-    """A report of a SpaceMouse."""
-    return bytes((1, number % 256, *(0,) * 11))
 
 
 class Far:
@@ -69,12 +64,6 @@ def sensor(far):
     return driver
 
 
-def mouse(far):
-    driver = spacemouse.SpaceMouseDriver(lambda: far)
-    driver.open()
-    return driver
-
-
 def board(far):
     driver = raw.RawHidDriver(lambda: far)
     driver.port, driver.sequence, driver.last = far, 0, -1
@@ -85,7 +74,6 @@ def board(far):
 KINDS = {
     "inverse3": (service, state),
     "netft": (sensor, sampled),
-    "spacemouse": (mouse, moved),
     "rawhid": (board, at),
 }
 

@@ -15,7 +15,6 @@ from palpate.drivers.falcon.driver import FalconDriver
 from palpate.drivers.guard import DeviceSample, Guard
 from palpate.drivers.haply.inverse3 import Inverse3Driver
 from palpate.drivers.hid.raw import WATCHDOG, RawHidDriver
-from palpate.drivers.hid.spacemouse import SpaceMouseDriver
 from palpate.drivers.limits import LIMITS
 from palpate.drivers.sensors.netft import NetFTDriver
 from palpate.launch.load.launchfile import find
@@ -32,12 +31,11 @@ ROWS = {
     "falcon": (FULL_SCALE / PER_TORQUE, 8.0, 1.5, FALCON_BOX, 3, 0.5, True, 0.5),
     "inverse3": (10.0, 10.0, 2.0, ANYWHERE, 2, 0.5, False, 0.5),
     "rawhid": (5.0, 5.0, 1.5, ANYWHERE, 3, 0.5, False, 0.5),
-    "spacemouse": (0.0, 0.0, math.inf, ANYWHERE, 2, 0.5, False, 0.5),
 }
 """But for the Falcon's command these are choices of this project, which docs/devices.md states: a change of one is a
 change of what a hand may feel, and is made in both places and here."""
 HAPTIC = ["falcon", "inverse3", "rawhid"]
-DRIVERS = {"falcon": FalconDriver, "inverse3": Inverse3Driver, "rawhid": RawHidDriver, "spacemouse": SpaceMouseDriver}
+DRIVERS = {"falcon": FalconDriver, "inverse3": Inverse3Driver, "rawhid": RawHidDriver}
 PAGE = (Path(__file__).parents[2] / "docs" / "devices.md").read_text()
 
 
