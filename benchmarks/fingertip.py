@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fingertip_claims import statements
 from scipy.optimize import minimize_scalar
 
 from palpate.models.fe.meshing.fingertip import CALIBRATED, PAPER, FingertipDimensions
-from palpate.models.fe.study.paper_claims import statements
 from palpate.models.fe.study.press_record import PressRun, Record, record
 from palpate.models.fe.study.pressing import Pressing
 
@@ -79,7 +79,7 @@ def main() -> None:
     tables |= {f"statements, {name}": statements(**plates) for name, plates in records.items()}
     divisor = fit_divisor(records["calibrated"]["steel"].softened(1.0 / CALIBRATED))
     if given.pictures:
-        from palpate.views.pictures.models.fe_fingertip import draw
+        from fingertip_flow import draw
 
         given.pictures.mkdir(parents=True, exist_ok=True)
         draw({plate: pair[0] for plate, pair in every["calibrated"].items()}, given.pictures)

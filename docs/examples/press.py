@@ -1,6 +1,6 @@
 """A steel ball pressed into skin over fat: a custom material law, two layers, contact, a file for ParaView.
 
-python press.py [folder]
+python press.py [folder]    (the file needs the extra `mesh`)
 """
 
 import sys

@@ -1,6 +1,5 @@
-"""Meshes of tetrahedra from files of Gmsh, VTK, Abaqus and others (meshio, extra `mesh`); VTK files of results."""
+"""Meshes of tetrahedra from files of Gmsh, VTK, Abaqus and others, and VTK files of results (meshio, extra `mesh`)."""
 
-import base64
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import numpy as np
 from palpate.models.fe.element.mesh import MeshError, TetMesh, quadratic
 from palpate.physics.extras import missing
 
-QUADRATIC_TETRA = 24
 REGION_FIELDS = ("gmsh:physical", "region", "medit:ref", "CellEntityIds")
 """Names of cell fields that contain the region of each element; the first that exists is used."""
 
@@ -83,36 +81,14 @@ def _regions(path: str | Path, mesh: Any, blocks: list[int]) -> tuple[np.ndarray
 def write_vtu(
     path: Path, mesh: TetMesh, points: dict[str, np.ndarray] | None = None, cells: dict[str, np.ndarray] | None = None
 ) -> None:
-    """Write a mesh with fields on its nodes (N,...) and elements (E,...) as a .vtu file, for ParaView and pyvista."""
-    count = len(mesh.elements)
-    fields = {
-        "Points": [("Points", mesh.points)],
-        "Cells": [
-            ("connectivity", mesh.elements.ravel()),
-            ("offsets", 10 * np.arange(1, count + 1)),
-            ("types", np.full(count, QUADRATIC_TETRA, dtype=np.uint8)),
-        ],
-        "PointData": list((points or {}).items()),
-        "CellData": [("region", mesh.region), *(cells or {}).items()],
-    }
-    lines = [
-        '<?xml version="1.0"?>',
-        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64">',
-        f'<UnstructuredGrid><Piece NumberOfPoints="{len(mesh.points)}" NumberOfCells="{count}">',
-    ]
-    for group, arrays in fields.items():
-        lines.append(f"<{group}>")
-        lines += [_array(name, values) for name, values in arrays]
-        lines.append(f"</{group}>")
-    lines.append("</Piece></UnstructuredGrid></VTKFile>")
+    """Write a mesh with fields on its nodes (N,...) and elements (E,...) as a .vtu file, for ParaView and pyvista.
+
+    ModuleNotFoundError: meshio (extra `mesh`) is missing.
+    """
+    import meshio
+
+    fields = {"region": mesh.region, **(cells or {})}
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(lines))
-
-
-def _array(name: str, values: np.ndarray) -> str:
-    values = np.ascontiguousarray(values)
-    kind = {"f": "Float64", "i": "Int64", "u": "UInt8", "b": "UInt8"}[values.dtype.kind]
-    data = values.astype({"Float64": "<f8", "Int64": "<i8", "UInt8": "u1"}[kind]).tobytes()
-    text = base64.b64encode(np.array([len(data)], dtype="<u8").tobytes() + data).decode()
-    parts = values.size // max(len(values), 1)
-    return f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{parts}" format="binary">{text}</DataArray>'
+    meshio.Mesh(
+        mesh.points, [("tetra10", mesh.elements)], point_data=points, cell_data={n: [f] for n, f in fields.items()}
+    ).write(path)

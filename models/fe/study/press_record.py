@@ -40,12 +40,6 @@ class Record:
         first, second = (float(np.interp(force, self.force, x)) for x in (self.indentation, self.area))
         return first, second, volumes
 
-    def at_depth(self, indentation: float) -> float:
-        """Force [N] at an indentation [m], interpolated. ValueError: the indentation is not reached."""
-        if not 0.0 <= indentation <= self.indentation[-1]:
-            raise ValueError(f"indentation {indentation} m: the record ends at {self.indentation[-1]:.4g} m")
-        return float(np.interp(indentation, self.indentation, self.force))
-
     def softened(self, divisor: float) -> Record:
         """The record for moduli divided by a number, on a rigid plate: the same motion, with divided forces."""
         return replace(self, force=self.force / divisor)
@@ -91,10 +85,7 @@ class PressRun:
     def keep(self, pressing: Pressing, rows: list[list[float]]) -> None:
         """Write a step; the state comes last, so that an incomplete step is repeated."""
         moved = pressing.solver.displacement
-        corners, pressure = pressing.touch.pressure(moved)
-        self._write(
-            f"step-{len(rows) - 1:03d}.npz", displacement=moved.astype(np.float32), corners=corners, pressure=pressure
-        )
+        self._write(f"step-{len(rows) - 1:03d}.npz", displacement=moved.astype(np.float32))
         self._write("table.npz", rows=np.array(rows))
         pressing.solver.save(self.folder / "state.npz")
 
@@ -132,30 +123,6 @@ class PressRun:
         if row == 0:
             return np.zeros_like(self.mesh().points)
         return self._read(f"step-{row:03d}.npz")["displacement"].astype(np.float64)
-
-    def pressure(self, row: int) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes under the plate (V,) and the contact pressure there [Pa] (V,) of a row of the table, see
-        `Augmented.pressure`; none in the first row. ArgumentError: a missing step."""
-        if row == 0:
-            return np.zeros(0, dtype=np.int64), np.zeros(0)
-        arrays = self._read(f"step-{row:03d}.npz")
-        return arrays["corners"], arrays["pressure"]
-
-    def displacement_at(self, force: float) -> np.ndarray:
-        """Displacement [m] (N,3) at a force [N], interpolated. ArgumentError: not reached."""
-        return self._between(self.record().force, force, "N")
-
-    def displacement_at_depth(self, indentation: float) -> np.ndarray:
-        """Displacement [m] (N,3) at an indentation [m], interpolated. ArgumentError: not reached."""
-        return self._between(self.record().indentation, indentation, "m")
-
-    def _between(self, marks: np.ndarray, mark: float, unit: str) -> np.ndarray:
-        if not 0.0 <= mark <= marks[-1]:
-            raise ArgumentError(f"{self.folder}: ends at {marks[-1]:.4g} {unit}, {mark:.4g} {unit} is not reached")
-        row = max(1, int(np.searchsorted(marks, mark)))
-        share = (mark - marks[row - 1]) / max(marks[row] - marks[row - 1], 1e-300)
-        low, high = self.displacement(row - 1), self.displacement(row)
-        return low + share * (high - low)
 
     def _read(self, name: str) -> dict[str, np.ndarray]:
         try:

@@ -1,29 +1,28 @@
 """The commands `palpate build basis` and `palpate build fe`."""
 
 import json
-import shlex
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import fingertip_flow
 import numpy as np
 import pytest
-import typer
+from fingertip_claims import statements
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
-from palpate.cli.commands.fitting.build import fe
-from palpate.cli.terminal.group import group
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact
 from palpate.models.build import basis as builder
-from palpate.models.fe.study.press_record import PressRun, run_name
+from palpate.models.fe.study.press_record import PressRun, check_pair
 from palpate.nodes.deformation import ReducedFE
 from palpate.nodes.tactile.flow import Flow
 from palpate.physics.bodies.condensed_basis import Basis
 from palpate.physics.bodies.sampled_body import SampledBasis
+from palpate.physics.errors import ArgumentError
 
 
 def run(*words):
@@ -116,44 +115,40 @@ def one_line(result, code, *texts):
 
 
 def test_fe_fingertip_reports_the_run_beside_the_paper(steel):
-    folder, report = steel
+    _, report = steel
     assert report["divisor"] == 20.0 and report["indentation"][-1] == pytest.approx(1e-4)
     assert report["paper"][0] == {"force": 0.11, "indentation": 1.24e-3, "found": None}
-    assert len(list(folder.rglob("finger.vtu"))) == 1
 
 
-def test_the_record_and_the_file_for_paraview_hold_the_pressure(steel):
+def test_the_file_for_paraview_holds_the_pressure(steel):
+    meshio = pytest.importorskip("meshio")
     folder, report = steel
-    run = PressRun(folder / "steel-20-3-0.2")
-    nodes, pressure = run.pressure(len(report["force"]) - 1)
+    pressure = meshio.read(next(folder.rglob("finger.vtu"))).point_data["pressure"]
     mean = report["force"][-1] / report["area"][-1]
     assert 0.2 * mean < pressure.max() < 4.0 * mean  # so light a contact is narrower than a face
-    assert np.unique(nodes).size == nodes.size == pressure.size
-    assert 'Name="pressure"' in next(folder.rglob("finger.vtu")).read_text()
 
 
-def test_fe_fingertip_draws_what_the_run_has(steel):
+def test_the_script_of_the_papers_figures_draws_what_the_run_has(steel, tmp_path):
     pytest.importorskip("matplotlib")
-    folder, report = steel
-    assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
-    assert min(path.stat().st_size for path in folder.rglob("*.png")) > 20_000
+    folder, _ = steel
+    made = fingertip_flow.draw({"steel": PressRun(folder / "steel-20-3-0.2")}, tmp_path)
+    assert [path.name for path in made] == ["force.png", "strain.png"]
+    assert min(path.stat().st_size for path in made) > 20_000
 
 
 def test_the_area_of_a_light_run_fills_its_picture_beside_the_papers_greater_forces(steel):
     pytest.importorskip("matplotlib")
-    from palpate.views.pictures.models.fe_fingertip import force
-
     folder, report = steel
-    left, right = force({"steel": PressRun(folder / "steel-20-3-0.2")}).axes
+    left, right = fingertip_flow.force({"steel": PressRun(folder / "steel-20-3-0.2")}).axes
     assert left.get_ylim()[1] > 0.5
     assert right.get_xlim()[1] == pytest.approx(1.05 * report["force"][-1])
 
 
-def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
+def test_without_meshio_the_run_is_kept_and_says_what_to_install(steel, monkeypatch):
     folder, _ = steel
-    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.setitem(sys.modules, "meshio", None)
     again = fingertip("--depth", "0.1", "--material", "20", "--out", str(folder))
-    assert again.exit_code == 0 and 'pip install "palpate[view]"' in again.output, again.output
+    assert again.exit_code == 0 and 'pip install "palpate[mesh]"' in again.output, again.output
     assert "0.11 N: not reached" in again.output
 
 
@@ -161,9 +156,9 @@ def test_without_matplotlib_the_run_is_kept_and_says_what_to_install(steel, monk
 def test_a_run_beyond_the_papers_forces_has_all_four_pictures(tmp_path):
     pytest.importorskip("matplotlib")
     report = json.loads(fingertip("--material", "cortical", "--depth", "0.9", "--out", str(tmp_path), "--json").stdout)
-    names = [path.rpartition("/")[2] for path in report["pictures"]]
-    assert names == ["force.png", "strain.png", "isostrain.png", "flow.png"]
-    assert min(path.stat().st_size for path in tmp_path.rglob("*.png")) > 20_000
+    made = fingertip_flow.draw({"steel": PressRun(Path(report["folder"]))}, tmp_path)
+    assert [path.name for path in made] == ["force.png", "strain.png", "isostrain.png", "flow.png"]
+    assert min(path.stat().st_size for path in made) > 20_000
     assert report["paper"][1]["found"] == pytest.approx(0.77e-3, abs=0.03e-3)  # 0.76 mm on finer meshes
 
 
@@ -213,13 +208,13 @@ def test_a_damaged_run_is_said(steel, tmp_path, name):
     one_line(again, 2, name, "damaged")
 
 
-def test_fe_table_and_compare_say_what_is_no_run(steel, tmp_path):
+def test_fe_table_says_what_is_no_run(steel, tmp_path):
     folder, _ = steel
     mine = str(folder / "steel-20-3-0.2")
     one_line(run("build", "fe", "table", mine, str(tmp_path)), 2, "no run.json", "palpate build fe fingertip")
     one_line(run("build", "fe", "table", mine, str(folder)), 2, "no run.json", f"such as {mine}")
-    one_line(run("build", "fe", "compare", mine, mine), 2, "a run on steel, expected one on silicone")
-    one_line(run("build", "fe", "compare", str(tmp_path / "no"), mine), 2, "no run.json")
+    one_line(run("build", "fe", "table", mine, mine), 2, "a run on steel, expected one on silicone")
+    one_line(run("build", "fe", "table", str(tmp_path / "no"), mine), 2, "no run.json")
 
 
 @pytest.mark.long
@@ -240,19 +235,20 @@ def test_ctrl_c_keeps_the_steps_and_the_same_command_goes_on(tmp_path):
 
 
 @pytest.mark.long
-def test_fe_compare_puts_both_plates_side_by_side(steel, tmp_path):
+def test_the_script_of_the_papers_figures_puts_both_plates_side_by_side(steel, tmp_path, monkeypatch, capsys):
     """Short runs: what they do not reach is left out, not made up."""
     pytest.importorskip("matplotlib")
     folder, _ = steel
     words = ["--plate", "silicone", "--material", "20", "--depth", "0.1", "--out", str(tmp_path), "--json"]
     soft = json.loads(fingertip(*words).stdout)
-    both = (str(folder / "steel-20-3-0.2"), soft["folder"])
-    report = json.loads(run("build", "fe", "compare", *both, "--out", str(tmp_path / "both"), "--json").stdout)
-    (row,) = report["statements"]
+    runs = [PressRun(folder / "steel-20-3-0.2"), PressRun(Path(soft["folder"]))]
+    (row,) = statements(*(run.record() for run in runs))
     assert "strain 0.1" in row["statement"] and row["steel"] is None and row["holds"] is None
-    assert [path.rpartition("/")[2] for path in report["pictures"]] == ["force.png", "strain.png"]
-    shown = run("build", "fe", "compare", *both, "--out", str(tmp_path / "both"))
-    assert shown.exit_code == 0 and "less on silicone" in shown.output
+    words = ["fingertip_flow.py", *(str(run.folder) for run in runs), "--out", str(tmp_path / "both")]
+    monkeypatch.setattr(sys, "argv", words)
+    fingertip_flow.main()
+    shown = capsys.readouterr().out
+    assert "force.png" in shown and "strain.png" in shown and "less on silicone" in shown
 
 
 @pytest.mark.long
@@ -264,9 +260,9 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
     written = tmp_path / "tables" / "mine.npz"
     made = run("build", "fe", "table", str(folder / "steel-20-3-0.2"), soft["folder"], "--out", str(written))
     assert made.exit_code == 0, made.output
-    one_line(
-        run("build", "fe", "compare", str(folder / "steel-20-3-0.2"), soft["folder"]), 2, "divisor is 20.0 on steel"
-    )
+    runs = {"steel": PressRun(folder / "steel-20-3-0.2"), "silicone": PressRun(Path(soft["folder"]))}
+    with pytest.raises(ArgumentError, match=r"divisor is 20\.0 on steel"):
+        check_pair(runs)
     force = hard["force"][-1] * 20.0 / soft["divisor"]
     touch = Contact(foot=(0, 0, 0), normal=(0, 0, 1), force=force, compression=0, indentation=0, compression_rate=0,
                     indentation_rate=0)  # fmt: skip
@@ -284,20 +280,3 @@ def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_p
     assert SampledBasis.load(Path(told["path"])).modes.shape[1] == 8
     loose = run("build", "basis", *sets, "--set", "bed=0.01", "--out", str(tmp_path), "--json")
     assert loose.exit_code == 2 and "for 0 touches" in json.loads(loose.stdout)["text"]
-
-
-@pytest.mark.parametrize("page", ["README.md", "docs/fingertip.md"])
-def test_the_printed_commands_compare_folders_that_they_make(page):
-    """`palpate build fe compare` as printed names folders of runs that are printed before it."""
-    verbs = typer.main.get_command(group(fe)).commands
-    made = set()
-    for line in (Path(__file__).parents[4] / page).read_text(encoding="utf-8").splitlines():
-        words = shlex.split(line, comments=True) if line.startswith("palpate build fe ") else []
-        if words[3:4] == ["fingertip"]:
-            given = verbs["fingertip"].make_context("fingertip", words[4:]).params
-            names = ("plate", "material", "cells", "friction")
-            made.add(str(given["out"] / run_name(*(given[name] for name in names))))
-        elif words[3:4] == ["compare"]:
-            given = verbs["compare"].make_context("compare", words[4:]).params
-            assert {str(given["steel"]), str(given["silicone"])} <= made
-    assert made or page == "README.md"

@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
+from fingertip_claims import statements
+from fingertip_sections import cross, flow, parts, section, smooth
 from pytest import approx
 
 from palpate.models.fe.element.elements import gradients
 from palpate.models.fe.element.mesh import TetMesh, box
 from palpate.models.fe.meshing.fingertip import NAIL, SUBCUTIS, FingertipDimensions
-from palpate.models.fe.study.isostrain import cross, flow, parts, section, smooth, strain, subdivided, volumes_above
-from palpate.models.fe.study.paper_claims import statements
+from palpate.models.fe.study.isostrain import strain, subdivided, volumes_above
 from palpate.models.fe.study.press_record import LEVELS, Record, differing
 from palpate.physics.contact.tactile import equivalent_strain
 
@@ -175,5 +176,3 @@ def test_two_runs_that_differ_are_told_apart_by_their_first_difference():
     assert differing(first, first) is None
     assert differing(first, {"plate": "steel", "finger": {"cells": 4, "bone": 6e-3}}) == ("finger.cells", 3, 4)
     assert differing(first, {"plate": "steel"}) == ("finger", first["finger"], None)
-    with pytest.raises(ValueError, match="ends at"):
-        made(1e5, 1.0).at_depth(3e-3)

@@ -1,4 +1,4 @@
 """`palpate build fe`."""
 
 HELP = "Run the full finite-element models."
-ORDER = ("fingertip", "compare", "table")
+ORDER = ("fingertip", "table")

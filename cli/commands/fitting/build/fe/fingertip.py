@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.cli.terminal.options import Json, out_option
-from palpate.cli.terminal.output import console, drawn, print_json, table
+from palpate.cli.terminal.output import console, print_json, say, table
 
 if TYPE_CHECKING:
     from palpate.models.fe.study.press_record import PressRun, Record
@@ -33,25 +33,26 @@ def fingertip(
     as_json: Json = False,
 ) -> None:
     """Press the layered fingertip on a plate: force, area, volumes."""
-    from palpate.models.fe.study.paper_claims import numbers
     from palpate.models.fe.study.press_record import PressRun, run_name
+    from palpate.physics.extras import missing
     from palpate.physics.writable import check_folder
-    from palpate.views.pictures.models.fe_fingertip import draw
 
     pressing = _pressing(plate, material, depth, cells, friction)
     place = out / run_name(plate, material, cells, friction)
     check_folder(place)
     place.mkdir(parents=True, exist_ok=True)
     record = _press(pressing, 1e-3 * depth, PressRun(place), as_json)
-    pressing.write(place / "finger.vtu")
-    made = drawn(draw, {plate: PressRun(place)}, place)
+    fields = place / "finger.vtu"
+    try:
+        pressing.write(fields)
+    except ModuleNotFoundError as error:
+        say(missing(f"no {fields.name}", error.name, "mesh"), err=True)
     if as_json:
-        files = {"folder": str(place), "pictures": [str(path) for path in made]}
-        print_json({"ok": True} | numbers(plate, material, record) | files)
+        print_json({"ok": True} | _numbers(plate, material, record) | {"folder": str(place)})
         return
     _print(plate, material, record)
-    lines = f"{place / 'finger.vtu'}: displacement, equivalent strain and contact pressure", *made
-    typer.echo("\n".join(map(str, lines)))
+    if fields.exists():
+        typer.echo(f"{fields}: displacement, equivalent strain and contact pressure")
 
 
 def _pressing(plate: str, material: str, depth: float, cells: int, friction: float) -> Pressing:
@@ -107,3 +108,18 @@ def _print(plate: str, material: str, record: Record) -> None:
     for force, depth in PAPER[plate]:
         found = f"{1e3 * record.at(force)[0]:.2f} mm" if force <= record.force[-1] else "not reached"
         typer.echo(f"{force} N: {found} (paper: {1e3 * depth:.2f} mm)")
+
+
+def _numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
+    """The record as plain data, with the points of the paper."""
+    from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
+
+    divisor, bone = divisor_and_bone(material)
+    return {
+        "plate": plate, "material": material, "divisor": divisor, "bone": bone,
+        **{name: values.tolist() for name, values in vars(record).items()},
+        "paper": [
+            {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
+            for f, d in PAPER[plate]
+        ],
+    }  # fmt: skip

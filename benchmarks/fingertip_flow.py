@@ -1,19 +1,24 @@
-"""Pictures of one run of the FE fingertip, or of two side by side: force, strain, isostrain volumes, tactile flow.
+"""Pictures of one run of the FE fingertip, or of two side by side, as in Figures 3 to 5 of the tactile-flow paper.
 
-They correspond to Figures 3 to 5 of the paper. Needs the extra `view`.
+    python benchmarks/fingertip_flow.py RUN [RUN] [-o runs/fingertip]
+
+RUN is a folder that `palpate build fe fingertip` has written. Also prints which statements of the paper on both plates
+hold, if a run on steel and one on silicone are given. Needs the extra `view`.
 """
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from fingertip_claims import HIGH, LOW, at_depth, statements
+from fingertip_sections import cross, finger, flow, section, smooth
 
 from palpate.models.fe.meshing.fingertip import PAPER
-from palpate.models.fe.study.isostrain import cross, finger, flow, section, smooth, strain, volumes_above
-from palpate.models.fe.study.paper_claims import HIGH, LOW
-from palpate.models.fe.study.press_record import PressRun
+from palpate.models.fe.study.isostrain import strain, volumes_above
+from palpate.models.fe.study.press_record import PressRun, check_pair
 from palpate.models.fe.study.pressing import SIDES
 from palpate.physics.contact.tactile import growth
 from palpate.views.pictures.style import FAINT, FRICTION, INK, NORMAL, deformation_colours, figure, look
@@ -73,7 +78,7 @@ def strains(runs: dict[str, PressRun]) -> Figure:
     cuts = {}
     for plate, run in runs.items():
         mesh = run.mesh()
-        u = run.displacement_at_depth(depth)
+        u = between(run, run.record().indentation, depth)
         solid = finger(mesh)
         cuts[plate] = section(mesh, u, smooth(solid, strain(solid, u)))
     top = np.ceil(20 * max(np.percentile(cut.values, 99.7) for cut in cuts.values())) / 20
@@ -83,7 +88,7 @@ def strains(runs: dict[str, PressRun]) -> Figure:
     for axis, (plate, cut) in zip(axes, cuts.items(), strict=True):
         shown = _filled(axis, cut.triangles, cut.values, top)
         _shape(axis, cut, plate, depth)
-        load = runs[plate].record().at_depth(depth)
+        load = at_depth(runs[plate].record(), depth)
         axis.set_title(f"{plate}, {load:.2g} N")
     fig.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.8, pad=0.015, extend="max")
     return fig
@@ -125,7 +130,7 @@ def flows(runs: dict[str, PressRun]) -> Figure:
     for axis, (plate, run) in zip(axes, runs.items(), strict=True):
         mesh = run.mesh()
         solid = finger(mesh)
-        low, high = run.displacement_at(LOW), run.displacement_at(HIGH)
+        low, high = (between(run, run.record().force, force) for force in (LOW, HIGH))
         mean, motion = flow(solid, low, high, LOW, HIGH)
         cut = section(mesh, 0.5 * (low + high), np.concatenate([mean[:, :, None], motion[:, :, 1:]], axis=2))
         level, speed = cut.values[:, :, 0], 1e3 * cut.values[:, :, 1:]
@@ -143,6 +148,14 @@ def flows(runs: dict[str, PressRun]) -> Figure:
         axis.set_title(f"{plate}, lines of {', '.join(f'{x:g}' for x in LINES)}")
     fig.colorbar(shown, ax=list(axes), label="equivalent strain", shrink=0.9, pad=0.015, extend="max")
     return fig
+
+
+def between(run: PressRun, marks: np.ndarray, mark: float) -> np.ndarray:
+    """Displacement [m] (N,3) where the column `marks` (k,) of a record has the value `mark`, interpolated."""
+    row = max(1, int(np.searchsorted(marks, mark)))
+    share = (mark - marks[row - 1]) / max(marks[row] - marks[row - 1], 1e-300)
+    low, high = run.displacement(row - 1), run.displacement(row)
+    return low + share * (high - low)
 
 
 def _volumes(run: PressRun) -> tuple[np.ndarray, np.ndarray]:
@@ -202,3 +215,24 @@ def _shape(axis: Axes, cut: Any, plate: str, depth: float) -> None:
 def _axes(columns: int, width: float, height: float, title: str) -> tuple[Figure, Any]:
     fig = figure(width, height, title)
     return fig, fig.subplots(1, columns, squeeze=False).ravel()
+
+
+def main() -> None:
+    """Draw the runs, and print the statements if both plates are given."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("runs", type=Path, nargs="+", help="folders of runs, one per plate")
+    parser.add_argument("-o", "--out", type=Path, default=Path("runs/fingertip"), help="folder for the pictures")
+    given = parser.parse_args()
+    runs = {str(run.settings()["plate"]): run for run in map(PressRun, given.runs)}
+    given.out.mkdir(parents=True, exist_ok=True)
+    for path in draw(runs, given.out):
+        print(path)
+    if len(runs) == 2:
+        from tables import show
+
+        check_pair(runs)
+        show("statements", statements(runs["steel"].record(), runs["silicone"].record()))
+
+
+if __name__ == "__main__":
+    main()

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 from palpate.models.fe.study.press_record import Record
 from palpate.physics.contact.tactile import growth
 
@@ -14,17 +13,9 @@ WEAK = 0.1  # [1] Strain level of the volumes that are compared at the same inde
 LEAST = 1e-3  # [mm³, mm³/N] Isostrain volume, or its growth, below which a level counts as not reached
 
 
-def numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
-    """The record as plain data, with the points of the paper."""
-    divisor, bone = divisor_and_bone(material)
-    return {
-        "plate": plate, "material": material, "divisor": divisor, "bone": bone,
-        **{name: values.tolist() for name, values in vars(record).items()},
-        "paper": [
-            {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
-            for f, d in PAPER[plate]
-        ],
-    }  # fmt: skip
+def at_depth(record: Record, indentation: float) -> float:
+    """Force [N] at an indentation [m] that the record reaches, interpolated."""
+    return float(np.interp(indentation, record.indentation, record.force))
 
 
 def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
@@ -40,7 +31,7 @@ def statements(steel: Record, silicone: Record) -> list[dict[str, Any]]:
         if steel.force[-1] < force:
             continue
         depth = steel.at(force)[0]
-        other = silicone.at_depth(depth) if depth <= silicone.indentation[-1] else None
+        other = at_depth(silicone, depth) if depth <= silicone.indentation[-1] else None
         add(f"force at {1e3 * depth:.2f} mm, N: lower on silicone", force, other, less=True)
     depth = float(min(steel.indentation[-1], silicone.indentation[-1]))
     k = int(np.argmin(np.abs(steel.levels - WEAK)))
