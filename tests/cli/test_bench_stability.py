@@ -73,27 +73,11 @@ def test_a_device_that_is_none_is_refused_by_name(tmp_path, wrong):
     assert not (tmp_path / "stability.csv").exists()
 
 
-def test_bodies_come_with_a_table(tmp_path):
-    options = ("--body", "deformation.MassSpring", "--coulomb", "0.05")
-    told = json.loads(call("-o", str(tmp_path), *options).stdout)
-    (row,) = told["bodies"]
-    assert row["body"] == "deformation.MassSpring" and row["stable"] == approx(460, rel=0.05)
-    with (tmp_path / "bodies.csv").open(encoding="utf-8") as file:
-        (line,) = csv.DictReader(file)
-    assert float(line["stable [N/m]"]) == approx(row["stable"], rel=1e-5)
-
-
-def test_a_node_that_takes_no_load_is_refused_as_a_body(tmp_path):
-    result = call("-o", str(tmp_path), "--body", "collision.Mesh")
-    assert result.exit_code == 2 and "expected a node that takes Load" in " ".join(result.stdout.split())
-
-
 @pytest.mark.parametrize(
     ("options", "said"),
     [
         (["--mass", "-1"], "--mass: found -1"),
         (["--rate", "nan"], "--rate: found nan"),
-        (["--body", "deformation.Nope"], "'deformation' has no class 'Nope'"),
         (["-o", "{file}/x"], "file/x: Not a directory"),
     ],
 )

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from body_wall import PUSH, Wall, held, row, stiffened, stiffest
 from pytest import approx
 from regions import CYCLE, GROWS, NEAR, REST, fate, region
 
@@ -10,7 +11,6 @@ from palpate.nodes.collision import Mesh
 from palpate.nodes.deformation import BeamBundle, MassSpring, ReducedFE
 from palpate.physics.device.wall_loop import WallDevice
 from palpate.physics.errors import ArgumentError
-from palpate.studies.stability.body_wall import PUSH, Wall, held, row, stiffened, stiffest
 
 EXACT = WallDevice(resolution=0.0)
 

@@ -1,6 +1,5 @@
-"""`palpate bench stability`: the stiffest virtual wall, or tissue model, that a device can render."""
+"""`palpate bench stability`: the stiffest virtual wall that a device can render."""
 
-import math
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
@@ -29,9 +28,6 @@ def stability(
     lost: Annotated[float, typer.Option(help="Fraction of samples lost; the previous value is reused.")] = 0.0,
     jitter: Annotated[float, typer.Option(help="Relative variation of the step length.")] = 0.0,
     seed: Annotated[int, typer.Option(help="Random seed for lost samples and jitter.")] = 0,
-    body: Annotated[
-        list[str] | None, typer.Option(help="Tissue model instead of the wall: deformation.ReducedFE; may be repeated.")
-    ] = None,
     out: Annotated[Path, out_option("Folder of pictures and tables.")] = Path("stability"),
     as_json: Json = False,
 ) -> None:
@@ -41,8 +37,7 @@ def stability(
     `passive` and `stable` are exact for a linear loop, `quantised` for a spring without delay. `bare` is the simulated
     loop without passivity control, with a hand, a unilateral wall and the encoder: the last stiffness, in steps of 1/8
     octave, at which the oscillation decays. With the controller, `commanded` is the stiffest such wall and `controlled`
-    the stiffness that the hand feels at it. For a tissue model all moduli are scaled; its stiffness is measured at a
-    push of 0.1 N, and `stable` uses the damping of the model.
+    the stiffness that the hand feels at it.
     """
     from palpate.physics.device.wall_loop import WallDevice
     from palpate.physics.writable import check_folder
@@ -51,24 +46,20 @@ def stability(
     device = WallDevice(mass, drag, coulomb, resolution, limit)
     study = StabilityStudy(
         device, rate or [500.0, 1000.0, 4000.0], delay or [0, 1, 2, 5], damping or [0.0, 0.05, 0.1, 0.2], order, lost,
-        jitter, seed, body or [],
+        jitter, seed,
     )  # fmt: skip
     study.check()
     check_folder(out)
-    count, work = len(study.cases) + len(study.loops), sum(one[0] for one in study.cases)
-    total = work + sum(one[1] for one in study.loops)
-    roughly = None if body else PER_SECOND * work
-    with steps(f"bench stability: {count} loops", total, silent=as_json, seconds=roughly) as done:
+    work = sum(one[0] for one in study.cases)
+    title = f"bench stability: {len(study.cases)} loops"
+    with steps(title, work, silent=as_json, seconds=PER_SECOND * work) as done:
         results = study.run(out, done)
-    files = results.pop("files")
     if as_json:
         print_json(results)
         return
     _print(results["rows"], device)
-    if body:
-        _print_bodies(results["bodies"])
-    typer.echo(", ".join(filter(None, files)))
-    if not files[1]:
+    typer.echo(", ".join(filter(None, (results["table"], results["picture"]))))
+    if not results["picture"]:
         say(missing("no pictures", "matplotlib", "view"), err=True)
 
 
@@ -94,16 +85,3 @@ def _print(rows: list[dict[str, Any]], device: Any) -> None:
     if device.resolution and not device.coulomb:
         words = "without dry friction (--coulomb) no wall is strictly passive through an encoder, so `quantised` is 0"
         out.print(words, style="dim")
-
-
-def _print_bodies(rows: list[dict[str, Any]]) -> None:
-    def stiffness(value: float) -> str:
-        return "all stable" if math.isinf(value) else "none stable" if value == 0.0 else f"{value:.4g}"
-
-    cells = [
-        (row["body"], f"{row['rate']:g}", f"{row['delay']:g}",
-         *(stiffness(row[name]) for name in ("stable", "bare", "controlled")), f"{1e3 * row['given_out']:.2g}")
-        for row in rows
-    ]  # fmt: skip
-    heads = ("\nbody", ">rate\n[Hz]", ">\ndelay", ">\nstable", ">\nbare", ">\ncontrolled", ">injected\n[mJ]")
-    console().print(table(heads, cells, title="stiffest tissue model, N/m at a push of 0.1 N", fixed=heads))

@@ -1,4 +1,6 @@
-"""A device held against a deformable body by a closed loop: what a wall is in theory, a body is here.
+"""The stiffest tissue model that a device can render: a body in place of the wall of `palpate bench stability`.
+
+    python benchmarks/body_wall.py [--body deformation.ReducedFE ...] [--rate 1000 ...] [--delay 1 ...] [--json]
 
 The hand of `physics.device.wall_loop` pushes a mass with drag into a body on the plane, through an encoder and a
 delay. A rigid finger touches it by contact.Series and spread.Kernel; the force goes through controller.Haptic or not.
@@ -6,12 +8,14 @@ delay. A rigid finger touches it by contact.Series and spread.Kernel; the force 
 
 import math
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
+from tables import parser, tell
 
-from palpate.launch.load.classes import ClassError, find_class
+from palpate.launch.load.classes import find_class
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
 from palpate.nodes.base import Node, inputs, outputs, settings
 from palpate.nodes.base.contacts import press
@@ -33,21 +37,6 @@ PLACE: dict[str, Any] = {"surface": "plane", "vertices": 1000, "position": (0.0,
 STIFF = ("Pa", "N/m", "N/m^n")  # Units of settings that say how stiff a body is
 NARROW = 3  # Halvings of an octave
 NONE, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
-COLUMNS = {
-    "body": "", "rate": "Hz", "delay": "1", "stable": "N/m", "bare": "N/m", "controlled": "N/m", "given_out": "J",
-}  # fmt: skip
-
-
-def classes(names: Sequence[str]) -> dict[str, type[Node]]:
-    """The bodies of these names. ClassError, ArgumentError: one is no node, or no body."""
-    bodies = {}
-    for name in names:
-        try:
-            bodies[name] = find_class(name)
-        except ClassError as error:
-            raise ClassError(str(error).replace("use:", "--body:", 1), error.cure) from None
-        stiffened(bodies[name], 1.0)
-    return bodies
 
 
 def stiffened(cls: type[Node], factor: float) -> Node:
@@ -186,3 +175,24 @@ def stiffest(holds: Callable[[float], bool], low: float = 1 / 16, high: float = 
         middle = math.sqrt(below * above)
         below, above = (middle, above) if holds(middle) else (below, middle)
     return below
+
+
+def main() -> None:
+    """Print a row for each body, rate and delay: stiffness [N/m] at a push of 0.1 N, and energy [J]."""
+    options = parser(__doc__)
+    options.add_argument("--body", nargs="+", default=["deformation.ReducedFE"], help="tissue models")
+    options.add_argument("--rate", nargs="+", type=float, default=[1000.0], help="Hz")
+    options.add_argument("--delay", nargs="+", type=int, default=[0, 1, 2, 5], help="whole samples")
+    options.add_argument("--mass", type=float, default=0.1, help="of the device, kg")
+    options.add_argument("--drag", type=float, default=0.2, help="of the device, N s/m")
+    options.add_argument("--coulomb", type=float, default=0.0, help="dry friction of the device, N")
+    options.add_argument("--resolution", type=float, default=60e-6, help="of the encoder, m; 0: exact")
+    given = options.parse_args()
+    device = WallDevice(given.mass, given.drag, given.coulomb, given.resolution)
+    cases = product(given.body, given.rate, given.delay)
+    rows = [{"body": name, **row(device, find_class(name), rate, delay)} for name, rate, delay in cases]
+    tell({"stiffest tissue model, N/m at a push of 0.1 N": rows}, given.json)
+
+
+if __name__ == "__main__":
+    main()
