@@ -1,15 +1,22 @@
-"""Force noise while a finger holds still, for every body in every graph that accepts it, at several rates.
+"""Does a finger hold still? Every body in every graph that it fits, at several rates, under the shipped encoder.
 
-    python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring BeamBundle] [--rates 500 1000 5000] [--exact]
+    python benchmarks/hold.py [GRAPH ...] [--bodies MassSpring Rigid] [--rates 500 1000 5000] [--exact] [--no-apart]
 
-Each run is the touch of the graph with the shipped encoder, fused, on simulated time; `--exact` replaces the encoder by
-exact positions. Printed for each device: the peak force [N] and, over the last 0.2 s (at most half) of the hold with
-the largest force, the mean force [N], the unfiltered RMS noise [mN] about the mean and about a fitted parabola, which
-removes the creep of relaxing bodies, and the friction [N].
+Prints the table of docs/stability.md, a row for each graph and body and in each cell a figure for each rate. A run is
+the touch of the graph on simulated time, fused; `--exact`: with exact positions in place of the encoder's. Of the
+device with the larger value: the peak of the force [N], and over the last 0.2 s, at most half, of the hold with the
+largest force, the mean force [N], the unfiltered RMS noise about the mean [mN], and the friction [N]. `apart` is the
+largest difference [N] of the force on the hand in a run with one process per node, which ends 0.2 s after contact
+begins. A combination that is refused has the reason in its place, and one whose forces are not valid a mark, and the
+warning below the table. 15 minutes on two cores.
 """
 
 import argparse
+import os
+import sys
 import tempfile
+import time
+from concurrent.futures import ProcessPoolExecutor
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
@@ -30,15 +37,18 @@ GRAPHS = {  # device: controller, frictions
 }
 NETWORK = 40e-3  # [s] of the graph remote, there and back
 TISSUE = {"organs": ("kidney", "liver")}
-EXACT = {  # nodes with a setting for the encoder's resolution
+EXACT = {  # what knows of the encoder
     "pinch": [f"{node}{f}" for f in ("thumb", "index") for node in ("device-", "", "controller-")],
     "palpate-two": [f"{node}-{f}" for f in (1, 2) for node in ("device", "finger", "controller")],
 }
 SECONDS = 0.2
+APART = 0.2  # [s] of contact in a run with one process per node
+BODIES = ("MassSpring", "BeamBundle", "ReducedFE", "Rigid")
+BEYOND = "beyond"  # of the note of a contact whose forces are not valid
 
 
 def holds(path) -> list[tuple[float, float]]:
-    """Begin and end [s] of the measured part of each hold."""
+    """When the part of each rest that is measured begins and ends [s]."""
     parts, now = [], 0.0
     for segment in path:
         rest = segment.get("hold") or 0.0
@@ -49,31 +59,36 @@ def holds(path) -> list[tuple[float, float]]:
 
 
 class Hold(NamedTuple):
-    """Forces [N] of a device: peak; during the hold: mean, noise about it and about a parabola, friction."""
+    """Forces [N] of a device: its peak, and of the hold the mean, the noise about it, and friction."""
 
     peak: float
     held: float
     noise: float
-    about_parabola: float
     friction: float
 
 
 def measure(record: Recording, controller: str, frictions: list[str], parts: list[tuple[float, float]], rate: float):
-    """The figures of the hold with the largest force."""
+    """Of the hold with the largest force."""
     force = record.columns(controller)["force"]
     windows = [slice(a, b) for a, b in (np.round(np.array(parts) * rate).astype(int)) if b <= len(force)]
     window = max(windows, key=lambda each: np.linalg.norm(force[each].mean(axis=0)))
-    held = force[window]
-    t = np.vander(np.linspace(-1, 1, len(held)), 3)
-    left = held - t @ np.linalg.lstsq(t, held, rcond=None)[0]
-    noise = [float(np.sqrt(np.square(each).sum(axis=1).mean())) for each in (held - held.mean(axis=0), left)]
+    held = force[window].mean(axis=0)
+    noise = float(np.sqrt(np.square(force[window] - held).sum(axis=1).mean()))
     rubs = [record.columns(friction)["force"][window] for friction in frictions if friction in record.streams]
     rub = np.linalg.norm(sum(rubs, np.zeros((1, 3))), axis=1).mean()
-    return Hold(np.linalg.norm(force, axis=1).max(), np.linalg.norm(held.mean(axis=0)), *noise, float(rub))
+    return Hold(np.linalg.norm(force, axis=1).max(), np.linalg.norm(held), noise, float(rub))
 
 
-def run(graph: str, body: str, rate: int, exact: bool = False) -> dict[str, Hold]:
-    """The figures of each device of a graph with a given body at a rate [Hz]."""
+class Run(NamedTuple):
+    """What was measured of each device, the difference [N] of a run apart, warnings of forces that are not valid."""
+
+    holds: dict[str, Hold]
+    apart: float
+    notes: list[str]
+
+
+def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = False) -> Run:
+    """Each device of a graph with a body in it at a rate [Hz]."""
     sets = [f"rate={rate}", *(f"{name}.use=deformation.{body}" for name in TISSUE.get(graph, ("tissue",)))]
     if graph == "remote":
         sets.append(f"controller.delay={round(NETWORK * rate)}")
@@ -82,36 +97,73 @@ def run(graph: str, body: str, rate: int, exact: bool = False) -> dict[str, Hold
     fingers = GRAPHS[graph]
     wanted = tuple(stream for streams in fingers.values() for stream in streams)
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "hold.mcap"
-        launch = find(graph).but(record=file, overrides=sets, place="fused", wanted=wanted)
+
+        def record(place: str, duration: float | None = None) -> tuple[Recording, tuple[str, ...]]:
+            file = Path(folder) / f"{place}.mcap"
+            given = {"duration": duration} if duration else {}
+            result = execute(launch.but(record=file, place=place, **given)).result
+            if not result.ok:
+                raise RunError(f"failed: {result.deaths or result.notes}")
+            return Recording(file), tuple(result.notes)
+
+        launch = find(graph).but(overrides=sets, wanted=wanted)
         nodes = launch.load().nodes
-        result = execute(launch).result
-        if not result.ok:
-            raise RunError(f"failed: {result.deaths or result.notes}")
-        record = Recording(file)
-        return {
-            device: measure(record, controller, frictions, holds(nodes[device].settings["path"]), rate)
+        whole, notes = record("fused")
+        holds_ = {
+            device: measure(whole, controller, frictions, holds(nodes[device].settings["path"]), rate)
             for device, (controller, *frictions) in fingers.items()
         }
+        difference = float("nan")
+        if apart:
+            forces = {controller: whole.columns(controller)["force"] for controller, *_ in fingers.values()}
+            begin = min(int(np.argmax(force.any(axis=1))) for force in forces.values()) / rate
+            other, _ = record("apart", begin + APART)
+            parts = [(other.columns(name)["force"], force) for name, force in forces.items()]
+            difference = max(float(np.abs(short - long[: len(short)]).max()) for short, long in parts)
+        return Run(holds_, difference, [note for note in notes if BEYOND in note])
+
+
+def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tuple[str, list[str]]:
+    """Of the table; and the warnings."""
+    cells: list[list[str]] = [[] for _ in Hold._fields]
+    most, notes = 0.0, []
+    for rate in rates:
+        try:
+            found = run(graph, body, rate, exact, apart)
+        except PalpateError as error:
+            cells[0].append(f"refused at {rate} Hz: {str(error).splitlines()[0]}")
+            continue
+        most, notes = max(most, found.apart), found.notes or notes
+        for cell, form, scale, values in zip(
+            cells, ("{:.2f}", "{:.2f}", "{:.1f}", "{:.2f}"), (1, 1, 1e3, 1), zip(*found.holds.values(), strict=True),
+            strict=True,
+        ):  # fmt: skip
+            cell.append(form.format(scale * max(values)))
+    if notes:
+        cells[-1] = ["(contact beyond its law)"]
+    parser = [", ".join(cell) for cell in cells]
+    return "| " + " | ".join([f"`{graph}`", f"`{body}`", *words, f"{most:.2g}"]) + " |", notes
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("graphs", nargs="*", default=list(GRAPHS))
-    parser.add_argument("--bodies", nargs="+", default=["MassSpring", "BeamBundle", "ReducedFE", "Rigid"])
+    parser.add_argument("--bodies", nargs="+", default=list(BODIES))
     parser.add_argument("--rates", nargs="+", type=int, default=[500, 1000, 5000])
     parser.add_argument("--exact", action="store_true")
+    parser.add_argument("--no-apart", action="store_true")
     given = parser.parse_args()
-    print(f"{'graph, device':24s}{'body':12s}{'Hz':>6s}    peak    held  rms [mN] about parabola friction", flush=True)
-    for graph, body, rate in product(given.graphs, given.bodies, given.rates):
-        try:
-            found = run(graph, body, rate, given.exact)
-        except PalpateError as error:
-            print(f"{graph:24s}{body:12s}{rate:6d} {str(error).splitlines()[0]}", flush=True)
-            continue
-        for device, (peak, held, noise, about, rub) in found.items():
-            figures = f"{peak:7.2f} {held:7.2f} {1e3 * noise:9.1f} {1e3 * about:9.2f} {rub:7.3f}"
-            print(f"{f'{graph}, {device}':24s}{body:12s}{rate:6d} {figures}", flush=True)
+    pairs, begin, warned = list(product(given.graphs, given.bodies)), time.monotonic(), []
+    print("| graph | body | peak force [N] | held force [N] | noise [mN] | held friction [N] | apart [N] |")
+    print("|---|---|---|---|---|---|---|", flush=True)
+    with ProcessPoolExecutor(min(2, os.cpu_count() or 1)) as pool:
+        tasks = [pool.submit(row, *pair, given.rates, given.exact, not given.no_apart) for pair in pairs]
+        for k, (pair, task) in enumerate(zip(pairs, tasks, strict=True), 1):
+            line, notes = task.result()
+            print(line, flush=True)
+            warned += [f"{', '.join(pair)}: {note}" for note in notes]
+            print(f"{k} of {len(pairs)}, {time.monotonic() - begin:.0f} s", file=sys.stderr, flush=True)
+    print("", *warned, sep="\n")
 
 
 if __name__ == "__main__":

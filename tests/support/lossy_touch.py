@@ -24,6 +24,13 @@ TAP = (
     "{to: [0, 0, 0.110], time: 0.05, shape: linear}, {to: [0, 0, 0.095], time: 0.0425, shape: linear}, {hold: 0.2}]",
 )  # fmt: skip
 """0.4 m/s."""
+SLIDE = (
+    "scene.surface.vertices=600", "scene.hand.begin=[-0.02, 0, 0.112]",
+    "scene.hand.path=[{to: [-0.02, 0, 0.096], time: 0.12}, {hold: 0.08}, {to: [0.02, 0.004, 0.095], time: 0.15},"
+    "{to: [-0.02, -0.004, 0.095], time: 0.1, shape: linear}, {hold: 0.1}, {to: [0.01, 0, 0.0945], time: 0.12},"
+    "{to: [0.01, 0, 0.113], time: 0.15}]",
+)  # fmt: skip
+"""Along the kidney and back, at up to 0.5 m/s."""
 
 
 @dataclass
