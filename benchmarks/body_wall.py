@@ -40,9 +40,9 @@ NONE, UP = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def stiffened(cls: type[Node], factor: float) -> Node:
-    """The body on the plane, all of its moduli and stiffnesses this many times those that it has by default.
+    """The body on the plane, with all default moduli and stiffnesses multiplied by a factor.
 
-    ArgumentError: it is no body, or says nothing of its stiffness.
+    ArgumentError: the class is not a body, or has no setting for its stiffness.
     """
     if Surface not in outputs(cls) or Load not in {port.type for port in inputs(cls)}:
         raise ArgumentError(f"--body: found {cls.__name__}, expected a node that takes Load and sends Surface")

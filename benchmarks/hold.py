@@ -37,7 +37,7 @@ GRAPHS = {  # device: controller, frictions
 }
 NETWORK = 40e-3  # [s] of the graph remote, there and back
 TISSUE = {"organs": ("kidney", "liver")}
-EXACT = {  # what knows of the encoder
+EXACT = {  # nodes with a setting for the encoder
     "pinch": [f"{node}{f}" for f in ("thumb", "index") for node in ("device-", "", "controller-")],
     "palpate-two": [f"{node}-{f}" for f in (1, 2) for node in ("device", "finger", "controller")],
 }
@@ -141,7 +141,7 @@ def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tu
             cell.append(form.format(scale * max(values)))
     if notes:
         cells[-1] = ["(contact beyond its law)"]
-    parser = [", ".join(cell) for cell in cells]
+    words = [", ".join(cell) for cell in cells]
     return "| " + " | ".join([f"`{graph}`", f"`{body}`", *words, f"{most:.2g}"]) + " |", notes
 
 

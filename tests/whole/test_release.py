@@ -25,7 +25,9 @@ def test_notes_are_what_stands_below_unreleased():
             release.notes(text)
 
 
-@pytest.mark.parametrize(("version", "words"), [("0.2", "expected three"), ("0.0.9", "below"), ("0.1.5", "exists already")])
+@pytest.mark.parametrize(
+    ("version", "words"), [("0.2", "expected three"), ("0.0.9", "below"), ("0.1.5", "exists already")]
+)
 def test_a_version_that_cannot_be_is_refused(version, words):
     with pytest.raises(SystemExit, match=words):
         release.check_version(version, "0.1.0", ["v0.1.5"])
