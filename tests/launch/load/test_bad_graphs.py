@@ -265,7 +265,7 @@ SETS = {
     "tissue.stiffness=[1": ["not YAML"],
     "scene.tissue.cells=9": ["'tissue.cells' of the scene reaches no node", "Settings of 'tissue' (Spring): stiffness"],
     "scene.tissue={friction: on, cells: 9}": ["'tissue.cells' of the scene reaches no node"],
-    "tissue.use=graph_nodes.Spirng": ["no class 'Spirng'", "Did you mean 'Spring'", "Classes that send Surface"],
+    "tissue.use=graph_nodes.Spirng": ["no class 'Spirng'", "Did you mean 'Spring'"],
 }
 
 
