@@ -20,14 +20,13 @@ import zmq
 from palpate.engine.clock import Silence, now
 from palpate.engine.job import Job, members
 from palpate.launch.run import reports
-from palpate.launch.run.barrier import Barrier
 from palpate.launch.run.ending import Ending
 from palpate.launch.run.forkserver import ForkServer
 from palpate.launch.run.interrupts import STOPPING, interrupts
 from palpate.launch.run.member import WorkerHandle, lost
 from palpate.launch.run.result import Death, Result
 from palpate.launch.run.wire.keys import Key
-from palpate.launch.run.wire.wires import ControlChannel, blocked_by
+from palpate.launch.run.wire.wires import ControlChannel, blocked_by, heard, listeners
 from palpate.launch.run.work.watchdog import START_PATIENCE
 from palpate.launch.run.work.worker import REPORT
 
@@ -97,7 +96,6 @@ class Launcher:
         except OSError:
             self.forkserver.close()
             raise
-        self._barrier = Barrier(self.members, self._control)
         self._ending = Ending(self.members, self._control, self.forkserver, self._real, self.result.notes.append)
         for group in joined:
             self._control.expect(group)
@@ -170,8 +168,7 @@ class Launcher:
 
     def _turn(self) -> None:
         ready = dict(self._poller.poll(100))
-        for member, report in self._barrier.early():
-            self._ready(member, report)
+        self._control.deliver()
         self._caught_up = False
         for _ in range(MOST_REPORTS):
             if not self._next_report():
@@ -253,24 +250,42 @@ class Launcher:
         )
 
     def _ready(self, member: WorkerHandle, report: reports.Ready) -> None:
-        if not member.alive or not self._barrier.ready(member, report):
+        if not member.alive:
             return
+        member.endpoints, member.secured = report.endpoints, report.secured
+        member.busy, member.state = "", "ready"
         if self._ending.over or (self._real and not any(lead.alive for lead in self._leads())):
             self._control.tell(member.job.group, reports.Stop())  # it missed the end of the run
             return
         self.result.notes += [n for n in report.refused if n not in self.result.notes]
         if self.phase == "running":
-            self._barrier.link(member)
-        elif self._barrier.all("ready"):
+            self._link(member)
+        elif self._all("ready"):
             self.phase = "linking"
             for each in self.members.values():
-                self._barrier.link(each)
+                self._link(each)
+
+    def _all(self, state: str) -> bool:
+        return all(member.state == state for member in self.members.values())
+
+    def _link(self, member: WorkerHandle) -> None:
+        """Send a worker the outlets to connect to and the number of readers to wait for."""
+        others = {group: job for group, job in self.jobs.items() if group != member.job.group}
+        sources = []
+        for group, outlet, streams in heard(member.job, others):
+            other = self.members[group]
+            if other.endpoints:
+                # The local address if both are on one machine, else the TCP address.
+                address = other.endpoints[outlet][0 if member.joined == other.joined else -1]
+                observed = outlet == "observers"
+                sources.append(reports.OutletAddress(group, address, tuple(streams), observed, other.secured))
+        self._control.tell(member.job.group, reports.Connect(tuple(sources), listeners(member.job, others)))
 
     def _linked(self, member: WorkerHandle) -> None:
         if not member.alive:
             return  # it has been killed
         member.state = "linked"
-        if self.phase == "linking" and self._barrier.all("linked") and not self._ending.over:
+        if self.phase == "linking" and self._all("linked") and not self._ending.over:
             self._go()
         elif self.phase == "running":  # it was restarted
             self._control.tell(member.job.group, reports.Go(self.origin))
@@ -369,7 +384,9 @@ class Launcher:
         moment = time.monotonic()
         if self.address and moment - self._beat > BEAT:
             self._beat = moment
-            self._control.tell("*", reports.Beat())
+            for group, member in self.members.items():
+                if member.state != "starting":
+                    self._control.tell(group, reports.Beat())
         self._ending.check(begun=self.phase not in ("starting", "linking"))
         if not self._ending.near:
             self._check_hung()

@@ -9,7 +9,6 @@ from typing import Any
 
 from palpate.engine import clock
 from palpate.engine.job import Job, members
-from palpate.launch.run.reports import Ready
 
 ALIVE = ("starting", "ready", "linked", "running")
 LONGEST_GAP = 1e-9 * clock.LONGEST_GAP  # [s] counted at most between two checks
@@ -29,7 +28,6 @@ class WorkerHandle:
     pid        process id; None: not started, or on another machine
     endpoints  addresses of its outlets, once it is ready
     secured    whether they are encrypted
-    early      its report `Ready`, if that arrived before its subscription
     paused     the tick after which it waits for the number of the last tick
     flushed    its nodes have ended, and their messages are being delivered
     clean_exit its nodes have ended without failure, and all their messages were delivered
@@ -46,7 +44,6 @@ class WorkerHandle:
     pid: int | None = None
     endpoints: dict[str, list[str]] = field(default_factory=dict)
     secured: bool = False
-    early: Ready | None = None
     paused: int | None = None
     flushed: bool = False
     clean_exit: bool = False
@@ -94,7 +91,7 @@ class WorkerHandle:
 
     def forked(self) -> None:
         """Reset the state for a new process."""
-        self.state, self.early, self.pid, self.paused = "starting", None, None, None
+        self.state, self.pid, self.paused = "starting", None, None
         self.flushed = self.clean_exit = False
         self.heard()
 

@@ -81,8 +81,7 @@ class Bus:
         self._reports = self._socket(zmq.PUSH, 2000)
         for socket, address in ((self._control, control), (self._reports, reports)):
             connect(socket, address, key if guarded else None)
-        for topic in (f"~{group}", "~*"):
-            self._control.subscribe(topic.encode() + b"\0")
+        self._control.subscribe(f"~{group}".encode() + b"\0")
         self._ordered = True  # whether orders may be waiting
         self._watch.add(int(self._control.get(zmq.FD)), self._note_order)
         self._outlet = Outlet(group, self._external, real, self._watch)

@@ -1,6 +1,6 @@
 """The launcher's control channel to its workers, and the streams that workers read from one another.
 
-Orders go out, reports come in. Subscriptions show which workers already receive orders.
+Orders go out, reports come in. Orders to a worker wait until it has subscribed.
 """
 
 from collections import Counter
@@ -54,8 +54,8 @@ class ControlChannel:
             except zmq.ZMQError as error:
                 self.close(0)
                 raise OSError(f"cannot bind {address} (and the port after it): {error.strerror}") from None
-        self._subscribed = dict.fromkeys(jobs, 0)
-        self._expected = dict.fromkeys(jobs, 0)
+        self._missing = dict.fromkeys(jobs, 0)  # workers of each group that have yet to subscribe
+        self._waiting: dict[str, list[bytes]] = {group: [] for group in jobs}  # orders for them
 
     def register(self, poller: zmq.Poller) -> None:
         """Wake this poller on reports and subscriptions."""
@@ -64,23 +64,27 @@ class ControlChannel:
 
     def tell(self, group: str, order: Order) -> None:
         """Send an order to the worker of a group; `*`: to all."""
-        self._orders.send(frame(f"~{group}", msgspec.json.encode(order)))
+        for name in self._missing if group == "*" else (group,):
+            data = frame(f"~{name}", msgspec.json.encode(order))
+            if self._missing.get(name, 0) > 0:
+                self._waiting[name].append(data)
+            else:
+                self._orders.send(data)
 
     def expect(self, group: str) -> None:
-        self._expected[group] += 1
+        """A worker of this group starts; orders to its predecessor are void."""
+        self._missing[group] += 1
+        self._waiting[group].clear()
 
-    def hears(self, group: str) -> bool:
-        """Whether the worker of a group has subscribed; earlier orders would be lost."""
-        return self._subscribed[group] >= self._expected[group]
-
-    def new(self) -> Iterator[str]:
-        """Groups whose workers have subscribed since the last call."""
+    def deliver(self) -> None:
+        """Send waiting orders to the workers that have subscribed since the last call."""
         while self._orders.poll(0):
             note = self._orders.recv()
             group = note[2:-1].decode(errors="replace")
-            if note[:2] == b"\x01~" and group in self._subscribed:
-                self._subscribed[group] += 1
-                yield group
+            if note[:2] == b"\x01~" and group in self._missing:
+                self._missing[group] -= 1
+                while self._missing[group] <= 0 and self._waiting[group]:
+                    self._orders.send(self._waiting[group].pop(0))
             elif note[:1] not in (b"\x00", b"\x01"):
                 self.foreign += 1
 
@@ -94,7 +98,7 @@ class ControlChannel:
             addressed = REPORTS.decode(self._told.recv())
         except (msgspec.MsgspecError, ValueError):
             addressed = None
-        if addressed is None or addressed.group not in self._expected:
+        if addressed is None or addressed.group not in self._missing:
             self.foreign += 1
             return None
         return addressed
