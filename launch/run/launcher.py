@@ -120,11 +120,6 @@ class Launcher:
         """Number of kernels compiled so far; 0 except in the first run on a machine."""
         return sum(member.kernels for member in self.members.values())
 
-    @property
-    def foreign(self) -> int:
-        """Number of dropped frames that do not belong to this run."""
-        return self._control.foreign + sum(member.foreign for member in self.members.values())
-
     # -- the whole run -------------------------------------------------------------------------------------------
 
     def run(self) -> Result:
@@ -153,9 +148,9 @@ class Launcher:
         finally:
             self.phase = "ended"
             self.printed(self.forkserver.close())
-            self.result.foreign = self.foreign
-            if self.foreign:
-                self.result.notes.append(f"{self.foreign} frames that do not belong to this run were dropped")
+            if self._control.foreign:
+                text = f"{self._control.foreign} frames that do not belong to this run were dropped"
+                self.result.notes.append(text)
             self._control.close(200)
 
     def _fork(self, member: WorkerHandle) -> None:
@@ -219,9 +214,8 @@ class Launcher:
                 self._ready(member, report)
             case reports.Linked():
                 self._linked(member)
-            case reports.Alive(nodes, foreign, awaits):
+            case reports.Alive(nodes, awaits):
                 self.result.health.update(msgspec.to_builtins(nodes))
-                member.foreign = foreign
                 member.waits(awaits)
             case reports.Paused(tick):
                 member.paused = tick

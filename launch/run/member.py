@@ -31,7 +31,6 @@ class WorkerHandle:
     paused     the tick after which it waits for the number of the last tick
     flushed    its nodes have ended, and their messages are being delivered
     clean_exit its nodes have ended without failure, and all their messages were delivered
-    foreign    number of frames that it has dropped
     awaits     stream and tick of the message that it waits for
     awaited    number of heartbeats since that message was sent; None: not sent as far as is known
     """
@@ -47,7 +46,6 @@ class WorkerHandle:
     paused: int | None = None
     flushed: bool = False
     clean_exit: bool = False
-    foreign: int = 0
     awaits: tuple[str, int] | None = None
     awaited: int | None = None
     _silence: float = 0.0

@@ -97,11 +97,10 @@ class Linked(msgspec.Struct, frozen=True, tag=True):
 
 
 class Alive(msgspec.Struct, frozen=True, tag=True):
-    """Heartbeat: counters of each node, and number of dropped foreign frames. `awaits`: on the simulated clock, stream
-    and tick of the message that blocks the worker."""
+    """Heartbeat: counters of each node. `awaits`: on the simulated clock, stream and tick of the message that blocks
+    the worker."""
 
     nodes: dict[str, Counters]
-    foreign: int = 0
     awaits: tuple[str, int] | None = None
 
 

@@ -32,7 +32,6 @@ class Result:
     signal       number of the signal that stopped it; 0: none
     notes        lines for the user: denied priorities, dropped frames
     live         notes that a live view has printed during the run
-    foreign      number of dropped frames that do not belong to this run
     """
 
     deaths: list[Death] = field(default_factory=list)
@@ -44,7 +43,6 @@ class Result:
     signal: int = 0
     notes: list[str] = field(default_factory=list)
     live: set[str] = field(default_factory=set)
-    foreign: int = 0
 
     @property
     def ok(self) -> bool:

@@ -26,7 +26,6 @@ class Audience:
                 raise NodeError(given.name, "use", f"{given.cls} is not an observer")
             self.slots.append(ObserverSlot(given, node))
         self.begun: list[ObserverSlot] = []
-        self.foreign = 0  # dropped frames that do not belong to this run
         self.ended: set[str] = set()  # groups that sent their end-of-stream marker
         self.lost: set[str] = set()  # groups that ended without one
 
@@ -61,8 +60,7 @@ class Audience:
                     self._leave(group)
                 return -1
             tick = unpack(payload, Message).tick
-        except MessageError:
-            self.foreign += 1
+        except MessageError:  # not of this run
             return -1
         for slot in self.slots:
             if stream in slot.streams and tick > slot.last[stream]:

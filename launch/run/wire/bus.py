@@ -72,7 +72,6 @@ class Bus:
     ) -> None:
         self.context = zmq.Context()
         self.run, self.group, self.real, self.key = run, group, real, key
-        self._foreign = 0
         self._external = external or {}
         self._watch = SocketPoller()
         self._keeper: Authenticator | None = None
@@ -162,20 +161,10 @@ class Bus:
         """The launcher's next order; None if none arrives within `wait` [ms], or was seen by `sweep` for 0."""
         while (wait or self._ordered) and self._control.poll(wait):
             self._ordered = True
-            try:
+            with contextlib.suppress(msgspec.MsgspecError, ValueError, zmq.Again):
                 return ORDERS.decode(split(self._control.recv(zmq.NOBLOCK))[1])
-            except (msgspec.MsgspecError, ValueError):
-                self._foreign += 1
-            except zmq.Again:
-                pass
         self._ordered = False
         return None
-
-    @property
-    def foreign(self) -> int:
-        """Number of refused frames and readers that do not belong to this run."""
-        others = (self._outlet, self._public, *self._inlets.values())
-        return self._foreign + sum(other.foreign for other in others)
 
     def sweep(self, wait: int = 0) -> list[Inlet | TcpInlet]:
         """Poll all sockets for `wait` [ms]: serve readers and note waiting orders. Returns the inlets that may have
@@ -285,10 +274,7 @@ class Bus:
 
     def _listener(self, note: bytes) -> None:
         """Count a subscription or cancellation of an observer. It is a prefix; one that fits no stream is ignored."""
-        if note[:1] not in (b"\x00", b"\x01"):
-            self._foreign += 1
-            return
-        if not any(topic.startswith(note[1:]) for topic in self._topics):
+        if note[:1] not in (b"\x00", b"\x01") or not any(topic.startswith(note[1:]) for topic in self._topics):
             return
         count = self.listeners.get(note[1:], 0) + (1 if note[:1] == b"\x01" else -1)
         if count > 0:

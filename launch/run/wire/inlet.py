@@ -42,7 +42,6 @@ class Inlet:
     ) -> None:
         self.stream = stream
         self.linked = False  # whether the subscription was sent
-        self.foreign = 0  # frames, and writers, that were refused
         self._topic = stream.encode() + b"\0"
         self._group, self._watch, self._ready, self._apart = group, watch, ready, apart
         self._path = ""
@@ -111,7 +110,6 @@ class Inlet:
         try:
             return self._payloads(data)
         except zmtp.ZmtpError:
-            self.foreign += 1
             self._drop()
             return []
 
@@ -139,14 +137,13 @@ class Inlet:
         self.linked = True
 
     def _other(self, kind: int, body: bytes) -> None:
-        """Handle a command; count other streams and multipart messages as foreign."""
+        """Answer a ping; other streams and multipart messages are dropped."""
         assert self._socket is not None
         answer = zmtp.pong(kind, body)
         if answer is not None:
             with contextlib.suppress(OSError):
                 self._socket.send(answer, socket.MSG_DONTWAIT)
         elif kind != zmtp.COMMAND:
-            self.foreign += not self._many
             self._many = kind == zmtp.MORE
 
     @property
@@ -170,7 +167,6 @@ class TcpInlet:
     """Reads one stream of a worker on another machine."""
 
     awaits_writer = False
-    foreign = 0
 
     def __init__(self, socket: zmq.Socket, stream: str) -> None:
         topic = stream.encode() + b"\0"

@@ -137,7 +137,6 @@ class Outlet:
     """
 
     def __init__(self, group: str, external: Mapping[str, Collection[str]], real: bool, watch: SocketPoller) -> None:
-        self.foreign = 0  # readers that were refused
         self.changed = False  # whether subscriptions have changed
         self._group, self._external, self._real, self._outer = group, external, real, watch
         self._watch = SocketPoller()
@@ -234,8 +233,6 @@ class Outlet:
             self._sort()
         elif (answer := pong(flags, body)) is not None:
             reader.write(answer)
-        elif flags == 0:
-            self.foreign += 1
 
     def _sort(self) -> None:
         """Update the readers of each sender. A subscription is a prefix of one or several stream names."""
@@ -246,7 +243,6 @@ class Outlet:
             )
 
     def _refuse(self, reader: ReaderConnection, why: str) -> None:
-        self.foreign += 1
         self._notes[f"a reader of group {self._group!r} was refused, {reader.name}: {why}"] += 1
         self.drop(reader)
 

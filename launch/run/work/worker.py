@@ -20,7 +20,7 @@ from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
-from palpate.messages import MessageError, pack, unpack
+from palpate.messages import pack
 from palpate.nodes.base import Node
 
 BURST = 16  # ticks between two bursts to the observers
@@ -58,7 +58,6 @@ class Worker:
         self.stopping = False
         self.last = job.ticks - 1 if job.ticks is not None else None
         self.tick = -1
-        self.foreign = 0
         self.awaits: tuple[str, int] | None = None
         """Stream and tick of the message that it waits for, from the first `POLL_INTERVAL` on."""
         self._since = 0
@@ -231,20 +230,13 @@ class Worker:
     def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
         try:
             message = feed.decode(payload)
-        except Exception:
-            self._refuse(feed, payload)
+        except Exception as error:  # not of the stream's type
+            if not self._real:  # a node would wait for this message forever
+                text = f"a message that is no {feed.kind.__name__}: {error}"
+                raise NodeError(feed.producer, f"stream {feed.stream!r}", text) from error
             return
         for port in feed.ports:
             port.put(message)
-
-    def _refuse(self, feed: RemoteStream, payload: bytes) -> None:
-        """Handle a message that is not of the stream's type."""
-        try:
-            unpack(payload, feed.kind)
-        except MessageError as error:
-            if not self._real:  # a node would wait for this message forever
-                raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
-            self.foreign += 1
 
     def overhear(self, wait: bool) -> bool:
         """Pass one frame of another worker to the observers here; returns whether there was one."""
@@ -374,8 +366,7 @@ class Worker:
         nodes = {slot.name: slot.health.report(slot.forces()) for slot in self.slots}
         self._tell_observers(nodes)
         nodes |= {observer.name: observer.health.report() for observer in self.audience.slots}
-        foreign = self.foreign + self.audience.foreign + (self.bus.foreign if self.bus is not None else 0)
-        self.report(Alive(nodes, foreign, self.awaits))
+        self.report(Alive(nodes, self.awaits))
         self._pass_notes()
 
     def _tell_observers(self, nodes: dict[str, Counters]) -> None:

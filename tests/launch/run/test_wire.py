@@ -204,7 +204,7 @@ def test_a_writer_that_starts_again_is_found_and_half_a_message_of_the_first_is_
     again = End(tmp_path / "out", real=True).listen()
     link(again, reader)
     again.send(b"new")
-    assert reader.next() == b"new" and not reader.inlet.foreign
+    assert reader.next() == b"new"
 
 
 def test_a_reader_that_starts_again_hears_what_is_sent_from_then_on(tmp_path):
@@ -301,18 +301,18 @@ def test_a_stock_subscriber_may_cancel_and_ping(tmp_path, monkeypatch):
         writer.serve(lambda: not writer.sender.readers)
         heard.disable_monitor()
     writer.serve(lambda: not writer.outlet._readers)
-    assert not writer.outlet.foreign
+    assert not writer.outlet.notes()
     writer.outlet.close()
 
 
-def test_messages_of_several_frames_and_of_other_streams_are_dropped_and_counted(tmp_path):
+def test_messages_of_several_frames_and_of_other_streams_are_dropped(tmp_path):
     reader = End(tmp_path / "out")
     with zmq.Context() as context, context.socket(zmq.XPUB) as out:
         follow(reader, out)
         assert out.poll(60_000)
         out.send_multipart([b"pose\0", b"pose\0payload", b"pose\0end"])
         out.send(b"pose\0good")
-        assert reader.next() == b"good" and reader.inlet.foreign == 1
+        assert reader.next() == b"good"
         reader.inlet.close()
 
 
@@ -344,7 +344,7 @@ HOSTILE = {
 def test_who_does_not_speak_as_he_should_is_refused_and_named(ends, how):
     writer, reader = ends
     end = stranger(writer, HOSTILE[how])
-    writer.serve(lambda: writer.outlet.foreign == 1)
+    writer.serve(lambda: bool(writer.outlet.notes()))
     writer.send(b"goes on")
     assert reader.next() == b"goes on"
     while end.recv(4096):  # a greeting; then it was closed
@@ -388,14 +388,14 @@ def test_a_writer_that_announces_too_much_is_left_and_tried_again(tmp_path):
         listener.bind(reader.path)
         listener.listen()
         reader.read_from()
-        for turn in (1, 2):
+        for _ in range(2):
             until = time.monotonic() + 60.0
             while not reader.inlet._socket and time.monotonic() < until:
                 reader.inlet.reach()
             with listener.accept()[0] as end:
                 end.sendall(GREETING + ready({b"Socket-Type": b"PUB"}) + b"\x02" + (1 << 62).to_bytes(8, "big"))
                 reader.inlet.take()
-            assert reader.inlet.foreign == turn and reader.apart == {reader.inlet}
+            assert reader.inlet._socket is None and reader.apart == {reader.inlet}
 
 
 TURNS = 50
@@ -516,7 +516,7 @@ def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
         if launcher.phase == "running" and not threads:
             threads.append(threading.Thread(target=visit, args=(launcher.run_id,)))
             threads[0].start()
-        if threads and not threads[0].is_alive() and launcher.foreign >= len(HOSTILE):
+        if threads and not threads[0].is_alive():
             launcher.stop()
 
     def visit(run: str) -> None:
@@ -532,6 +532,9 @@ def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
             if socket_.poll(60_000):
                 heard.append(socket_.recv())
         for end in ends:
+            end.settimeout(60.0)
+            while end.recv(4096):  # a greeting; then it was closed
+                pass
             end.close()
 
     threads: list[threading.Thread] = []
@@ -542,4 +545,4 @@ def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
     assert result.ok, result.deaths
     assert heard and unpack(heard[0].removeprefix(b"spring\0"), Force).source == "spring"
     refused = [note for note in result.notes if "a reader of group 'spring' was refused" in note]
-    assert len(refused) == len(HOSTILE) and result.foreign == len(HOSTILE)
+    assert len(refused) == len(HOSTILE)
