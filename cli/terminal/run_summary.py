@@ -98,6 +98,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
 def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Path]:
     """Draw the pictures of a run that was not interrupted. If there are none, add the reason to the run's notes."""
     from palpate.records.stored import RecordingError
+    from palpate.views.errors import PictureError
 
     if folder is None or outcome.recording is None or not outcome.recording.is_file() or not outcome.result.ticks:
         return []
@@ -106,7 +107,7 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
         return []
     try:
         return standard_pictures(outcome.recording, folder, silent)
-    except (RecordingError, OSError) as error:
+    except (RecordingError, PictureError, OSError) as error:
         outcome.result.notes.append(f"no pictures: {error}")
     except KeyboardInterrupt:
         outcome.result.notes.append("no pictures: interrupted")
@@ -116,10 +117,33 @@ def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Pa
 
 def standard_pictures(file: Path, folder: Path, silent: bool) -> list[Path]:
     """Draw the pictures of a recording into a folder; unless silent with progress, and a line for each that cannot be
-    drawn. RecordingError, OSError."""
+    drawn. RecordingError, OSError. PictureError: there is nothing to draw, and why."""
     from palpate.launch.run.progress import StageBars
+    from palpate.views.errors import PictureError
     from palpate.views.pictures import draw
 
+    lines: list[str] = []
     with StageBars(silent) as stages:
         done = stages.begin("drawing the pictures", "this takes seconds")
-        return draw(file, folder, lambda text: None if silent else say(text, "yellow"), done)
+        made = draw(file, folder, lines.append, done)
+    reason = "" if made else lines.pop() if lines else _without_picture(file)
+    for text in () if silent else lines:
+        say(text, "yellow")
+    if reason:
+        raise PictureError(reason).failed()
+    return made
+
+
+def _without_picture(file: Path) -> str:
+    from palpate.messages import Contact
+    from palpate.records.reader import Recording
+
+    recording = Recording(file)
+    found = [f"{name} ({stream.schema['title']})" for name, stream in recording.streams.items()]
+    if any(stream.schema["title"] == Contact.__name__ for stream in recording.streams.values()):
+        return f"{file}: nothing to draw: the finger touched nothing"
+    names = ", ".join(found) or "no stream"
+    return (
+        f"{file}: nothing to draw: found {names}, expected Contact, Force, Vibration or Spikes. "
+        f"Fields over time: palpate picture {file} STREAM.FIELD"
+    )

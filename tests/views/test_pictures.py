@@ -516,4 +516,16 @@ def test_the_command_refuses_what_is_no_recording(tmp_path):
     assert result.exit_code == 2 and "Traceback" not in result.stderr
     empty = record(tmp_path / "e.mcap", {"a": [DeviceState()]})
     result = CliRunner().invoke(app, ["picture", str(empty)])
-    assert result.exit_code == 1 and "nothing to draw" in result.stderr
+    assert result.exit_code == 1 and "found a (DeviceState), expected Contact, Force" in result.stderr
+    untouched = record(tmp_path / "u.mcap", {"a": [press(0.0)] * 3})
+    result = CliRunner().invoke(app, ["picture", str(untouched), "--json"])
+    assert result.exit_code == 1 and "the finger touched nothing" in result.output
+
+
+def test_a_run_without_pictures_says_why(tmp_path):
+    ports = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]
+    given = ["run", "indentation", *ports, "--fused", "--duration", "0.05", "-o", str(tmp_path)]
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 0 and not list(tmp_path.glob("*.png"))
+    said = " ".join(result.output.split())
+    assert "no pictures: " in said and "nothing to draw: the finger touched nothing" in said

@@ -10,7 +10,6 @@ import typer
 from palpate.cli.terminal.options import ColourOption, File, Json, Trust, instant, out_option
 from palpate.cli.terminal.output import print_json, say
 from palpate.cli.terminal.run_summary import standard_pictures
-from palpate.physics.errors import TROUBLE
 
 EXAMPLE = "palpate picture runs/kidney.mcap --at '350 ms'"
 ENDINGS = (".png", ".svg", ".pdf")
@@ -59,14 +58,10 @@ def picture(
             raise typer.BadParameter(f"found {out}, expected a folder for the standard pictures", param_hint="--out")
         made = standard_pictures(file, out or file.parent, silent=as_json)
     if as_json:
-        print_json({"ok": bool(made), "pictures": [str(path) for path in made]})
+        print_json({"ok": True, "pictures": [str(path) for path in made]})
     else:
         for path in made:
             typer.echo(f"{path}{note}")
-        if not made:
-            typer.echo(f"{file}: nothing to draw", err=True)
-    if not made:
-        raise typer.Exit(TROUBLE)
 
 
 def _plot(file: Path, names: list[str], over: str | None, target: Path) -> Path:
