@@ -111,7 +111,8 @@ def choices(label: str, name: str, known: Iterable[str]) -> str:
     """A remedy that suggests the nearest valid name and lists all: "Did you mean 'a'? Settings: a, b."."""
     names = [str(k) for k in known]
     close = nearest(name, names, 1)
-    listed = f"{label}: {', '.join(names[:30])}{', ...' if len(names) > 30 else ''}." if names else f"{label}: none."
+    more = f" and {len(names) - 30} more" if len(names) > 30 else ""
+    listed = f"{label}: {', '.join(names[:30]) or 'none'}{more}."
     return f"Did you mean {close[0]!r}? {listed}" if close else listed
 
 

@@ -85,6 +85,7 @@ def test_an_unknown_tissue_is_told_with_the_nearest_or_why_it_was_left_out():
     with pytest.raises(GraphError, match=r"no tissue 'liver-humann'") as caught:
         load("kidney", overrides=["scene.tissue=liver-humann"])
     assert "liver-human" in str(caught.value)
+    assert str(caught.value).rstrip(".").endswith(" more") and "..." not in str(caught.value)  # the list is cut
     with pytest.raises(GraphError, match="left out: Capilnasiu"):
         load("kidney", overrides=["scene.tissue=liver-bovine-fresh"])
 
