@@ -233,3 +233,13 @@ def test_a_press_of_four_newton_drives_the_display():
 def test_the_sensor_refuses_what_is_no_force(given, text):
     with pytest.raises(SettingError, match=text):
         ForceSensor(**given)
+
+
+def test_a_force_beyond_hertz_theory_is_noted_once():
+    bus = FakeBus(PinArray(**QUICK))
+    notes = []
+    for force in (0.05, 5.0, 5.0, 0.0, 6.0):
+        (pins,) = bus.publish(touch(force))
+        assert pins.valid == (force < 1.0)
+        notes += bus.node.notes()
+    assert len(notes) == 1 and "at 5 N the contact is wider" in notes[0]
