@@ -132,3 +132,45 @@ def test_pins_leave_the_other_figures_their_room(page, width, height):
     card, forces, pins = (page.locator(name).bounding_box() for name in ("#numbers", "#forces", "#pins"))
     assert forces["width"] == without and pins["width"] > 0.8 * card["width"]
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+    drawn = """async () => {
+        const { bars } = await import("/charts.js"), pins = document.getElementById("pins"), tops = [], rooms = [];
+        const kind = CanvasRenderingContext2D.prototype, { fillRect, fillText } = kind;
+        kind.fillRect = function (x, y, ...size) { tops.push(y); fillRect.call(this, x, y, ...size); };
+        kind.fillText = function (text, ...at) {
+            rooms.push(this.measureText(text).width); fillText.call(this, text, ...at);
+        };
+        for (const rows of [1, 6]) bars(pins, Array.from({ length: rows }, (_, r) => [0, 0.01234, 1e-3 * r]));
+        Object.assign(kind, { fillRect, fillText });
+        return { top: Math.min(...tops), room: pins.clientWidth - Math.max(...rooms) };
+    }"""
+    found = page.evaluate(drawn)
+    assert found["top"] > 13 and found["room"] > 0  # below the caption, which has its baseline at 10 and fits
+
+
+def test_the_delay_of_the_pointer_is_that_of_a_running_page(page):
+    shift = """(shifts) => {
+        const real = performance.now.bind(performance);
+        performance.now = () => real() + (shifts() ? 1e6 : 0);
+        let last = palpate.latency;
+        palpate.delays = [];
+        const set = (to) => { last = to; if (to !== undefined) palpate.delays.push(to); };
+        Object.defineProperty(palpate, "latency", { get: () => last, set });
+    }"""
+    page.mouse.move(500, 330)
+    page.wait_for_function("palpate.latency > 0")
+    page.evaluate(f"({shift})(() => palpate.leap && Boolean(palpate.newest))")
+    page.evaluate("palpate.leap = true; palpate.delays = []")
+    page.click("#reset")  # the clock leaps at the first frame
+    wait_for_another_run(page)
+    page.mouse.move(505, 330)
+    page.wait_for_function("palpate.delays.length > 0")
+    assert page.evaluate("Math.max(...palpate.delays)") < 1e6
+    page.evaluate("palpate.delays = []; palpate.leap = false")  # and leaps back
+    page.click("#pause")
+    page.evaluate("palpate.leap = true")
+    page.click("#pause")
+    page.wait_for_timeout(300)
+    page.mouse.move(500, 330)
+    page.wait_for_function("palpate.delays.length > 0")
+    assert page.evaluate("Math.max(...palpate.delays)") < 1e6

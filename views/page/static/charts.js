@@ -87,13 +87,13 @@ export function bars(canvas, heights) {
   if (!heights) return;
   const { paint, w, h } = fresh(canvas), rows = heights.length, columns = heights[0].length;
   const all = heights.flat(), low = Math.min(...all), span = Math.max(Math.max(...all) - low, 1e-4);
-  const wide = w / (columns + 0.4 * rows);
+  const wide = w / (columns + 0.4 * rows), room = h - 20; // below the caption
   heights.forEach((row, r) => row.forEach((value, c) => {
-    const tall = 4 + ((value - low) / span) * 0.55 * h, left = c * wide + 0.4 * r * wide, foot = h - (rows - 1 - r) * (0.4 * h / rows);
+    const tall = 4 + ((value - low) / span) * 0.6 * room, left = c * wide + 0.4 * r * wide, foot = h - (rows - 1 - r) * (0.4 * room / rows);
     paint.fillStyle = `hsl(205 60% ${38 + 30 * (r / Math.max(rows - 1, 1))}%)`;
     paint.fillRect(left, foot - tall, 0.8 * wide, tall);
   }));
-  paint.fillStyle = style("--faint"); paint.fillText(`pins, ${(1e3 * span).toFixed(2)} mm from lowest to highest`, 0, 10);
+  caption(paint, w, `pins, lowest to highest: ${(1e3 * span).toFixed(2)} mm`, "");
 }
 
 // Where the receptors of the finger lie, and how fast each fires [1/s]: SA1 and RA1 as dots, PC as rings.

@@ -13,7 +13,7 @@ const aim = { x: 0, y: 0.1, down: false, turning: false, fingers: new Map() };
 let scene, socket, about, newest, experiment, status = "connecting", paused = false, sample = 0, dirty = true, sent = new Map();
 
 try { scene = new Scene($("view")); } catch (error) { $("status").textContent = error.message; throw error; }
-const page = { frames: 0, latency: 0, get newest() { return newest?.head; }, scene };
+const page = { frames: 0, latency: undefined, get newest() { return newest?.head; }, scene };
 window.palpate = page; // for tests and the curious
 
 function connect() {
@@ -61,7 +61,7 @@ function take(data) {
 }
 
 function begin(head, triangles, places, normals) {
-  about = head; newest = undefined; sent.clear(); aim.sides = undefined;
+  about = head; newest = undefined; sent.clear(); page.latency = undefined; aim.sides = undefined;
   document.body.classList.toggle("watch", Boolean(head.watch)); // nothing that goes on here can be steered
   scene.mesh(places, normals, triangles);
   strips.forEach((strip) => strip.clear());
@@ -112,7 +112,7 @@ function tell(head) {
   strips[0].draw(head.load > 0 ? head.band : null); strips[1].draw();
   bars($("pins"), head.pins);
   spots($("spikes"), about.receptors, head.rates, head.mean_rates);
-  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks${about.watch ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`;
+  $("beside").textContent = `${head.time.toFixed(1)} s · ${head.late} late ticks${page.latency === undefined ? "" : ` · ${page.latency.toFixed(0)} ms from pointer to frame`}`;
 }
 
 // -- the pointer -----------------------------------------------------------------------------------------------
@@ -123,7 +123,8 @@ function point() {
   if (hit) aim.hit = hit;
   if (!aim.hit) return;
   const lift = about.thickness + (aim.down && hit ? -1e-3 * Number($("press").value) : HOVER);
-  sample++; sent.set(sample, performance.now());
+  sample++;
+  if (newest) sent.set(sample, performance.now()); // until the first frame a sample waits for the start of the run
   if (sent.size > 500) sent.delete(sent.keys().next().value);
   for (const [finger, { place, normal }] of steered()) {
     socket.send(JSON.stringify({ point: [sample, place.map((x, i) => x + lift * normal[i]), aim.down ? 1 : 0], finger }));
@@ -229,6 +230,7 @@ $("keep").addEventListener("click", () => order({ keep: $("keep").getAttribute("
 $("colour").addEventListener("change", () => { dirty = true; });
 $("pause").addEventListener("click", () => {
   if (!paused) { aim.down = false; point(); }
+  sent.clear(); // no frame is taken in a pause
   paused = !paused; $("pause").setAttribute("aria-pressed", String(paused));
   $("pause").textContent = paused ? "resume" : "pause"; state(status);
 });
