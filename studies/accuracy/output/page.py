@@ -42,11 +42,11 @@ NOT_COVERED = (
 )
 
 
-def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path], path: Path) -> None:
+def write(cells: Sequence[Cell], about: dict[str, Any], overview: Path | None, path: Path) -> None:
     points = summaries(of_bodies(cells))
     lines = ["# What accuracy costs in time", "", advice(points), *elsewhere(cells), ""]
-    if "overview" in pictures:
-        lines += [f"![Bodies on the test cases of tissue]({pictures['overview'].name})", ""]
+    if overview is not None:
+        lines += [f"![Bodies on the test cases of tissue]({overview.name})", ""]
     lines += ["| method, setting | error of the force, median | worst touch | p50 | p99 | computed | unsupported |"]
     lines += ["|---|---|---|---|---|---|---|"]
     bold = best(points)
@@ -69,7 +69,7 @@ def write(cells: Sequence[Cell], about: dict[str, Any], pictures: dict[str, Path
         lines += [""]
     lines += [COLUMNS, ""]
     for touch in dict.fromkeys(c.touch for c in cells):
-        lines += _of_touch([c for c in cells if c.touch == touch], pictures.get(touch))
+        lines += _of_touch([c for c in cells if c.touch == touch])
     lines += ["## Run", "", *(f"* {k}: {_text(v)}" for k, v in about.items()), "", "## Not covered", ""]
     lines += [f"* {text}" for text in NOT_COVERED]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -79,11 +79,9 @@ def _text(value: Any) -> str:
     return ", ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
 
 
-def _of_touch(cells: list[Cell], picture: Path | None) -> list[str]:
+def _of_touch(cells: list[Cell]) -> list[str]:
     touch = TOUCHES[cells[0].touch]
     lines = [f"## {touch.name}: {touch.title}", "", _reference(cells), ""]
-    if picture is not None:
-        lines += [f"![{touch.name}]({picture.name})", ""]
     quantities = [q for q in QUANTITIES if any(q in c.errors for c in cells if c.status == "ok")]
     lines += [f"| method, setting | {' | '.join(quantities)} | p50 | p99 | memory | once | reason of failure |",
               f"|---|{'---|' * (len(quantities) + 5)}"]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Writes the results of the accuracy benchmark: table, page, pictures if matplotlib is installed, and provenance."""
+"""Writes the results of the accuracy benchmark: table, page, the picture if matplotlib is installed, and provenance."""
 
 import csv
 import json
@@ -27,9 +27,10 @@ def about() -> dict[str, Any]:
 def written(cells: list[Cell], provenance: dict[str, Any], folder: Path) -> dict[str, Path]:
     """Write all files; their paths by name."""
     table(cells, provenance, folder / "accuracy.csv")
-    drawn = _drawn(cells, folder)
-    page.write(cells, provenance, drawn, folder / "accuracy.md")
-    return {"page": folder / "accuracy.md", "table": folder / "accuracy.csv", **drawn}
+    overview = _drawn(cells, folder / "overview.png")
+    page.write(cells, provenance, overview, folder / "accuracy.md")
+    files = {"page": folder / "accuracy.md", "table": folder / "accuracy.csv"}
+    return files | ({} if overview is None else {"overview": overview})
 
 
 def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None:
@@ -46,20 +47,16 @@ def table(cells: Sequence[Cell], provenance: dict[str, Any], path: Path) -> None
             rows.writerow({**row, **errors})
 
 
-def _drawn(cells: list[Cell], folder: Path) -> dict[str, Path]:
-    """Paths of the pictures; none if matplotlib is missing."""
+def _drawn(cells: list[Cell], path: Path) -> Path | None:
+    """The path of the picture; None if matplotlib is missing."""
     try:
         from matplotlib import rc_context
 
-        from palpate.studies.accuracy.output.pictures import overview, touch_picture
+        from palpate.studies.accuracy.output.pictures import overview
     except ImportError:
-        return {}
+        return None
     from palpate.views.pictures.style import LOOK
 
-    drawn = {touch: folder / f"{touch}.png" for touch in dict.fromkeys(c.touch for c in cells)}
     with rc_context(LOOK):
-        for touch, file in drawn.items():
-            touch_picture([c for c in cells if c.touch == touch], file)
-        drawn["overview"] = folder / "overview.png"
-        overview(summaries(of_bodies(cells)), cells, drawn["overview"])
-    return drawn
+        overview(summaries(of_bodies(cells)), cells, path)
+    return path

@@ -26,12 +26,12 @@ def accuracy(
     ] = None,
     quick: Annotated[bool, typer.Option("--quick", help="Few settings, one repeat: 2 min on one core.")] = False,
     fresh: Annotated[bool, typer.Option("--fresh", help="Recompute cached results.")] = False,
-    out: Annotated[Path, out_option("Folder of page, pictures and table.")] = Path("accuracy"),
+    out: Annotated[Path, out_option("Folder of page, picture and table.")] = Path("accuracy"),
     as_json: Json = False,
 ) -> None:
     """Measure the error and the step time of every model.
 
-    Standard touches, against references. Writes a page, pictures and a table. An interrupted benchmark resumes.
+    Standard touches, against references. Writes a page, a picture and a table. An interrupted benchmark resumes.
     """
     from dataclasses import asdict
 
