@@ -68,7 +68,7 @@ def find_frame(lying: FingertipSurfaces, nail: np.ndarray | None) -> FingerFrame
     z, breadth = _upright(skin, y)
     if breadth < LEAST_BREADTH:
         if nail is None:
-            raise ScanError("the finger is as thick as it is wide; give the side of the nail (--dorsal or --axes)")
+            raise ScanError("the finger is as thick as it is wide; give the side of the nail (--axes)")
         z = nail - (nail @ y) * y
     offset = float((middle - bone._replace(points=_sections(bone.points, skin, y)).middle()) @ z)
     if nail is not None:
@@ -76,7 +76,7 @@ def find_frame(lying: FingertipSurfaces, nail: np.ndarray | None) -> FingerFrame
         if abs(offset) < 0.5:
             raise ScanError("the given side of the nail is a narrow side of the finger; expected a broad side")
     elif abs(offset) < LEAST_OFFSET:
-        raise ScanError("the bone is midway between nail and pulp; give the side of the nail (--dorsal or --axes)")
+        raise ScanError("the bone is midway between nail and pulp; give the side of the nail (--axes)")
     z = z / np.linalg.norm(z) * np.sign(offset)
     axes = np.stack([np.cross(y, z), y, z])
     return FingerFrame(middle + (_tip(lying, skin, y) - middle @ y) * y, axes)

@@ -1,12 +1,10 @@
-"""Reading a stack of cross-sections: DICOM series, NIfTI, or numbered PNG and TIFF images with a given spacing."""
+"""Reading a stack of cross-sections: DICOM series or NIfTI."""
 
 import dataclasses
 import gzip
 import io
 import math
-import re
 import struct
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +17,12 @@ MOST_VOXELS = 1 << 28  # [1] Of a stack: 1 GB in memory, 4 l at 0.25 mm
 MOST_FILE = 1 << 30  # [bytes] Of all files of a DICOM series
 MOST_HEAD = 1 << 24  # [bytes] Before the voxels of a NIfTI file
 DEFLATED = b"1.2.840.10008.1.2.1.99"  # Transfer syntax of deflated DICOM files
-PNG = struct.Struct(">8s8xII")  # Signature, width and height in the header of a PNG file
-PICTURES = (".png", ".tif", ".tiff")
 
 
 def read(path: str | Path, spacing: tuple[float, float, float] | None = None, axes: str = "") -> Stack:
-    """The stack in a file (.nii, .nii.gz, .tif) or a folder (DICOM series, or numbered .png, .tif images).
+    """The stack in a file (.nii, .nii.gz) or a folder (DICOM series).
 
-    spacing  [m] between slices, rows, columns: of the file for images, where it is required; of the cross-sections for
-             DICOM or NIfTI, where it replaces that of the header
+    spacing  [m] between slices, rows, columns of the cross-sections; replaces that of the header
     axes     directions of slices, rows and columns, see `scan.stack`; replaces those of the header
 
     The slices of the result are cross-sections of the finger for any orientation of the file.
@@ -36,25 +31,18 @@ def read(path: str | Path, spacing: tuple[float, float, float] | None = None, ax
     """
     path = Path(path)
     if not path.exists():
-        raise ScanError(f"{path}: no such file or folder. Expected a DICOM folder, .nii(.gz), or numbered .png or .tif")
-    if path.is_file():
-        name = path.name.lower()
-        if name.endswith((".nii", ".nii.gz")):
-            volume, own_spacing, mirrored = _nifti(path)
-        elif name.endswith((".tif", ".tiff")):
-            volume, own_spacing, mirrored = _pages(path), None, None
-        else:
-            raise ScanError(f"{path}: not a stack. Expected a folder, .nii, .nii.gz, or a .tif of many pages")
-    else:
+        raise ScanError(f"{path}: no such file or folder. Expected a DICOM folder or .nii(.gz)")
+    if not path.is_file():
         files = sorted(f for f in path.iterdir() if f.is_file() and not f.name.startswith("."))
-        pictures = [f for f in files if f.suffix.lower() in PICTURES]
-        volume, own_spacing, mirrored = (_images(path, pictures), None, None) if pictures else _dicom(path, files)
-    used = own_spacing or spacing
-    if used is None:
-        raise ScanError(f"{path}: images have no spacing. Give it as slice,row,column in mm, such as 1.2,0.23,0.23")
-    stack = Stack(np.asarray(volume, dtype=np.float32), used, str(path))
-    stack = cross_sections(oriented(stack, axes, mirrored))
-    return checked(stack if own_spacing is None or spacing is None else dataclasses.replace(stack, spacing=spacing))
+        volume, stated, mirrored = _dicom(path, files)
+    elif path.name.lower().endswith((".nii", ".nii.gz")):
+        volume, stated, mirrored = _nifti(path)
+    else:
+        raise ScanError(
+            f"{path}: not a stack. Expected a folder of DICOM files, .nii or .nii.gz; convert images to NIfTI"
+        )
+    stack = cross_sections(oriented(Stack(np.asarray(volume, dtype=np.float32), stated, str(path)), axes, mirrored))
+    return checked(stack if spacing is None else dataclasses.replace(stack, spacing=spacing))
 
 
 def _nifti(path: Path):
@@ -110,67 +98,6 @@ def _check_voxels(count: int) -> None:
         raise ValueError(f"its header claims {count} voxels, expected 1 to {MOST_VOXELS}")
 
 
-def _picture(path: Path):
-    """The pixels of a picture. ValueError: not a PNG file, or a header that claims more pixels than the file can
-    contain. Readers raise other types as well."""
-    from skimage.io import imread
-
-    if path.suffix.lower() == ".png":
-        data = path.read_bytes()
-        signature, width, height = PNG.unpack(data[: PNG.size])
-        if signature != b"\x89PNG\r\n\x1a\n":  # the reader would take what it finds for any of its formats
-            raise ValueError("not a PNG file")
-        _check_voxels(width * height)
-        return imread(io.BytesIO(data))  # from a file, room would be made for all that a damaged chunk claims to hold
-    if path.suffix.lower() in (".tif", ".tiff"):
-        import tifffile
-
-        with tifffile.TiffFile(path) as file:
-            claimed = max((int(series.size) * series.dtype.itemsize for series in file.series), default=0)
-            _check_voxels(max((int(series.size) for series in file.series), default=0))
-        if claimed > MOST_PACKED * path.stat().st_size:  # memory is reserved before the pixels are read
-            raise ValueError(f"its header claims {claimed} bytes of pixels, the file has {path.stat().st_size}")
-    return imread(path)
-
-
-def _pages(path: Path):
-    try:
-        data = _picture(path)
-    except Exception as error:  # as above: many readers, many types
-        raise ScanError(f"{path}: cannot be read as TIFF: {error}") from None
-    if data.ndim != 3 or data.shape[-1] in (3, 4):
-        raise ScanError(f"{path}: found shape {data.shape}, expected pages × rows × columns in grey")
-    return data
-
-
-def _images(folder: Path, files: list[Path]):
-    numbered = []
-    for file in files:
-        numbers = re.findall(r"\d+", file.stem)
-        if not numbers:
-            raise ScanError(f"{file}: no number in its name; slices are put in order by the last number")
-        numbered.append((int(numbers[-1]), file))
-    numbered.sort()
-    steps = sorted(b - a for (a, _), (b, _) in pairwise(numbered))
-    usual = steps[len(steps) // 2] if steps else 1
-    for (a, before), (b, after) in pairwise(numbered):
-        if b - a != usual:
-            raise ScanError(f"{folder}: from {before.name} to {after.name} the number goes up by {b - a}, elsewhere by "
-                            f"{usual}: a slice is missing or repeated")  # fmt: skip
-    slices = []
-    for _, file in numbered:
-        try:
-            image = _picture(file)
-        except Exception as error:  # as above
-            raise ScanError(f"{file}: cannot be read: {error}") from None
-        if image.size * len(files) > 4 * MOST_VOXELS:
-            raise ScanError(f"{folder}: {len(files)} images as {file.name} have more than {MOST_VOXELS} voxels")
-        slices.append(image[..., :3].mean(axis=-1) if image.ndim == 3 else image)
-        if slices[-1].shape != slices[0].shape:
-            raise ScanError(f"{file}: {slices[-1].shape} pixels, the first slice has {slices[0].shape}")
-    return np.stack(slices)
-
-
 def _dicom(folder: Path, files: list[Path]):
     try:
         return _series(folder, files)
@@ -200,7 +127,7 @@ def _series(folder: Path, files: list[Path]):
         if "PixelData" in data:
             series.setdefault(str(data.get("SeriesInstanceUID", "")), []).append(data)
     if not series:
-        raise ScanError(f"{folder}: no DICOM, PNG or TIFF images in it")
+        raise ScanError(f"{folder}: no DICOM images in it; convert PNG or TIFF images to NIfTI")
     if len(series) > 1:
         counts = ", ".join(f"{len(s)} of …{uid[-12:]}" for uid, s in series.items())
         raise ScanError(f"{folder}: {len(series)} series ({counts}), expected one; put each in a separate folder")
@@ -208,7 +135,7 @@ def _series(folder: Path, files: list[Path]):
     slices = next(iter(series.values()))
     for name in ("PixelSpacing", "ImagePositionPatient", "ImageOrientationPatient"):
         if any(s.get(name) is None for s in slices):
-            raise ScanError(f"{folder}: {name} is missing; convert to NIfTI, or to images with a given spacing")
+            raise ScanError(f"{folder}: {name} is missing; convert to NIfTI")
     if any(int(s.get("NumberOfFrames", 1)) > 1 for s in slices):
         raise ScanError(f"{folder}: enhanced DICOM with many frames a file; convert it to NIfTI")
     _check_voxels(sum(int(s.Rows) * int(s.Columns) * int(s.get("SamplesPerPixel", 1)) for s in slices))

@@ -8,7 +8,7 @@ The surfaces are computed in the frame of the images, then rotated to the axes o
 """
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -19,9 +19,6 @@ from palpate.models.scan.stack import ScanError, Stack
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
 MARGIN = 1.5e-3  # [m] Of air around the finger
-Side = Literal["auto", "up", "down", "left", "right"]
-TOWARDS = {"up": (0, 1), "down": (0, -1), "left": (-1, 0), "right": (1, 0)}
-"""Side of an image -> direction (right, up) in it."""
 
 
 class Rebuilt(NamedTuple):
@@ -34,16 +31,15 @@ class Rebuilt(NamedTuple):
     frame: FingerFrame
 
 
-def rebuild(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> FingertipSurfaces:
+def rebuild(outlines: Outlines, grid: float = 4e-4) -> FingertipSurfaces:
     """`reconstruct` without the frame."""
-    return reconstruct(outlines, grid, dorsal).tip
+    return reconstruct(outlines, grid).tip
 
 
-def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -> Rebuilt:
+def reconstruct(outlines: Outlines, grid: float = 4e-4) -> Rebuilt:
     """The surfaces of a finger from its outlines, and its frame in the images.
 
-    grid    [m] spacing of the distances
-    dorsal  side of the nail in the images; "auto": the side of the finger with the bone
+    grid  [m] spacing of the distances
 
     The frame: y is the axis of the bone, from the tip of the skin; x the broad direction of the finger; z to the nail.
     ScanError: neither end of the stack is a tip, or the side of the nail is ambiguous.
@@ -68,7 +64,7 @@ def reconstruct(outlines: Outlines, grid: float = 4e-4, dorsal: Side = "auto") -
     levels[1] = np.maximum(levels[1], levels[0])
     levels[2] = np.maximum(levels[2], levels[0])
     lying = FingertipSurfaces(np.array([x[0], y[0], z[0]]), np.full(3, grid), *map(np.ascontiguousarray, levels))
-    frame = find_frame(lying, _nail(outlines.axes, dorsal, side))
+    frame = find_frame(lying, _nail(outlines.axes, side))
     return Rebuilt(turned(lying, frame, MARGIN), frame)
 
 
@@ -82,16 +78,14 @@ def _tip_is_last(outlines: Outlines) -> bool:
     return last
 
 
-def _nail(axes: str, dorsal: Side, side: int) -> np.ndarray | None:
+def _nail(axes: str, side: int) -> np.ndarray | None:
     """Direction of the nail (3) in the frame of the images; None: not given."""
-    if dorsal == "auto" and axes:
-        # Rows count downwards, columns to the right.
-        sides: dict[str, tuple[Side, Side]] = {"N": ("down", "right"), "P": ("up", "left")}
-        dorsal = next(sides[a][k] for k, a in enumerate(axes[1:]) if a in sides)
-    if dorsal == "auto":
+    if not axes:
         return None
-    right, up = TOWARDS[dorsal]
-    return np.array([side * right, 0.0, up])
+    along, letter = next((k, a) for k, a in enumerate(axes[1:]) if a in "NP")
+    sign = 1.0 if letter == "N" else -1.0
+    # Rows count downwards, columns to the right.
+    return np.array([0.0, 0.0, -sign]) if along == 0 else np.array([side * sign, 0.0, 0.0])
 
 
 def _placed(curve: np.ndarray | None, side: int) -> np.ndarray | None:

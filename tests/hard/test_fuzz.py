@@ -215,29 +215,23 @@ def test_a_damaged_mesh_is_told(tmp_path, kind, seeds):
 
 
 @pytest.mark.parametrize("seeds", COUNTS)
-@pytest.mark.parametrize("kind", ["nii", "dcm", "png", "tif"])
+@pytest.mark.parametrize("kind", ["nii", "dcm"])
 def test_damaged_images_are_told(tmp_path, kind, seeds):
     pytest.importorskip("pydicom")
     pytest.importorskip("nibabel")
     pytest.importorskip("skimage")
     import phantom_finger as phantom
-    from scan_images import write_images
 
     from palpate.models.scan import read
 
     small = phantom.scan(slices=4, pixels=19, spacing=(1.2e-3, 1.4e-3, 1.4e-3))
     folder = tmp_path / "spoilt"
-    match kind:
-        case "nii":
-            folder.mkdir()
-            path = phantom.write_nifti(small, folder / "spoilt.nii")
-        case "dcm":
-            path = sorted(phantom.write_dicom(small, folder).iterdir())[1]
-        case _:
-            path = sorted(write_images(small, folder, kind).iterdir())[1]
-    given = path if kind == "nii" else path.parent
-    spacing = None if kind in ("nii", "dcm") else (1e-3, 1e-3, 1e-3)
-    survives(lambda _: read(given, spacing), path, path.read_bytes(), seeds)
+    if kind == "nii":
+        folder.mkdir()
+        given = path = phantom.write_nifti(small, folder / "spoilt.nii")
+    else:
+        path, given = sorted(phantom.write_dicom(small, folder).iterdir())[1], folder
+    survives(lambda _: read(given), path, path.read_bytes(), seeds)
     shutil.rmtree(folder)
 
 

@@ -1,10 +1,10 @@
-"""Images of a finger as files, as a scanner's program exports them."""
+"""Images of a finger whose file does not say how the finger lay."""
 
 from functools import cache
 from pathlib import Path
 
+import nibabel
 import phantom_finger as phantom
-from skimage.io import imsave
 
 
 @cache
@@ -13,9 +13,11 @@ def coarse():
     return phantom.scan(slices=9, pixels=37, spacing=(3e-3, 0.7e-3, 0.7e-3))
 
 
-def write_images(stack, folder: Path, kind: str = "png") -> Path:
-    """Numbered 16-bit images, .png or .tif."""
-    folder.mkdir(parents=True, exist_ok=True)
-    for k, image in enumerate(phantom.stored(stack)):
-        imsave(folder / f"slice_{k:03d}.{kind}", image, check_contrast=False)
-    return folder
+def write_images(stack, path: Path) -> Path:
+    """A NIfTI file without qform and sform."""
+    data = phantom.stored(stack)[:, ::-1].transpose(2, 1, 0)  # its rows grow upwards
+    image = nibabel.Nifti1Image(data, None)
+    image.header.set_zooms([1e3 * size for size in stack.spacing[::-1]])
+    image.header.set_xyzt_units("mm")
+    nibabel.save(image, path)
+    return path

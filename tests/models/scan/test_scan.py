@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import sys
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -62,7 +61,7 @@ def tip(rebuilt):
 
 @pytest.fixture(scope="module")
 def images(stack, tmp_path_factory):
-    return write_images(stack, tmp_path_factory.mktemp("images"))
+    return write_images(stack, tmp_path_factory.mktemp("images") / "i.nii")
 
 
 def in_anatomy(outlines, name):
@@ -119,7 +118,7 @@ def test_the_force_is_that_of_the_known_shape(tip):
     assert forces[1] == approx(forces[0], rel=0.05)
 
 
-@pytest.mark.parametrize("kind", ["dicom", "nifti", "png", "tif"])
+@pytest.mark.parametrize("kind", ["dicom", "nifti", "plain"])
 def test_every_format_brings_the_same_images_back(tmp_path, kind):
     stack = coarse()
     if kind == "dicom":
@@ -127,7 +126,7 @@ def test_every_format_brings_the_same_images_back(tmp_path, kind):
     elif kind == "nifti":
         copy = read(phantom.write_nifti(stack, tmp_path / "v.nii.gz"))
     else:
-        copy = read(write_images(stack, tmp_path / "i", kind), stack.spacing)
+        copy = read(write_images(stack, tmp_path / "i.nii"))
     assert copy.spacing == approx(stack.spacing)
     scale = 1.2 / phantom.FULL
     assert copy.volume * scale == approx(np.clip(stack.volume, 0, 1.2), abs=scale)
@@ -192,15 +191,11 @@ def test_a_finger_without_bone_is_refused(monkeypatch):
         segment(phantom.scan())
 
 
-def test_missing_slices_are_refused_in_every_format(stack, tmp_path):
+def test_missing_slices_are_refused(stack, tmp_path):
     folder = phantom.write_dicom(coarse(), tmp_path / "d")
     (folder / "image_004.dcm").unlink()
     with pytest.raises(ScanError, match="slice is missing"):
         read(folder)
-    folder = write_images(coarse(), tmp_path / "i")
-    (folder / "slice_004.png").unlink()
-    with pytest.raises(ScanError, match="slice is missing"):
-        read(folder, coarse().spacing)
     gap = np.concatenate([stack.volume[:8], stack.volume[15:]])
     with pytest.raises(ScanError, match="missing"):
         segment(dataclasses.replace(stack, volume=np.concatenate([gap[:8], gap[:1] * 0 + 0.01, gap[8:]])))
@@ -225,7 +220,7 @@ def test_a_wrong_spacing_is_refused(images, spacing, text):
     ("make", "text"),
     [
         (lambda d: None, "no such file"),
-        (lambda d: d.mkdir(), "no DICOM, PNG or TIFF"),
+        (lambda d: d.mkdir(), "no DICOM images in it"),
         (lambda d: d.write_text("x"), "not a stack"),
     ],
 )
@@ -239,29 +234,10 @@ def test_broken_files_are_refused(tmp_path):
     (tmp_path / "bad.nii").write_bytes(b"not nifti")
     with pytest.raises(ScanError, match="cannot be read as NIfTI"):
         read(tmp_path / "bad.nii")
-    folder = write_images(coarse(), tmp_path / "i")
-    (folder / "slice_003.png").write_bytes(b"not png")
-    with pytest.raises(ScanError, match="cannot be read"):
-        read(folder, coarse().spacing)
-    with pytest.raises(ScanError, match="no spacing"):
-        (folder / "slice_003.png").write_bytes((folder / "slice_004.png").read_bytes())
-        read(folder)
-
-
-def test_a_picture_that_claims_a_gigabyte_takes_no_more_memory_than_it_holds(tmp_path):
-    folder = write_images(coarse(), tmp_path / "i")
-    whole = read(folder, coarse().spacing)
-    damaged = bytearray((folder / "slice_003.png").read_bytes())
-    at = damaged.index(b"IDAT")
-    damaged[at - 4 : at] = (1 << 30).to_bytes(4, "big")
-    (folder / "slice_003.png").write_bytes(damaged)
-    tracemalloc.start()
-    try:
-        found = read(folder, coarse().spacing)
-        assert tracemalloc.get_traced_memory()[1] < 1 << 27
-    finally:
-        tracemalloc.stop()
-    assert np.array_equal(found.volume, whole.volume)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "slice_001.png").write_bytes(b"some image")
+    with pytest.raises(ScanError, match="convert PNG or TIFF images to NIfTI"):
+        read(tmp_path / "folder")
 
 
 def test_two_series_in_one_folder_are_refused(tmp_path):

@@ -1,7 +1,7 @@
 """`palpate build fingertip`: build the geometry file of a beam bundle from images of a finger."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
@@ -11,22 +11,20 @@ from palpate.physics.errors import ArgumentError
 from palpate.physics.extras import missing
 
 EXAMPLE = "palpate build fingertip scan/ -o finger.npz"
-Side = Literal["auto", "up", "down", "left", "right"]  # where the nail is in the images
 
 
 def fingertip(
-    scan: Annotated[Path, typer.Argument(help="DICOM folder, .nii(.gz), or folder of numbered .png or .tif.")],
+    scan: Annotated[Path, typer.Argument(help="DICOM folder, or .nii(.gz).")],
     out: Annotated[Path, out_option("File to write.")] = Path("finger.npz"),
     spacing: Annotated[str, typer.Option(help="Slice,row,column spacing in mm, such as 1.2,0.23,0.23.")] = "",
     skin: Annotated[
         float | None, typer.Option(help="Thickness of the skin in mm, if the images do not show it.")
     ] = None,
-    dorsal: Annotated[Side, typer.Option(help="Where the nail is in the images.")] = "auto",
     axes: Annotated[
         str,
         typer.Option(
             help="Directions of slices, rows, columns: T/H to tip or hand, N/P to nail or pulp, R/L seen from the tip,"
-            " nail up. By default for images: tip and nail are detected, each slice lies behind the previous one."
+            " nail up. By default those of the header."
         ),
     ] = "",
     no_pictures: NoPictures = False,
@@ -53,7 +51,7 @@ def fingertip(
         raise ArgumentError(missing("images of a finger", error.name, "scan")) from None
     stack = read(scan, known_spacing, axes)
     outlines = segment(stack, None if skin is None else skin * 1e-3)
-    tip, frame = reconstruct(outlines, dorsal=dorsal)
+    tip, frame = reconstruct(outlines)
     tip.save(out)
     picture = None if no_pictures else out.with_suffix(".png")
     if picture is not None:
