@@ -42,7 +42,8 @@ RECOVERY = 10.0  # [N/s] by which the rendered force may rise without motion aft
 CARRIED = 1e-2  # [J] largest negative energy that is kept at a change of mode
 HEAD, STARTED = 1, 2  # state[MODE] = mode, index of the newest row of the rings, whether a step has been made,
 WITHHELD = 3  # and the fraction of the contact force that is withheld [1]
-STILL, TOUCHING, CLOCK = range(3)  # state[TIMES] = time without movement [s], approach when last touching [m], time [s]
+STILL, TOUCHING, CLOCK, LAST = range(4)  # state[TIMES] = time without movement [s], approach when last touching [m],
+# time [s], last step [s]
 BRAKE, RISE = 1, 2  # state[ENERGY] = observed energy [J], force of the added damping [N], its bound [N/s] (0: none)
 PUSH, STAND, WHEN = 0, 3, 6  # first columns of force, position and time in the rings
 
@@ -216,7 +217,11 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
     before = past[remember(state, past, dt)]
     if gains[OBSERVE] != 0.0:
         wx, wy, wz = observe(state, before, x, y, z, dt, gains[RESOLUTION])
-    lag = (len(past) - 0.5) * dt
+    # A single late step is not the pace of the loop: by its lag a hand at rest would lose some of its force.
+    last = state[TIMES, LAST]
+    usual = last if 0.0 < 3.0 * last < dt else dt
+    state[TIMES, LAST] = dt
+    lag = (len(past) - 0.5) * usual
     # 3. rendered contact force: as computed, or what the device can render without generating energy
     touching = normal_force > 0.0
     shown = damped = normal_force
@@ -240,7 +245,7 @@ def haptic(gains, state, past, normal_force, n, friction, approach, position, ve
         fz += damped * n[2] - share * friction[2]
     # 5. passivity controller: a damper on the measured velocity w dissipates the generated energy
     if gains[PASSIVE] != 0.0:
-        slow = 2.0 * lag / dt  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
+        slow = 2.0 * lag / usual  # a damper acting d samples late is stable up to about m / ((1 + 2 d) T)
         way = dt * math.sqrt(wx * wx + wy * wy + wz * wz)
         if way < 1.5 * gains[RESOLUTION]:
             wx, wy, wz, slow = vx, vy, vz, slow + FILTER_LAG / dt
