@@ -105,6 +105,8 @@ class Stored:
         try:
             with open(self.path, "rb") as file:
                 begin = file.read(8)
+        except IsADirectoryError:
+            raise RecordingError(f"{path}: a folder, expected a recording, such as {self.path / 'NAME.mcap'}") from None
         except OSError as error:
             raise RecordingError(f"{path}: {error.strerror}") from None
         if begin != MAGIC:

@@ -37,7 +37,8 @@ def find_file(
             return path.resolve()
     shipped = [*words, *(p.stem for p in sorted(folder.glob("*.yaml")))]
     cure = f"{choices('Shipped', given.stem, shipped)} Or give the path of a file."
-    raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(base or Path.cwd()))}", cure, place)])
+    found = "is a folder" if os.path.isdir(tried[0]) else f"not found, looked in {short(str(base or Path.cwd()))}"
+    raise GraphError([Fault(f"{what} {name!r} {found}", cure, place)])
 
 
 def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:

@@ -45,6 +45,8 @@ def fit_texture(path: Path, held_out: float | None = None) -> Texture:
         sampling, quantity, cells = _cells(path)
     except OSError as error:
         raise SessionError(f"{path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise SessionError(f"{path}: cannot be read: not a text file in UTF-8") from None
     except ValueError as error:
         raise SessionError(f"{path}: {error}") from None
     models = _models(cells, sampling)

@@ -502,7 +502,7 @@ def test_what_is_no_recording_is_told_in_one_line(tmp_path):
         tmp_path / "missing.mcap": "No such file",
         tmp_path / "text.mcap": "not an MCAP file",
         tmp_path / "empty.mcap": "an empty file",
-        tmp_path: "Is a directory",
+        tmp_path: "a folder, expected a recording",
         foreign(tmp_path / "other.mcap", profile=False): "not a recording of palpate",
         foreign(tmp_path / "new.mcap", version="99"): "schema version '99', this palpate reads '1'",
     }

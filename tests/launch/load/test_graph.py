@@ -346,3 +346,8 @@ def test_a_package_that_is_not_installed_is_told_with_its_extra(whole, write, mo
             load(whole, overrides=[f"tissue.use={use}"])
         for word in words:
             assert word in str(error.value)
+
+
+def test_a_folder_in_place_of_a_file_is_named(tmp_path):
+    with pytest.raises(GraphError, match=f"{tmp_path.name}' is a folder"):
+        load(str(tmp_path))

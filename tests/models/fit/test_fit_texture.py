@@ -103,3 +103,9 @@ def test_a_bad_recording_says_what_is_wrong(tmp_path, rows, options, told):
     result = fit(tmp_path / "bad.csv", *options)
     assert result.exit_code == 2 and told in " ".join(result.output.split())
     assert fit(tmp_path / "none.csv").exit_code == 2
+
+
+def test_a_recording_that_is_no_text_is_refused(tmp_path):
+    (tmp_path / "bad.csv").write_bytes(bytes(range(256)))
+    result = fit(tmp_path / "bad.csv")
+    assert result.exit_code == 2 and "not a text file in UTF-8" in " ".join(result.output.split())
