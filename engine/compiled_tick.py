@@ -7,8 +7,9 @@ The rules for messages between two nodes of the segment are those of `engine.sch
 import numpy as np
 
 from palpate.engine.encode import encode, encoded_size
-from palpate.engine.table import CLOCK, ENTRY, FAULT, INFINITE, INPUT, LANE, OUTPUT, RAISED, ROW, TAP
+from palpate.engine.table import CLOCK, FAULT, INFINITE, INPUT, LANE, OUTPUT, RAISED, ROW, TAP
 from palpate.messages.record import HEAD
+from palpate.nodes.base.block import ENTRY, MARGIN
 from palpate.physics.kernel import kernel
 from palpate.physics.memory import copy, number, pointer, set_word, word
 from palpate.physics.records import call
@@ -88,17 +89,19 @@ def journalled(row, now, clock):
     for j in range(row.outputs):
         line = output_at(row.output + j * OUTPUT_SIZE)
         if line.period != 0 and now % line.period == 0:
-            size += encoded_size(line.steps, line.count, line.record, line.most)
+            size += encoded_size(line.steps, line.count, line.record, line.most) + MARGIN
             count += 1
     if clock.length + size > clock.room or clock.entries + count > clock.most:
         return False
     for j in range(row.outputs):
         line = output_at(row.output + j * OUTPUT_SIZE)
         if line.period != 0 and now % line.period == 0:
+            clock.length += MARGIN
             begin = clock.journal + clock.length
             end = encode(line.steps, line.count, line.literals, line.record, row.used, row.inputs, begin)
             entry = entry_at(clock.entry + clock.entries * ENTRY_SIZE)
             entry.number, entry.tick, entry.begin = line.number, now, clock.length
+            entry.time = head_at(line.record).time
             clock.length += end - begin
             clock.entries, entry.end = clock.entries + 1, clock.length
     return True

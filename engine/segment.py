@@ -14,11 +14,12 @@ import msgspec
 import numpy as np
 
 from palpate.engine.slot import Input, NodeError, Output, RecordOutput, Slot
-from palpate.engine.table import CLOCK, ENTRY, INPUT, OUTPUT, RAISED, ROW
+from palpate.engine.table import CLOCK, INPUT, OUTPUT, RAISED, ROW
 from palpate.engine.wire_plan import wire_plan
 from palpate.messages import Message, check_finite
 from palpate.messages.record import blank, layout, reader, writer
 from palpate.nodes.base import InputError, inputs
+from palpate.nodes.base.block import ENTRY, Block
 from palpate.nodes.base.compiled import CompiledNode, code, several
 
 SAMPLE = 61  # ticks between two measurements of each node's duration; a prime, so that no usual divisor shares it
@@ -28,7 +29,7 @@ class Segment:
     """Slots of compiled nodes, in the order of execution.
 
     permitted  age [s] up to which a slot may hold an input on the real clock
-    deliver    called with an output that has listeners, a tick and the message in wire format
+    deliver    called with blocks of messages of the outputs that have listeners
     """
 
     def __init__(
@@ -37,14 +38,14 @@ class Segment:
         rate: float,
         real: bool,
         permitted: Callable[[Slot, Input], float],
-        deliver: Callable[[Output, int, bytes], None],
+        deliver: Callable[[Block], None],
     ) -> None:
         from palpate.engine.compiled_tick import run_table  # the compiler is slow to import
         from palpate.physics.entry_point import entry_point
 
         self.slots = list(slots)
         self._deliver = deliver
-        self._outputs: list[RecordOutput] = []
+        self._streams: list[str] = []
         self._out_lines: list[np.ndarray] = []
         self._kept: list[Any] = []
         self._rows = np.zeros(len(slots), ROW)
@@ -133,10 +134,10 @@ class Segment:
         for line, output in zip(lines, slot.outputs, strict=True):
             assert isinstance(output, RecordOutput)
             plan = wire_plan(output.kind, slot.name)
-            line["record"], line["number"] = output.record.ctypes.data, len(self._outputs)
+            line["record"], line["number"] = output.record.ctypes.data, len(self._streams)
             line["steps"], line["count"] = plan.steps.ctypes.data, len(plan.steps)
             line["literals"], line["most"] = plan.literals.ctypes.data, plan.most
-            self._outputs.append(output)
+            self._streams.append(output.stream)
         self._out_lines.append(lines)
         return lines
 
@@ -183,13 +184,15 @@ class Segment:
             if self._stepped[place]:
                 slot.time, slot.health.tick = int(self._times[place]), tick
                 host.sent(slot, tick)
+        self.hand_over()
 
     def alone(self) -> bool:
         """Whether all messages come from the segment itself, so that one call can run many ticks."""
         return not self._border
 
     def run_many(self, tick: int, ticks: int) -> None:
-        """Run `ticks` ticks of the simulated clock, if the segment is `alone`. NodeError: a node failed."""
+        """Run `ticks` ticks of the simulated clock, if the segment is `alone`. Their messages may remain in the journal
+        until `hand_over`. NodeError: a node failed."""
         self._timed(tick)
         if ticks > 1:
             self._call(tick + 1, ticks - 1)
@@ -200,6 +203,7 @@ class Segment:
         """Run one tick of the simulated clock without measuring durations, if the segment is `alone`. NodeError: a node
         failed."""
         self._call(tick, 1)
+        self.hand_over()
 
     def _take(self, place: int, messages: Sequence[Message | None]) -> None:
         for inlet, message in zip(self._inlets[place], messages, strict=True):
@@ -215,25 +219,24 @@ class Segment:
         end = tick + ticks
         while True:
             self._run(*self._where, tick, end - tick)
-            emptied = self._clock["entries"][0] > 0
-            if emptied:
-                self._hand_over()
             if self._failed[0] >= 0:
+                self.hand_over()
                 slot = self.slots[int(self._failed[0])]
                 raise failure(slot, slot.node, *self._where)
             if self._clock["resume"][0] < 0:
                 return
             tick = int(self._clock["tick"][0])
-            if not emptied:  # the journal is too small for one message
+            if not self.hand_over():  # the journal is too small for one message
                 self._journal = np.zeros(2 * len(self._journal), np.uint8)
                 self._clock["journal"], self._clock["room"] = self._journal.ctypes.data, len(self._journal)
 
-    def _hand_over(self) -> None:
-        """Deliver the messages in the journal, and empty it."""
-        memory, outputs, deliver = self._journal.data, self._outputs, self._deliver
-        for number, tick, begin, end in self._entries[: int(self._clock["entries"][0])].tolist():
-            deliver(outputs[number], tick, bytes(memory[begin:end]))
-        self._clock["entries"] = self._clock["length"] = 0
+    def hand_over(self) -> bool:
+        """Deliver the messages in the journal, and empty it. Returns whether there were any."""
+        count = int(self._clock["entries"][0])
+        if count:
+            self._deliver(Block(self._streams, self._entries[:count], self._journal))
+            self._clock["entries"] = self._clock["length"] = 0
+        return count > 0
 
     def _timed(self, tick: int) -> None:
         """Run one tick node by node and record the duration of each step."""

@@ -22,7 +22,7 @@ from palpate.messages import Message, MessageError, check_finite, fields
 from palpate.messages.base import decoder
 from palpate.messages.checks import finite_check
 from palpate.messages.record import blank, reader
-from palpate.nodes.base import CompiledNode, InputError, Node, Observer, Port, inputs, outputs
+from palpate.nodes.base import Block, CompiledNode, InputError, Node, Observer, Port, inputs, outputs
 from palpate.physics.errors import PalpateError
 
 _set = msgspec.structs.force_setattr
@@ -385,6 +385,9 @@ def _forces(message: Message) -> dict[str, float]:
     return magnitudes
 
 
+FEW = 32  # messages that are faster to take one by one than as a block
+
+
 class ObserverSlot:
     """An observer in a worker, with the payloads of its streams that it has yet to take."""
 
@@ -415,6 +418,30 @@ class ObserverSlot:
         finally:
             count = len(self.pending)
             self.pending.clear()
+        self._count(tick, begun, count)
+
+    def take_block(self, block: Block) -> None:
+        """Pass all pending messages, then those of its streams in a block; a few are added to the pending ones.
+        NodeError: the observer raised."""
+        if len(block.entries) < FEW:
+            self.pending += [message for message in block.messages() if message[0] in self.streams]
+            return
+        self.take()
+        heard = [stream in self.streams for stream in block.streams]
+        entries = block.entries if all(heard) else block.entries[np.array(heard)[block.entries["number"]]]
+        if not len(entries):
+            return
+        begun, tick = perf_counter_ns(), int(entries["tick"][-1])
+        try:
+            self.node.observe_block(block._replace(entries=entries))
+        except BaseException as error:
+            raise NodeError(self.name, f"messages up to tick {tick}", error) from error
+        last = np.full(len(block.streams), -1)
+        np.maximum.at(last, entries["number"], entries["tick"])
+        self.last |= {s: t for s, t in zip(block.streams, last.tolist(), strict=True) if t >= 0}
+        self._count(tick, begun, len(entries))
+
+    def _count(self, tick: int, begun: int, count: int) -> None:
         self.health.tick = tick
         self.health.step.add((perf_counter_ns() - begun) // count, count)
 

@@ -41,8 +41,6 @@ record, steps, count, literals, most  for `engine.encode`
 period   divisor of the ticks whose messages are written to the journal; 0: none
 number   of the output in the journal
 """
-ENTRY = np.dtype([(name, "<i8") for name in ("number", "tick", "begin", "end")])
-"""A message in the journal: number of its output, tick, begin and end of its bytes."""
 CLOCK = np.dtype([
     ("rate", "<f8"), ("at", "<i8"), ("real", "?"), ("first", "<i8"), ("last", "<i8"), ("failed", "<i8"), ("why", "<i8"),
     ("tick", "<i8"), ("resume", "<i8"),
@@ -54,7 +52,8 @@ first, last  rows to run, the last one excluded
 failed  row of the node that failed, -1 for none;  why  cause (`RAISED` ...)
 resume  row at which the journal was full, -1 for none
 tick    of the failure, or at which the journal was full
-journal, room, length  address, size and used size of the bytes of the journal;  entry, most, entries  of its `ENTRY`s
+journal, room, length  address, size and used size of the bytes of the journal;  entry, most, entries  of its entries
+         (`nodes.base.block`)
 """
 LANE = np.dtype([(name, "<i8") for name in ("rows", "clock", "tick", "taps", "tapped", "every", "room")])
 """One of several runs: its table, its next tick, its `TAP`s and their number, the divisor of the ticks at which they

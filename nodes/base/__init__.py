@@ -1,5 +1,6 @@
 """What every node is made of: settings, ports, state; and what several of them share."""
 
+from palpate.nodes.base.block import Block
 from palpate.nodes.base.compiled import ARRAY, TABLE, CompiledNode, Part
 from palpate.nodes.base.effect import Calibrated, Effect, Switch, effects, part
 from palpate.nodes.base.node import (
@@ -19,7 +20,7 @@ from palpate.nodes.base.node import (
 )
 
 __all__ = [
-    "ARRAY", "TABLE", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer", "Out", "Part", "Port",
-    "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects", "inputs", "outputs", "part",
+    "ARRAY", "TABLE", "Block", "Calibrated", "CompiledNode", "Effect", "InputError", "Node", "Observer", "Out", "Part",
+    "Port", "Setting", "SettingError", "Stream", "Switch", "Wants", "convert", "effects", "inputs", "outputs", "part",
     "settings",
 ]  # fmt: skip

@@ -10,12 +10,15 @@ from pathlib import Path
 from typing import IO, Annotated, Any
 
 import msgspec
+import numpy as np
+from mcap.opcode import Opcode
 
 from palpate.messages import Health, Message, fields
 from palpate.messages.base import HEADER
-from palpate.nodes.base import Observer, SettingError, Stream
+from palpate.nodes.base import Block, Observer, SettingError, Stream
+from palpate.nodes.base.block import MARGIN
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
-from palpate.records.format.mcap_writer import CHUNK_SIZE, Compression, McapWriter
+from palpate.records.format.mcap_writer import CHUNK_SIZE, HEAD, Compression, McapWriter
 
 LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -26,6 +29,7 @@ class _Time(msgspec.Struct, gc=False):
 
 
 _TIME = msgspec.msgpack.Decoder(_Time)
+HEAD_LENGTH = HEAD.itemsize - 9  # [B] of a head, without kind and length of its record
 CHECK = 0.2  # [s] between the messages that are kept of a stream that can be computed again
 
 
@@ -52,6 +56,25 @@ class _Recorded:
         self.every = every * thin if simulated else every
         self.next = self.due = self.first = self.heard = self.count = self.gaps = 0
         self.last: deque[int] = deque(maxlen=LATEST)
+
+    def take(self, ticks: np.ndarray) -> np.ndarray:
+        """Count messages of these ascending ticks, as `Mcap.observe` counts one. Returns which of them to write."""
+        heard = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
+        ticks = ticks[heard]
+        if not len(ticks):
+            return heard
+        expected = np.concatenate(([self.next], ticks[:-1] + self.every))
+        self.gaps += int(np.maximum(0, (ticks - expected) // self.every).sum())
+        self.next = int(ticks[-1]) + self.every
+        self.first = self.first if self.heard else int(ticks[0])
+        self.heard += len(ticks)
+        self.last.extend(ticks[-LATEST:].tolist())
+        if self.keep > 1:
+            period = ticks // self.keep
+            heard[heard] = period > np.concatenate(([self.due // self.keep - 1], period[:-1]))
+            self.due = max(self.due, int(period[-1] + 1) * self.keep)
+        self.count += int(heard.sum())
+        return heard
 
 
 class Mcap(Observer):
@@ -113,6 +136,7 @@ class Mcap(Observer):
             )
             self._recorded[stream.name] = _Recorded(channel, stream.every, thin, simulated, heads)
         self._due = time.monotonic() + self.within
+        self._live = not simulated
 
     def period(self, stream: str) -> int:
         own = self._recorded.get(stream)
@@ -120,7 +144,7 @@ class Mcap(Observer):
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
         own = self._recorded.get(stream)
-        if own is None or (own.skip > 1 and tick % own.skip):
+        if own is None or (own.skip > 1 and tick % own.skip) or self._behind():
             return
         if tick != own.next:
             own.gaps += max(0, (tick - own.next) // own.every)
@@ -144,6 +168,43 @@ class Mcap(Observer):
                 self._on_time()
         except OSError as error:
             self._give_up(error)
+
+    def observe_block(self, block: Block) -> None:
+        recorded = [self._recorded.get(stream) for stream in block.streams]
+        if type(self).observe is not Mcap.observe or any(own is not None and own.heads for own in recorded):
+            super().observe_block(block)
+            return
+        if self._behind():
+            return
+        # Select the messages to write and fill in their heads.
+        number, kept = block.entries["number"], np.zeros(len(block.entries), bool)
+        for place, own in enumerate(recorded):
+            if own is not None and len(rows := np.flatnonzero(number == place)):
+                kept[rows] = own.take(block.entries["tick"][rows])
+        entries = block.entries[kept]
+        heads = np.zeros(len(entries), HEAD)
+        heads["kind"], heads["length"] = Opcode.MESSAGE, entries["end"] - entries["begin"] + HEAD_LENGTH
+        heads["channel"] = np.array([own.channel if own else 0 for own in recorded])[entries["number"]]
+        heads["tick"] = entries["tick"]
+        heads["time"] = heads["at"] = np.maximum(entries["time"], 0)
+        place = entries["begin"][:, None] - MARGIN + np.arange(MARGIN)
+        block.memory[place] = heads.view(np.uint8).reshape(-1, MARGIN)
+        # Pass each run of consecutive messages as one piece.
+        ends = np.flatnonzero(np.diff(np.flatnonzero(kept), append=-1) != 1)
+        begins = np.concatenate(([0], ends[:-1] + 1))
+        memory = block.memory.data
+        pieces = zip((entries["begin"][begins] - MARGIN).tolist(), entries["end"][ends].tolist(), strict=True)
+        try:
+            if len(entries):
+                self._writer.add_block(heads, b"".join(memory[begin:end] for begin, end in pieces))
+            if time.monotonic() > self._due:
+                self._on_time()
+        except OSError as error:
+            self._give_up(error)
+
+    def _behind(self) -> bool:
+        """Whether the disk is so slow that a message on the real clock is lost, because no tick waits for the disk."""
+        return self._live and self._writer.full
 
     def _on_time(self) -> None:
         """What has come goes into the file; with no time to wait it is there at once."""

@@ -1,8 +1,8 @@
 """Writes an MCAP file (https://mcap.dev) at the speed of a force loop.
 
-The caller only packs the head of a message and appends two items to a list. A thread does the rest once per chunk: it
-joins, indexes (with numpy), compresses and writes the bytes. Small records (schemas, channels, metadata, the summary)
-are made by the `mcap` package.
+The caller only packs the head of a message and appends to lists, or adds a block of records. A thread does the rest
+once per chunk: it joins, indexes (with numpy), compresses and writes the bytes. Small records (schemas, channels,
+metadata, the summary) are made by the `mcap` package.
 """
 
 import json
@@ -26,13 +26,14 @@ MAGIC = b"\x89MCAP0\r\n"
 LIBRARY = "palpate, sealed"  # in the header of a file: its metadata have checksums
 SEAL = "crc32"
 CHUNK_SIZE = 1 << 20  # [B]
-IN_FLIGHT = 2  # chunks that may wait for the disk; then the caller blocks, so that memory stays bounded
+IN_FLIGHT = 4  # chunks that may wait for the disk; then the caller blocks, so that memory stays bounded
 LEVEL = 1  # of zstd: level 3 takes 1.6 × as long for 0.4 % less, since most bits of doubles are random
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length; channel, sequence number, two times
-_HEAD = np.dtype(
+HEAD = np.dtype(
     [("kind", "u1"), ("length", "<u8"), ("channel", "<u2"), ("tick", "<u4"), ("time", "<u8"), ("at", "<u8")]
 )
+"""Head of a message record, before its payload."""
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length; first and last time, bytes unpacked, their checksum
 _INDEX = struct.Struct("<BQHI")  # opcode, length; channel, bytes of entries
 _RECORD = 9  # [B] opcode and length of a record
@@ -71,7 +72,7 @@ class McapWriter:
         self._chunks: list[records.ChunkIndex] = []
         self._metadata: list[records.MetadataIndex] = []
         self._counts: Counter[int] = Counter()
-        self._parts: list[bytes] = [b""]
+        self._parts, self._heads = [b""], list[bytes]()
         self._size = 0
         self._write(MAGIC, _bytes(records.Header(profile, LIBRARY)))
 
@@ -93,19 +94,36 @@ class McapWriter:
     def add_message(self, channel: int, tick: int, time: int, payload: bytes) -> None:
         """Add a message; `time` [ns]."""
         length = 22 + len(payload)
-        self._parts += _MESSAGE.pack(Opcode.MESSAGE, length, channel, tick & 0xFFFFFFFF, time, time), payload
+        head = _MESSAGE.pack(Opcode.MESSAGE, length, channel, tick & 0xFFFFFFFF, time, time)
+        self._heads.append(head)
+        self._parts += head, payload
         self._size += length
         if self._size > CHUNK_SIZE:
             self.close_chunk()
+
+    def add_block(self, heads: np.ndarray, data: bytes) -> None:
+        """Add message records, one after the other; `heads`: (n,) of `HEAD`, a copy of those in `data`."""
+        self._heads.append(heads.tobytes())
+        self._parts.append(data)
+        self._size += len(data)
+        if self._size > CHUNK_SIZE:
+            self.close_chunk()
+
+    @property
+    def full(self) -> bool:
+        """Whether `close_chunk` would block."""
+        while self._waiting and self._waiting[0].done():
+            self._waiting.popleft().result()
+        return len(self._waiting) >= IN_FLIGHT
 
     def close_chunk(self) -> None:
         """Pass the buffered messages to the thread."""
         if not self._size:
             return
-        while len(self._waiting) >= IN_FLIGHT or (self._waiting and self._waiting[0].done()):
+        while self.full:
             self._waiting.popleft().result()
-        self._waiting.append(self._thread.submit(self._write_chunk, self._parts))
-        self._parts, self._size = [b""], 0
+        self._waiting.append(self._thread.submit(self._write_chunk, self._parts, self._heads))
+        self._parts, self._heads, self._size = [b""], [], 0
 
     def flush(self) -> None:
         """Wait until all messages are in the file."""
@@ -159,10 +177,10 @@ class McapWriter:
         yield Opcode.CHUNK_INDEX, self._chunks
         yield Opcode.METADATA_INDEX, self._metadata
 
-    def _write_chunk(self, parts: list[bytes]) -> None:
-        """Write a chunk and its index. `parts`: declarations, then alternately head and payload of each message."""
+    def _write_chunk(self, parts: list[bytes], packed_heads: list[bytes]) -> None:
+        """Write a chunk and its index. `parts`: declarations, then heads and payloads of the messages."""
         data = b"".join(parts)
-        heads = np.frombuffer(b"".join(parts[1::2]), _HEAD)
+        heads = np.frombuffer(b"".join(packed_heads), HEAD)
         packed = self._compress(data)
         name = self._name.encode()
         tail = len(name).to_bytes(4, "little") + name + len(packed).to_bytes(8, "little")

@@ -62,6 +62,8 @@ class SimulatedClock:
             (part,) = worker.parts
             assert isinstance(part, Segment)
             part.run_many(tick, ticks)
+            if worker.bus is not None:
+                part.hand_over()
             self.most = max(16, self.most // 2) if now() - begun > BLOCK else min(2 * self.most, 1 << 16)
         worker.housekeep()
 

@@ -21,7 +21,7 @@ from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
 from palpate.messages import pack
-from palpate.nodes.base import Node
+from palpate.nodes.base import Block, Node
 
 BURST = 16  # ticks between two bursts to the observers
 OVERHEARD = 1000  # frames for observers handled in a row before the nodes run again
@@ -99,9 +99,7 @@ class Worker:
             for observer in self.audience.slots:
                 begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
             job, ages = self.job, partial(permitted, self.job)
-            self.parts = segments(
-                self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_answer)
-            )
+            self.parts = segments(self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_block))
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -198,15 +196,28 @@ class Worker:
             observer.pending.append((output.stream, tick, payload))
             if self._real:  # a burst would delay the next tick
                 observer.take()
-        if self.bus is None:
-            return
+        if self.bus is not None:
+            self._publish(self.bus, output, tick, payload)
+
+    def _deliver_block(self, block: Block) -> None:
+        """Pass the messages of a segment to their readers."""
+        for observer in self.audience.begun:
+            observer.take_block(block)
+            if self._real:
+                observer.take()
+        if self.bus is not None:
+            for stream, tick, payload in block.messages():
+                self._publish(self.bus, self.outputs[stream], tick, payload)
+
+    def _publish(self, bus: Bus, output: Output, tick: int, payload: bytes) -> None:
+        """Send an encoded message to its readers in other processes."""
         if output.send is not None:
             if len(payload) > LONGEST_MESSAGE:
                 text = f"a {output.kind.__name__} of {len(payload)} bytes, longest {LONGEST_MESSAGE}"
                 raise NodeError(output.stream.partition(".")[0], f"step at tick {tick}", text)
             output.send(payload)
         if output.observed:
-            self.bus.keep(output.topic + payload)
+            bus.keep(output.topic + payload)
 
     def wait(self, feed: RemoteStream, deadline: int | None = None) -> bool:
         """Wait for a message of a stream, for about `POLL_INTERVAL` or until a deadline [ns]; returns whether one
@@ -334,6 +345,9 @@ class Worker:
             self.sign_of_life()
 
     def _flush(self) -> None:
+        for part in self.parts:
+            if isinstance(part, Segment):
+                part.hand_over()
         for observer in self.audience.begun:
             observer.take()
         if self.bus is not None:

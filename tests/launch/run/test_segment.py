@@ -88,6 +88,7 @@ def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, .
         payloads.setdefault(output.stream, []).append(payload)
 
     worker._deliver_answer = deliver  # type: ignore[method-assign]
+    worker._deliver_block = lambda block: [deliver(worker.outputs[s], t, p) for s, t, p in block.messages()]  # type: ignore[method-assign]
     worker.start()
     run(worker, 0)
     for part in worker.parts:
@@ -184,7 +185,8 @@ def test_a_segment_starts_anew_with_its_nodes():
 
 def sent_again(worker: Worker) -> dict[str, list[bytes]]:
     payloads: dict[str, list[bytes]] = {}
-    worker._deliver_answer = lambda output, tick, payload: payloads.setdefault(output.stream, []).append(payload)  # type: ignore[method-assign]
+    for part in worker.parts:
+        part._deliver = lambda block: [payloads.setdefault(s, []).append(p) for s, _, p in block.messages()]  # type: ignore[union-attr]
     run(worker, 0)
     return payloads
 

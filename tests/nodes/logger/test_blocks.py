@@ -1,0 +1,85 @@
+"""Blocks of messages give the file that the same messages give one by one, and a slow disk never stops a live run."""
+
+import random
+import threading
+
+import numpy as np
+import pytest
+
+from palpate.messages import DeviceState, Health, pack
+from palpate.nodes.base import Block, Observer, Stream
+from palpate.nodes.base.block import ENTRY, MARGIN
+from palpate.nodes.logger import Mcap
+from palpate.records.format.mcap_writer import CHUNK_SIZE, IN_FLIGHT
+from palpate.records.stored import Stored
+
+STREAMS = {"fast": 1, "slow": 3, "thinned": 1, "left": 1}
+PLAN = {"plan": {"rate": 10.0}}
+
+
+def logger(path, clock: str, **settings) -> Mcap:
+    node = Mcap(path=str(path), within=60.0, **settings)
+    streams = tuple(Stream(name, DeviceState, name, every) for name, every in STREAMS.items())
+    node.listen(streams, {"clock": clock} | PLAN)
+    node.start()
+    return node
+
+
+def block(ticks: range, gone: set[int], size: int = 0) -> Block:
+    """The messages of these ticks but those of `gone`, which only `fast` lacks."""
+    memory, entries = bytearray(), []
+    for tick in ticks:
+        for number, (name, every) in enumerate(STREAMS.items()):
+            if tick % every or (name == "fast" and tick in gone):
+                continue
+            payload = pack(DeviceState(tick=tick, time=1000 * tick, source=name + size * "x"))
+            begin = len(memory) + MARGIN
+            memory += bytes(MARGIN) + payload
+            entries.append((number, tick, 1000 * tick, begin, len(memory)))
+    return Block(list(STREAMS), np.array(entries, ENTRY), np.frombuffer(memory, np.uint8))
+
+
+@pytest.mark.parametrize("settings", [{"thin": {"thinned": 4}}, {"sources": ("fast",)}], ids=["thin", "sources"])
+@pytest.mark.parametrize("clock", ["simulated", "real"])
+def test_a_block_is_recorded_as_its_messages_one_by_one(tmp_path, clock, settings):
+    draw = random.Random(2)
+    gone = {tick for tick in range(300) if draw.random() < 0.1}
+    files = {}
+    for take in (Mcap.observe_block, Observer.observe_block):
+        node = logger(tmp_path / f"{take.__qualname__}.mcap", clock, leave_out=("left",), **settings)
+        for begin, end in ((0, 1), (1, 7), (7, 150), (150, 300)):
+            take(node, block(range(begin, end), gone))
+        node.stop()
+        stored = Stored(node.path)
+        files[take] = list(stored.raw()), stored.counts
+        assert stored.complete
+    assert files[Mcap.observe_block] == files[Observer.observe_block]
+    rows, counts = files[Mcap.observe_block]
+    assert len(rows) > 60 and counts["fast"]["lost"] == len(gone) and "left" not in counts
+
+
+def test_a_slow_disk_loses_messages_of_a_live_run_and_never_stops_it(tmp_path, monkeypatch):
+    node = logger(tmp_path / "live.mcap", "real")
+    writes, write = threading.Event(), node._writer._write_chunk
+
+    def slow(*given):
+        writes.wait(60.0)
+        write(*given)
+
+    monkeypatch.setattr(node._writer, "_write_chunk", slow)
+    many = block(range(8), set(), CHUNK_SIZE // 8)
+    for _ in range(3 * IN_FLIGHT):  # returns although nothing is written
+        node.observe_block(many)
+        node.observe("fast", 8, pack(DeviceState(tick=8, time=8000)))
+    writes.set()
+    for name in STREAMS:
+        node.health(Health(
+            source=name, since=0, steps=1000, state="", late=0, lost=0, held=0, median=0.0, p99=0.0, longest=0.0,
+            age=0.0,
+        ))  # fmt: skip
+    node.stop()
+    stored = Stored(node.path)
+    kept = sum(1 for name, *_ in stored.raw() if name == "fast")
+    assert stored.complete and 8 <= kept < 8 * 2 * IN_FLIGHT
+    assert stored.counts["fast"] == {"count": kept, "lost": 1000 - kept}
+    assert any("lacks messages" in note and "fast" in note for note in node.notes())
