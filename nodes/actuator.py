@@ -1,4 +1,4 @@
-"""Actuators that make a vibration felt or heard."""
+"""Actuators that play a vibration."""
 
 from typing import Annotated, Any
 
@@ -9,15 +9,15 @@ from palpate.messages.vibration import Vibration
 from palpate.nodes.base import Node, SettingError, Wants
 from palpate.physics.extras import missing
 
-BUFFER = 0.2  # [s] of sound that may wait to be played
+BUFFER = 0.2  # [s] of sound in the ring buffer
 
 
 class SoundCard(Node):
-    """Plays a vibration on a sound card, for a loudspeaker or a voice coil on its output.
+    """Plays a vibration on a sound card, for a loudspeaker or a voice coil at its output.
 
-    gain    of full scale per newton; what is louder is limited to full scale
-    rate    of the sound card
-    device  name or number of the output; "": the default one; "none": nothing is played
+    gain    full scale per newton; the signal is limited to full scale
+    rate    sampling rate of the sound card
+    device  name or number of the output; "": the default output; "none": no output
     """
 
     sink = True
@@ -27,9 +27,10 @@ class SoundCard(Node):
     device: Annotated[str, "1"] = ""
 
     def start(self) -> None:
-        self.phase, self.last = 1.0, 0.0  # of the next sample of the card, in samples of the vibration; last of these
+        # position of the card's next sample in samples of the vibration; last sample of the vibration
+        self.phase, self.last = 1.0, 0.0
         self.ring = np.zeros(int(BUFFER * self.rate), np.float32)
-        self.written = self.played = 0  # samples, each changed by one thread only
+        self.written = self.played = 0  # numbers of samples; only one thread changes each
         self.stream: Any = None
         if self.device == "none":
             return
@@ -58,13 +59,13 @@ class SoundCard(Node):
         at = self.phase + step * np.arange(count)
         sound = np.interp(at, np.arange(len(block) + 1), np.concatenate([[self.last], block]))
         self.phase, self.last = self.phase + step * count - len(block), float(block[-1])
-        if self.written + count - self.played > len(self.ring):  # nobody plays, or too slowly
+        if self.written + count - self.played > len(self.ring):  # the buffer is full: the card is off or too slow
             return
         self.ring[(self.written + np.arange(count)) % len(self.ring)] = np.clip(self.gain * sound, -1.0, 1.0)
         self.written += count
 
     def fill(self, out: Any, frames: int, time: Any, status: Any) -> None:
-        """Called by the sound card's thread: the next samples, silence where there are none."""
+        """Callback of the sound card's thread: the next samples, then silence if the buffer is empty."""
         count = min(frames, self.written - self.played)
         out[:count, 0] = self.ring[(self.played + np.arange(count)) % len(self.ring)]
         out[count:, 0] = 0.0

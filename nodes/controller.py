@@ -24,28 +24,27 @@ from palpate.physics.device.rendered import stiffest
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, put, vector
 
-GENTLE = 500.0  # [N/s] by which the force of the added damping rises at most after an outage, until contact ends
-SETTLE = 1.0  # [s] in which the force comes back after an outage while it pushes the hand out, instead of `ramp`
-LENT = 0.5e-3  # [J] of debt that the display may make after an outage before the force stops rising
-STEEP = 0.25  # [s] of contact over which a force is averaged that is too steep to be shown, and what is withheld of it
-MOST_WITHHELD = 0.05  # [1] of the force beyond which a note says so; people notice a change of some 7 %
-YIELD = 25e-3  # [s] in which the force falls to zero again while the display gives out more than that
-PATIENCE = 0.5  # [s] of withheld force after which the debt may grow, and a note says so
-POWER = 10e-3  # [W] by which the debt may grow then, until all of the force is back
+GENTLE = 500.0  # [N/s] largest slew rate of the force of the added damping after an outage, until contact ends
+SETTLE = 1.0  # [s] time in which the force recovers after an outage while it pushes the hand outward, instead of `ramp`
+LENT = 0.5e-3  # [J] energy that the display may generate after an outage before the force stops rising
+STEEP = 0.25  # [s] time constant of the averages of a contact's force and of its withheld part
+MOST_WITHHELD = 0.05  # [1] withheld share of the force above which a note is printed; people notice about 7 %
+YIELD = 25e-3  # [s] time in which the force falls to zero again while the display generates more than `LENT`
+PATIENCE = 0.5  # [s] duration of withheld force after which the permitted energy grows and a note is printed
+POWER = 10e-3  # [W] growth of the permitted energy from then on, until the full force has recovered
 
-FREE, CONTACT = 0, 1  # words of `Force.state`
+FREE, CONTACT = 0, 1  # indices of the values of `Force.state`
 
 
 @kernel
 def lost(had, present):
-    """Whether a message was computed without an input that earlier ones of its sender had, and which had been there:
-    bit masks."""
+    """Whether a message lacks an input that earlier messages of its sender had, and all inputs so far, as bit masks."""
     return present != had | present, had | present
 
 
 @kernel
 def come_back(own):
-    """After an outage: a fresh state, but for the force that the hand has and the energy that the display has."""
+    """Reset the state after an outage, except the current force on the hand and the energy of the display."""
     state, past = floats(own.state), floats(own.past)
     fx, fy, fz, f3 = state[FORCE, 0], state[FORCE, 1], state[FORCE, 2], state[FORCE, 3]
     energy, brake, mode = state[ENERGY, 0], state[ENERGY, BRAKE], state[MODE, 0]
@@ -57,8 +56,11 @@ def come_back(own):
 
 @kernel
 def forget_credit(own, released, dt):
-    """Drop the energy observed for commands that the device did not apply: before it let go, it held an older command
-    for up to `GAP` or three steps. What remains is the least energy of this interval and the one before."""
+    """Discard energy observed for commands that the device did not apply.
+
+    Before a device releases its motors, it repeats an older command for up to `GAP` or three steps. The remaining
+    energy is the least of this interval and the one before.
+    """
     state = floats(own.state)
     if released:
         state[ENERGY, 0] = min(state[ENERGY, 0], own.credit[0], own.credit[1])
@@ -70,11 +72,11 @@ def forget_credit(own, released, dt):
 
 @kernel(error_model="numpy")
 def share_of(own, lacks, pausing, released, touching, dt):
-    """The share of force and limit in this step [1].
+    """The gain [1] of force and limit in this step.
 
-    lacks     an input was missing
-    pausing   the node stood still before
-    released  the device worked without torque, or does not say
+    lacks     an input is missing
+    pausing   there was a pause of the node before this step
+    released  the device worked without torque, or does not report it
     """
     state = floats(own.state)
     missing = own.whole and lacks
@@ -105,7 +107,7 @@ def share_of(own, lacks, pausing, released, touching, dt):
 
 @kernel(error_model="numpy")
 def weigh(own, state, dt):
-    """Average the contact's force and what is withheld of it, and keep whether that is too much."""
+    """Average the contact's force and its withheld part, and set a flag if the withheld share is too large."""
     line, law, cut = state[WALL, 0], state[WALL, 1], state[WALL, 2]
     kept = (law, max(law - line, 0.0) if cut != 0.0 else 0.0)
     for i in range(2):
@@ -117,27 +119,28 @@ def weigh(own, state, dt):
 class Haptic(CompiledNode):
     """Force on the hand: free motion or contact, kept passive and within the device's limits.
 
-    stiffness, damping   of the spring-damper of free motion (none by default: the hand moves freely)
+    stiffness, damping   of the spring-damper in free motion (none by default: the hand moves freely)
     contact_damping      added to the contact force
-    hysteresis           way beyond the point of contact after which contact ends; one step of the device's position
-    passivity            whether stiffness is limited and damping added so that the display gives out no energy
-    mass, drag           of the device, without the hand: bound that stiffness and that damping
-    delay                whole samples by which the loop is late, at most: 0 for a force that acts right after the
-                         motion that it was computed from, 1 for a device that takes a command while it gives a state.
-                         Too large a value is safe but shows less stiffness than it could
+    hysteresis           distance beyond the point of contact at which contact ends; one step of the device's position
+    passivity            whether to limit the stiffness and add damping so that the display generates no energy
+    mass, drag           of the device without the hand; they bound the stiffness and the damping
+    delay                upper bound of the loop's delay in whole samples: 0 if a force acts directly after the motion
+                         that it was computed from, 1 for a device that takes a command while it sends a state. Too
+                         large a value is safe but lowers the stiffness
     resolution           step of the device's position; 0: exact
-    limit, slew          largest force, and its largest change over time
+    limit, slew          largest force, and its largest rate of change
     ramp                 time in which the largest force is permitted again after an outage
 
-    A friction whose sender is gone fades out within 20 ms, and the force is the contact's own alone. While a contact,
-    a pose, or an input that the contact is computed from is missing, or the device works without the command that it
-    had, the force falls to zero within 4 ms; after that, and after a time without steps in which the device has let
-    go, it ramps up from zero, never above limit/ramp times the time since and, with `passivity`, over a second while
-    the hand rests or is pushed out. It gives out no more energy than the hand has put in since the touch began, 0.5
-    mJ, and, where the force has been withheld for more than 0.5 s, which is reported, 10 mJ a second from then on. A
-    step that comes late changes the force by no more than one in time. A node that is restarted during contact begins
-    without force. When a ledger trips the force goes to zero within `ramp`, and stays there. A contact that is too
-    steep to be shown, so that more than a hundredth of its force is withheld, is told once.
+    When the sender of friction disappears, friction fades out within 20 ms, and only the contact force remains. The
+    force falls to zero within 4 ms while a contact, a pose, or an input of the contact's computation is missing, or
+    while the device works without the command that it had. After that, and after a pause in which the device has
+    released its motors, the force ramps up from zero: at most limit/ramp times the elapsed time and, with `passivity`,
+    over 1 s while the hand rests or is pushed outward. During the recovery the display generates at most the energy
+    that the hand has put in since the touch began plus 0.5 mJ; if the force is withheld for more than 0.5 s, which is
+    reported, plus 10 mJ per second from then on. A late step changes the force by at most as much as a step in time. A
+    node that is restarted during contact begins without force. When a ledger trips, the force falls to zero within
+    `ramp` and remains zero. A contact too steep to be rendered, so that more than 5 % of its force is withheld, is
+    reported once.
     """
 
     stiffness: Annotated[float, "N/m", msgspec.Meta(ge=0)] = 0.0
@@ -155,14 +158,14 @@ class Haptic(CompiledNode):
 
     State = {
         "gains": (11,), "state": TABLE, "past": TABLE,  # of `physics.device.controller.haptic`
-        "replaces": bool,  # the node of this name that ran before is gone
-        "whole": bool, "lost": bool, "had": int, "had_device": int,  # what came before; inputs as bit masks
+        "replaces": bool,  # this node replaces an earlier one of its name
+        "whole": bool, "lost": bool, "had": int, "had_device": int,  # of earlier steps; inputs as bit masks
         "pace": PACE, "gain": GAIN, "friction": FADED,
-        "before": (), "least": (),  # [J] of the display: at the last step, and the least at which the force comes back
-        "outage": (), "withheld": bool,  # [s] with less than the full force of a contact; whether it was long
-        "open": (), "tripped": bool,  # share of the force that is left since the ledger tripped
+        "before": (), "least": (),  # [J] of the display: at the last step, and the least for a recovery
+        "outage": (), "withheld": bool,  # [s] duration of less than the full force; whether it was long
+        "open": (), "tripped": bool,  # remaining share of the force since the ledger tripped
         "credit": (2,), "interval": (),  # [J] least energy of this interval and the one before; its age [s]
-        "steep": (2,), "too_steep": bool, "steep_dt": (),  # [N] averages of the contact's force and what is withheld
+        "steep": (2,), "too_steep": bool, "steep_dt": (),  # [N] averages of the contact's force and its withheld part
     }  # fmt: skip
 
     def start(self) -> None:
@@ -176,7 +179,7 @@ class Haptic(CompiledNode):
         begin(self.own["gain"], FALL, self.ramp)
         begin(self.own["friction"]["gain"], FADE, FADE)
         self.own["least"], self.own["open"] = -LENT, 1.0
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def replaces(self) -> None:
         self.own["replaces"] = True
@@ -192,6 +195,7 @@ class Haptic(CompiledNode):
         out: Out[Force],
         dt,
     ):
+        # missing inputs, and commands that the device did not apply
         state, before = floats(own.state), own.gain.value
         lacks = not contact.there or not pose.there
         if not lacks:
@@ -202,13 +206,14 @@ class Haptic(CompiledNode):
             forget_credit(own, without, dt)
         else:
             without = True
+        # gain of the force: falls while an input is missing, ramps up after an outage
         touching = not contact.there or contact.force > 0.0
         p = faded(own.friction, friction.there, friction.force, dt)
         pausing = paced(own.pace, dt)
         usual = own.pace.usual
         share = share_of(own, lacks, pausing, without, touching, usual)
         if pausing:
-            dt = usual  # what was before the pause is forgotten
+            dt = usual  # ignore the time before the pause
         own.gains[SLEW] = own.slew * (usual / dt) if dt > usual else own.slew
         if not contact.there or not pose.there:
             left = share / before if before > 0.0 else 0.0
@@ -218,10 +223,11 @@ class Haptic(CompiledNode):
             out.state, out.energy = FREE, 0.0
             return
         own.tripped = own.tripped or (ledger.there and ledger.tripped)
-        if own.tripped:  # no force is left after `ramp`
+        if own.tripped:  # the force falls to zero within `ramp`
             own.open = max(own.open - dt / own.ramp, 0.0) if own.ramp > 0.0 else 0.0
             own.gains[LIMIT] = min(own.gains[LIMIT], own.open * own.limit)
             share *= own.open
+        # passive force within the device's limits (physics.device.controller)
         state[MODE, WITHHELD] = 1.0 - share
         a, approach = contact.lateral_force, contact.compression + contact.indentation
         rubbing = (p[0] - a[0], p[1] - a[1], p[2] - a[2])
@@ -237,22 +243,22 @@ class Haptic(CompiledNode):
     def notes(self) -> list[str]:
         if hasattr(self, "own"):
             if self.own["withheld"]:
-                self._tell(
+                self._note_once(
                     f"the force on the hand was withheld for more than {PATIENCE:g} s after messages of the contact, "
-                    "the pose or the device were missing; it comes back slowly, so that it does not push the hand"
+                    "the pose or the device were missing; it recovers slowly, so that it does not push the hand"
                 )
             if self.own["too_steep"]:
                 dt = float(self.own["steep_dt"])
                 most = stiffest.py_func(self.mass, self.drag, self.resolution, dt * (self.delay + 0.5))
-                self._tell(
-                    f"the contact rises by more than {most:.0f} N/m, the stiffest that this device can show at this "
-                    "rate and delay, so the hand feels a softer one, and may swing by some tenths of a millimetre "
-                    "where it presses hard. `palpate bench stability` computes the bounds"
+                self._note_once(
+                    f"the contact is stiffer than {most:.0f} N/m, the limit of this device at this rate and delay, so "
+                    "the hand feels a softer one, and may oscillate by less than 1 mm under a large force. `palpate "
+                    "bench stability` computes the bounds"
                 )
         return super().notes()
 
-    def _tell(self, text: str) -> None:
+    def _note_once(self, text: str) -> None:
         """Add a note, once."""
-        if text not in self._told:
-            self._told.add(text)
+        if text not in self._reported:
+            self._reported.add(text)
             self._notes.append(f"Haptic: {text}")

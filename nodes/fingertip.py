@@ -1,4 +1,4 @@
-"""A fingertip of many beams on a rigid plate: the scripted hand that moves it, and its contact."""
+"""A fingertip of beams on a rigid plate: the scripted hand that moves it, and its contact."""
 
 import math
 from typing import Annotated, Literal
@@ -15,27 +15,27 @@ from palpate.physics.fingertip.surfaces import FingertipSurfaces, fill
 from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
 UP = (0.0, 0.0, 1.0)
-CLEAR = 1e-3  # [m] how far above the plate a lifted finger stops
+CLEAR = 1e-3  # [m] height above the plate at which a lifted finger stops
 NO_SLIP = 0.0, 0.0, False, False, NO_FLOATS, NO_FLOATS, NO_NODES, np.zeros((0, 2))
 
 
 class Slide(Node):
-    """A hand that presses a fingertip on a plate, holds, slides it along and lifts it, at constant speeds."""
+    """A hand that presses a fingertip on a plate, holds, slides and lifts it at constant speeds."""
 
     paced = True
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
-    """Of the tissue in front of the bone edge: contact starts when the bone edge is so far from the plate."""
+    """Of the tissue in front of the bone edge; contact starts at this distance of the bone edge from the plate."""
     plate: Annotated[float, "m"] = 0.0  # Height of the plate
     depth: Annotated[float, "m", msgspec.Meta(ge=0)] = 2e-3
     press: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 4e-3
     hold: Annotated[float, "s", msgspec.Meta(ge=0)] = 1.0
     speed: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 2e-3
     direction: Annotated[float, "rad"] = math.pi / 2
-    """In the plane of the plate, from x (across the finger); pi/2 draws the finger back, -pi/2 pushes it on."""
+    """Angle in the plate's plane from x (across the finger); pi/2 pulls the finger back, -pi/2 pushes it forward."""
     distance: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3  # Of the slide; 0: the hand only presses and holds
     lift: Annotated[float, "m/s", msgspec.Meta(ge=0)] = 0.0
-    """Speed of lifting once the slide has ended; 0: the finger stays."""
+    """Speed of lifting after the slide; 0: the finger stays."""
 
     def start(self) -> None:
         self.time = 0.0
@@ -70,7 +70,7 @@ class BundleContact(Node):
     pitch: Annotated[float, "m", msgspec.Meta(gt=0)] = 1.2e-3
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 2.5e-3  # Largest depth: the pad is meshed for it
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 5e-3
-    """Of the tissue in front of the bone edge, whose place the pose tells."""
+    """Of the tissue in front of the bone edge, whose position is the pose."""
     plate: Annotated[float, "m"] = 0.0  # Height of the plate, which is z = constant, the finger above it
     friction: Annotated[float, "1", msgspec.Meta(ge=0), Switch("friction")] = 0.7
     lateral: Annotated[Literal["shear", "cantilever"], "1"] = "shear"
@@ -83,8 +83,8 @@ class BundleContact(Node):
     sheet: Annotated[float, "m", msgspec.Meta(ge=0), Switch("sheet")] = 1e-3
     """Thickness of the skin that couples the beams' ends; 0: none."""
     warning: Annotated[float, "1", msgspec.Meta(gt=0, le=1)] = 0.1
-    """Part of the contact that slides when incipient slip is told."""
-    iterations: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30  # At most so many of the solver in a step
+    """Sliding fraction of the contact above which incipient slip is reported."""
+    iterations: Annotated[int, "1", msgspec.Meta(ge=1, le=1000)] = 30  # Largest number of solver iterations in a step
 
     def start(self) -> None:
         """Fill the fingertip with beams, out of contact."""
@@ -152,7 +152,7 @@ class BundleContact(Node):
 
     @part("slip", "fraction", "front", "incipient", "gross", "first", "path", "state", "points", otherwise=NO_SLIP)
     def _slipped(self) -> tuple[float, float, bool, bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Which parts of the contact slide, since when and how far."""
+        """Sliding parts of the contact, with onset and path of each node."""
         s = self.state
         contacts, slips = s.summary.contacts, s.summary.slips
         fraction, gross = slips / contacts if contacts else 0.0, 0 < contacts == slips
@@ -162,12 +162,12 @@ class BundleContact(Node):
         return fraction, front, fraction >= self.warning and not gross, gross, first, s.path, state, self.bundle.points
 
     def _surface(self) -> Surface:
-        """The pad, and the fingertip's own law for its next step: depth against normal force."""
+        """The pad, and the law of the fingertip for its next step: depth against normal force."""
         s = self.state
         touching = np.flatnonzero(s.normal > 0)
         nodes, moved = self._shape(touching)
-        # The next step is a sum of straight laws that set in one after the other: its tangent at this depth is exact
-        # for deeper ones until new beams touch, and never above it.
+        # The law of the next step is a sum of linear laws with different onsets. Its tangent at this depth is exact
+        # until new beams touch, and a lower bound beyond.
         stiffness, touch, force = s.summary.next_stiffness, s.summary.next_touch, s.summary.next_force
         free = max(self.depth - force / stiffness, touch) if force > 0 else touch
         return Surface(

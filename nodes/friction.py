@@ -77,8 +77,11 @@ def _untold(law, z, load):
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
-    """The node class of a bristle law: its settings are the law's fields. Palpate's own laws have theirs by themselves;
-    a module of another package with the law `Dahl` says `Sliding = node_of(Dahl, "Sliding", __name__)`."""
+    """The node class of a bristle law; its settings are the fields of the law.
+
+    The node classes of the shipped laws exist already. A module of another package with the law `Dahl` defines
+    `Sliding = node_of(Dahl, "Sliding", __name__)`.
+    """
     settings = {name: _setting(hint) for name, hint in typing.get_type_hints(law, include_extras=True).items()}
     own = {"__doc__": law.__doc__, "__module__": module, "__annotations__": settings, "law": law}
     own |= law._field_defaults | {"compute": _compute(law)}  # type: ignore[attr-defined]
@@ -86,7 +89,7 @@ def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
 
 
 def _setting(hint: Any) -> Any:
-    """`Annotated[float, unit, "> 0"]` with the limit in the form that settings take."""
+    """`Annotated[float, unit, "> 0"]` with the limit as `msgspec.Meta`, as in settings."""
     kind, unit, *limits = typing.get_args(hint)
     bounds: dict[str, Any] = {SIGNS[sign]: float(bound) for sign, bound in (limit.split() for limit in limits)}
     return Annotated[kind, unit, msgspec.Meta(**bounds)] if bounds else hint

@@ -1,4 +1,4 @@
-"""From what a device measures to the pose of the finger, and from force to torque (docs/equations/falcon.md)."""
+"""Pose of the finger from the measurements of a device, and torques from the force (docs/equations/falcon.md)."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ WRONG_DEVICE = 1  # fault: not three numbers
 
 
 class _Tracker(CompiledNode):
-    """What both kinds of device share: settings, the filter's state, and the clock of the samples."""
+    """Shared by both kinds of device: settings, state of the filter, and clock of the samples."""
 
     origin: Annotated[Vector3, "m"] = ZERO
     speed_limit: Annotated[float, "m/s", msgspec.Meta(gt=0)] = 5.0
@@ -37,7 +37,7 @@ class _Tracker(CompiledNode):
 
 @kernel
 def send(own, seen, out):
-    """Give a pose, as `physics.device.tracking.pose` has it, its place in the world."""
+    """Send a pose of `physics.device.tracking.pose` in the world frame."""
     x, y, z, vx, vy, vz, out.dt = seen
     put(own.last, (x, y, z))
     put(out.position, (x + own.origin[0], y + own.origin[1], z + own.origin[2]))
@@ -46,9 +46,11 @@ def send(own, seen, out):
 
 @kernel
 def sampled(own, state, count, out, dt):
-    """Take the time of a sample of so many numbers: the message's own, or the sum of the steps where it brings none.
-    Whether to take the sample itself: while the device does not know where it is, the last position is sent, at rest,
-    and the history begins anew."""
+    """Set the clock to the time of a sample of `count` numbers; returns whether to use the sample.
+
+    The time is that of the message, or the sum of the steps if it has none. Until the device is homed, the node sends
+    the last position, at rest, and the history is cleared.
+    """
     if state.homed and count != 3:
         own.fault = WRONG_DEVICE
         return False
@@ -62,10 +64,10 @@ def sampled(own, state, count, out, dt):
 class FalconKinematics(_Tracker):
     """Pose of a Novint Falcon's grip from its three driven angles.
 
-    A sample that would need more than `speed_limit` is refused, unless four in a row agree. A stale or doubled sample
-    leaves the pose as it was, with dt = 0. `origin` is where the device's frame lies in the world. With a `resolution`
-    (one encoder count at the grip, about) an observer finds the angles between their counts; 0: as measured. The
-    velocity is the last difference of the positions.
+    A sample that implies a speed above `speed_limit` is rejected unless four consecutive samples agree. After a stale
+    or repeated sample the pose is unchanged, with dt = 0. `origin` is the position of the device's frame in the world.
+    With a `resolution` (about one encoder count at the grip) an observer estimates the angles between counts; 0: as
+    measured. The velocity is the last difference of the positions.
     """
 
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 60e-6
@@ -91,8 +93,7 @@ class FalconKinematics(_Tracker):
 
 
 class Cartesian(_Tracker):
-    """Pose of a device that reports a position: the same observer, at `resolution`, and the same refusal of impossible
-    speeds."""
+    """Pose of a device that reports a position, with the same observer at `resolution` and the same `speed_limit`."""
 
     @kernel
     def compute(own, state: Annotated[DeviceState, Wants("position", "homed")], out: Out[Pose], dt):
@@ -108,9 +109,9 @@ class Cartesian(_Tracker):
 
 
 class FalconStatics(CompiledNode):
-    """Torques that make a Falcon push with the commanded force: G^-T F, scaled as a whole to the motors' limit.
+    """Torques of a Falcon for the commanded force: G^-T F, scaled together to the motors' limit.
 
-    Zero without a force; without a pose it is silent, and the device lets go. `origin` is the same as in
+    Zero without a force. Without a pose the node sends no message, and the device releases its motors. `origin`: as in
     kinematics.FalconKinematics.
     """
 

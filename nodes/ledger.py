@@ -1,4 +1,4 @@
-"""The energy of a touch, and the force that is taken away where energy is made (docs/equations/controller.md)."""
+"""The energy balance of a touch, which stops the force if energy is generated (docs/equations/controller.md)."""
 
 from math import nan
 from typing import Annotated
@@ -19,20 +19,21 @@ PRESS = Wants("normal", "force", "compression", "indentation", "lateral_force", 
 
 
 @kernel
-def told(stored):
-    """What a part says that it stores [J]; NaN where it says nothing."""
+def stored_energy(stored):
+    """Stored energy [J] that a part has sent; NaN if it sends none."""
     return stored.values[0] if stored.count > 0 else nan
 
 
 class Energy(CompiledNode):
-    """Energy balance of a touch: work of the hand, what fingertip, tissue and bristles hold and dissipate.
+    """Energy balance of a touch: work of the hand, energy that fingertip, tissue and bristles store and dissipate.
 
-    Of several fingers on one body force, contact, pose and friction stand in the same order, and the message has their
-    sums; each fingertip and friction has an account of its own.
+    For several fingers on one body, the inputs force, contact, pose and friction have the same order, and the message
+    contains sums; each fingertip and each friction has a separate account.
 
-    bound  energy that a part, or the display as a whole, may give out beyond what it had; beyond it the ledger trips
-           for the rest of the run, and the controller that hears it takes the force to zero. 0: it never trips
-    delay  samples between the motion that a force was computed from and the one that it works on; the controller's own
+    bound  energy that a part, or the whole display, may generate. Above it the ledger trips for the rest of the run,
+           and the controller reduces the force to zero. 0: the ledger never trips
+    delay  samples between the motion from which a force was computed and the motion on which it acts; the value of the
+           controller
     """
 
     effect = "energy"
@@ -48,21 +49,21 @@ class Energy(CompiledNode):
     def start(self) -> None:
         super().start()
         self.hold("past", np.zeros((self.delay + 2, ledger.FINGERS, ledger.MOMENT)))
-        self._told = False
+        self._reported = False
 
     def generated(self, part: str) -> float:
-        """Energy [J] that one part has given out and cannot have had."""
+        """Energy [J] that one part has generated."""
         return float(self.own["books"]["accounts"][PARTS.index(part), ledger.GENERATED])
 
     def condition(self) -> str:
         return "tripped" if hasattr(self, "own") and self.own["tripped"] else ""
 
     def notes(self) -> list[str]:
-        if self.condition() and not self._told:
-            self._told = True
+        if self.condition() and not self._reported:
+            self._reported = True
             self._notes.append(
                 f"the {PARTS[self.own['by']]} generated {self.own['most'] * 1e3:.3g} mJ, above the bound of "
-                f"{self.bound * 1e3:.3g} mJ, at {self.own['time'] * 1e-9:.3f} s: the force goes to zero"
+                f"{self.bound * 1e3:.3g} mJ, at {self.own['time'] * 1e-9:.3f} s: the force falls to zero"
             )
         return super().notes()
 
@@ -87,15 +88,15 @@ class Energy(CompiledNode):
                 touch = nth(contact, i)
                 along, rubbed, bristles = vector(touch.lateral_force), ZERO, 0.0
                 if i < friction.count and nth(friction, i).there:
-                    rubbed, bristles = vector(nth(friction, i).force), told(nth(friction, i).stored)
+                    rubbed, bristles = vector(nth(friction, i).force), stored_energy(nth(friction, i).stored)
                 ledger.take(
                     books, past, i, nth(pose, i).position, nth(force, i).force, touch.normal, touch.force,
                     touch.compression, touch.indentation, along, rubbed,
                 )  # fmt: skip
                 if stepped:
-                    stored = (told(touch.stored), told(body.stored), bristles)
+                    stored = (stored_energy(touch.stored), stored_energy(body.stored), bristles)
                     ledger.add_finger(books, past, i, along, rubbed, stored)
-            ledger.end(books, past, stepped, told(body.stored))
+            ledger.end(books, past, stepped, stored_energy(body.stored))
         else:
             books.moments = 0
         row, most = ledger.worst(books)

@@ -16,20 +16,21 @@ from palpate.physics.kernel import kernel as compiled
 from palpate.physics.records import floats, form, lend_first, put, unpacking, vector
 
 RIGID = 5e4
-"""[N/m] Force over compression from which on a finger counts as rigid; a fingertip that bears 10 N has some 3e3."""
+"""[N/m] Force over compression above which a finger counts as rigid; that of a fingertip at 10 N is about 3e3."""
 
 COARSEST = 0.25
-"""[1] Spacing of a thinned surface over the patch's radius, from which on the force is off by up to 1 %."""
+"""[1] Spacing of a thinned surface over the patch radius above which the force error reaches 1 %."""
 
 _spreader_of = unpacking(Spreader)
 
 
 class Kernel(CompiledNode, WithArea):
-    """Spreads the contact force over the nodes round the foot point with a smooth kernel.
+    """Distributes the contact force over the vertices around the foot point with a smooth kernel.
 
-    The force on the body is -f_n n + f_t; the nodal forces sum to it. Without force the load has no nodes. A friction
-    whose sender is gone fades out within 20 ms. The patch keeps its width whatever the depth; that of a rigid tip does
-    not, which is reported. With an `area` law its radius follows the force, and the pressure is Hertz's.
+    The force on the body is -f_n n + f_t, the sum of the nodal forces. Without force the load has no nodes. When the
+    sender of friction disappears, friction fades out within 20 ms. The width of the patch is independent of the depth,
+    which is wrong for a rigid tip and is then reported. With an `area` law the radius follows the force, and the
+    pressure is that of Hertz.
     """
 
     kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"
@@ -37,7 +38,7 @@ class Kernel(CompiledNode, WithArea):
 
     State = {
         "spreader": form(Spreader), "friction": FADED,
-        "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and where it was
+        "idles": bool, "foot": (3,), "normal": (3,),  # whether the last step had no force, and its foot and normal
         "law_forces": ARRAY, "law_radii": ARRAY,  # of the area law; empty: fixed
         "rigid": bool, "gives": (2,), "cautioned": bool,  # [m] of finger and body where the finger is a rigid tip
     }  # fmt: skip
@@ -64,7 +65,7 @@ class Kernel(CompiledNode, WithArea):
                 f"{1e3 * self.radius:.2g} mm; set scene.surface.spacing to {125 * self.radius:.2g} mm"
             )
         begin(self.own["friction"]["gain"], FADE, FADE)
-        self._told = False
+        self._reported = False
 
     @compiled
     def idle(own, contact, friction, out, dt):
@@ -101,8 +102,8 @@ class Kernel(CompiledNode, WithArea):
         return "outside its range" if hasattr(self, "own") and self.own["rigid"] else ""
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["cautioned"] and not self._told:
-            self._told = True
+        if hasattr(self, "own") and self.own["cautioned"] and not self._reported:
+            self._reported = True
             (give, deep), width = 1e3 * self.own["gives"], 1e3 * self.radius
             self._notes.append(
                 f"Kernel: the finger gives {give:.2g} mm where the body gives {deep:.2g} mm, as a rigid tip does. The "

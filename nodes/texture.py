@@ -19,7 +19,7 @@ from palpate.physics.records import floats, lend_first, put, vector
 from palpate.physics.texture import surface
 from palpate.physics.texture.autoregressive import coefficients, filtered, innovation
 
-LONGEST = 0.1  # [s] of a block; what is later in a longer step is left out
+LONGEST = 0.1  # [s] longest block; a longer step is truncated
 FRICTION, PRESS, SLIP = Wants("force", "bristle", "stick", "stored"), Wants("force"), Wants("slip")
 Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
 
@@ -28,8 +28,8 @@ Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
 def slide(own, friction, contact, proximity, dt):
     """Speed of sliding [m/s], bound of the fluctuation [N], and direction [1] (3) in this step.
 
-    The bound is a share of the force that friction dissipates with, (f.v T - dV)/|v T| <= |f|: friction and
-    fluctuation together dissipate, whatever the texture.
+    The bound is a share of the dissipative force of friction, (f.v T - dV)/|v T| <= |f|, so friction and fluctuation
+    together dissipate for every texture.
     """
     v, z, f = vector(proximity.slip), vector(friction.bristle), vector(friction.force)
     stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
@@ -188,11 +188,11 @@ class Spectral(_Texture):
         self.own["spacing"], self.own["fastest"] = spacing, self.fit
         length = math.sqrt(sum(each * each for each in self.direction))
         self.own["axis"] = [each / length for each in self.direction] if length else 0.0
-        self._told = False
+        self._reported = False
 
     def notes(self) -> list[str]:
-        if hasattr(self, "own") and self.own["late"] and not self._told:
-            self._told = True
+        if hasattr(self, "own") and self.own["late"] and not self._reported:
+            self._reported = True
             self._notes.append(f"Spectral: the finger slid faster than {self.fit:.3g} m/s, the highest speed that fits "
                                f"{self.sampling:g} Hz; the texture was silent there")  # fmt: skip
         return super().notes()

@@ -1,4 +1,4 @@
-"""What a network between two parts of a graph does to the messages on one of its edges (docs/delay.md)."""
+"""Delay, jitter and loss of messages on an edge of a graph, as in a network (docs/delay.md)."""
 
 import heapq
 from typing import Annotated, Any
@@ -12,15 +12,17 @@ from palpate.nodes.base.carrier import Carrier
 
 
 class Delay(Carrier):
-    """Messages of any type, later: each crosses in a time of its own or is lost, as on a network without repeats.
+    """Delays messages of any type by a random time, and drops some, like a network without retransmission.
 
-    A message that was sent at t arrives at t + delay + jitter u, u uniform in [-1, 1]; at each tick the newest that has
-    arrived is sent on. One that arrives after a newer one is dropped, and while nothing new arrives the last one is
-    sent again. Until the first one has arrived both ends agree on how things stood: the message of the first tick is
-    sent. The clock is the graph's: times are rounded up to its ticks. Settings:
+    A message that is sent at t arrives at t + delay + jitter u, u uniform in [-1, 1]. At each tick the node sends the
+    newest message that has arrived; older ones are dropped, and the last one is repeated until a newer one arrives.
+    Until the first arrival it sends the message of the first tick, so both ends start with the same state. The clock is
+    that of the graph; times are rounded up to its ticks. Settings:
 
-    delay   that a message takes; jitter: by which it takes more or less, at most `delay`
-    loss    chance that a message is lost; the same seed gives the same losses and jitter
+    delay   mean delay of a message
+    jitter  largest deviation from it, at most `delay`
+    loss    probability that a message is lost
+    seed    of losses and jitter
     """
 
     delay: Annotated[float, "s", msgspec.Meta(ge=0, le=60)] = 0.0
@@ -39,7 +41,7 @@ class Delay(Carrier):
     def start(self) -> None:
         self.random = np.random.Generator(np.random.PCG64(self.seed))
         self.clock = self.sent = self.newest = 0
-        self.tick = -2  # of the last message that was sent; -1 is that of a message outside a graph
+        self.tick = -2  # of the last sent message; -1 is the tick of messages outside a graph
         self.crossing: list[tuple[int, int, Message]] = []  # time [ns] of arrival, number, message
 
     def carry(self, message: Message, dt: float) -> Message | None:

@@ -1,4 +1,4 @@
-"""What a node does while an input that it had is missing, or after it stood still: fade out and fade in, never jump.
+"""Fade outputs out and in while an input is missing, or after a pause of the node, so that forces do not jump.
 
 Kernels on groups of a state: `PACE`, `GAIN`, `FADED`.
 """
@@ -8,36 +8,36 @@ from typing import Any
 from palpate.physics.kernel import kernel
 
 FALL = 4e-3
-"""[s] in which a force falls from full to zero once what it is computed from is missing. With the time for which a node
-holds an input (7 ms) and a device its command (9 ms) it makes the 20 ms after which a dead node has no effect."""
-FADE = 20e-3  # [s] in which an optional effect fades out when its sender is gone, and in when it is back
-GAP = 9e-3  # [s] without a step, and three times the step before, in which a node stood still: a slow one is not meant
+"""[s] Time in which a force falls to zero after an input of its computation is missing. Together with the hold time of
+an input (7 ms) and of a device's command (9 ms) this is 20 ms, after which a dead node has no effect."""
+FADE = 20e-3  # [s] time in which an optional effect fades out or in when its sender disappears or returns
+GAP = 9e-3  # [s] a longer step, if also 3 times the one before, is a pause of the node; slow nodes are excluded
 
 PACE = {"usual": (), "last": ()}
-"""The time between the steps of a node: the last step's, or the one before's where that was shorter; the last [s]."""
+"""[s] The shorter of the last two steps of a node, and the last one."""
 GAIN = {"value": (), "fall": (), "rise": ()}
-"""A share between 0 and 1 [1] that falls to 0 within `fall` [s] while something is missing, rises within `rise` [s]."""
+"""[1] A gain from 0 to 1 that falls to 0 within `fall` [s] while an input is missing, and rises within `rise` [s]."""
 FADED = {"gain": GAIN, "last": (3,)}
-"""A force or a command (3) that may stop coming: its last value fades out, and it fades in again."""
+"""A force or a command (3) whose last value fades out when messages stop, and fades in when they return."""
 
 
 def begin(gain: Any, fall: float, rise: float) -> None:
-    """The state of a share before the first step: all of it."""
+    """Initialize a gain to 1."""
     gain["value"], gain["fall"], gain["rise"] = 1.0, fall, rise
 
 
 @kernel
 def paced(pace, dt):
-    """Take the time dt [s] since the last step; whether the node stood still meanwhile."""
-    stood = dt > GAP and 0.0 < 3.0 * pace.last < dt
+    """Record the time dt [s] since the last step; whether this was a pause of the node."""
+    pause = dt > GAP and 0.0 < 3.0 * pace.last < dt
     pace.usual = pace.last if 0.0 < pace.last < dt else dt
     pace.last = dt
-    return stood
+    return pause
 
 
 @kernel(error_model="numpy")
 def shared(gain, present, dt):
-    """The share after a step of dt [s]."""
+    """The gain after a step of dt [s]."""
     if not present:
         gain.value = max(gain.value - dt / gain.fall, 0.0)
     elif gain.value < 1.0:
@@ -47,7 +47,7 @@ def shared(gain, present, dt):
 
 @kernel
 def faded(state, there, value, dt):
-    """What to use of a value (3) in a step of dt [s]; `there`: whether there is one."""
+    """The faded value (3) in a step of dt [s]; `there`: whether the current value is available."""
     if there:
         for i in range(3):
             state.last[i] = value[i]

@@ -1,4 +1,4 @@
-"""The area law of a scene: how the contact grows with the force, for the node that spreads it and for the body."""
+"""Settings of the area law of a scene, the growth of the contact with the force, for spread.Kernel and for bodies."""
 
 from typing import Annotated, Any, Literal
 
@@ -11,10 +11,10 @@ from palpate.physics.contact.area import FIXED, AreaLaw, ball, fingertip, of_tab
 
 
 class WithArea(OnThinnedSurface):
-    """Settings of a node that knows the contact area: give spread.Kernel and the body the same ones."""
+    """Settings of the area law; spread.Kernel and the body need the same values."""
 
     area: Annotated[Literal["fixed", "ball", "fingertip", "table"], "1"] = "fixed"
-    """How the radius of the contact follows the force: not at all, as under a rigid ball, as under a fingertip, or as
+    """Radius of the contact as a function of the force: constant, of a rigid ball, of a fingertip, or the table
     `area_radii` at `area_forces` (docs/equations/spread.md)."""
     area_radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the ball, or of curvature of the fingertip
     area_modulus: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 23.8e3
@@ -27,7 +27,7 @@ class WithArea(OnThinnedSurface):
         self.area_law()
 
     def area_law(self) -> AreaLaw:
-        """The law; without forces if the patch is fixed. SettingError: the table is not a law."""
+        """The law; without forces if the patch is fixed. SettingError: the table is invalid."""
         if self.area == "fixed":
             return FIXED
         if self.area == "table":

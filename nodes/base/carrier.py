@@ -1,4 +1,4 @@
-"""Nodes that hand messages of any type on."""
+"""Nodes that forward messages of any type."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ from palpate.nodes.base.node import Node
 
 
 class Carrier(Node):
-    """A node with one input, `message`, and one output of the same type, that of the sender: the loader takes the class
-    `of` it, as Delay[palpate.messages.device.Pose]. A subclass says in `carry` which message to send."""
+    """A node with one input, `message`, and one output of the same type, that of the sender.
+
+    The loader calls `of` for the class, such as Delay[palpate.messages.device.Pose]. A subclass defines `carry`, which
+    returns the message to send.
+    """
 
     @classmethod
     @cache
     def of(cls, kind: type[Message]) -> type[Self]:
-        """The class of such nodes that carry messages of this type."""
+        """The subclass for messages of this type."""
 
         def step(self: Carrier, message: Message, *, dt: float) -> Message | None:
             return self.carry(message, dt)

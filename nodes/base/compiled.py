@@ -10,11 +10,11 @@
             for i in range(3):
                 out.force[i] = own.stiffness * proximity.approach * proximity.normal[i]
 
-The arguments of `compute` are the wiring, as those of `step` are of a node in Python. `own` holds settings that are
-numbers, parts that are wanted, and the state; a setting that is one of some words is its place among them. Messages are
-records (messages/record.py). An input of type `X | None` is there where `x.there` says so. The answer stands in `out`,
-which holds the last answer before. A kernel that cannot go on sets `own.fault` to a number of its own and returns;
-`explain` then says what is wrong.
+The arguments of `compute` are the wiring, like those of `step` of a node in Python. `own` is the record of the node:
+numeric settings, flags of the requested parts, and the state; a setting with a choice of words is the index of its
+word. Messages are records (messages/record.py). For an input of type `X | None`, `x.there` is whether a message exists.
+The kernel writes its answer to `out`, which initially has the previous answer. On an error it sets `own.fault` to a
+number and returns; `explain` converts the number to an exception.
 """
 
 import contextlib
@@ -33,30 +33,32 @@ from palpate.nodes.base.effect import Effect
 from palpate.nodes.base.node import OUT, Node, Port, inputs, outputs, settings
 
 ARRAY, TABLE = array_handle(1), array_handle(2)
-"""In a state: an array of one or two axes that `CompiledNode.hold` keeps."""
+"""Types of fields of a state: an array with one or two axes, set by `CompiledNode.hold`."""
 
 
 class Part:
-    """What a compiled node computes where somebody reads one of `fields`: in its kernel, the flag of this name.
+    """A part of a compiled node that is computed only if one of `fields` is read; a flag of this name for its kernel.
 
-    effect  that it is; about: a sentence;  also: fields of other effects that need it
+    effect  name of its effect
+    about   description, one sentence
+    also    fields of other effects that need it
     """
 
     def __init__(self, effect: str, *fields: str, about: str, also: tuple[str, ...] = ()) -> None:
         self.part = Effect(effect, "part", fields, about=about, also=also)
 
     def wanted(self, node: Node) -> bool:
-        """Whether somebody reads it."""
+        """Whether one of its fields is read."""
         return node.wanted is None or not node.wanted.isdisjoint((*self.part.fields, *self.part.also))
 
 
 class CompiledNode(Node):
     """A node whose step is a kernel on records.
 
-    State    fields of its state and their shapes
-    compute  the kernel: own record, inputs, outputs, dt [s]
-    idle     a kernel of the same arguments: whether a step on these inputs would leave state and answers as they are
-    shared   arrays of the state, or groups of them ("body.model"), that no kernel writes: runs side by side share them
+    State    fields of the state and their shapes
+    compute  the kernel: record of the node, inputs, outputs, dt [s]
+    idle     a kernel with the same arguments: whether a step on these inputs would change neither state nor answers
+    shared   arrays of the state, or groups of them ("body.model"), that no kernel writes; parallel runs share them
     """
 
     State: ClassVar[dict[str, Any]] = {}
@@ -65,8 +67,7 @@ class CompiledNode(Node):
     idle: ClassVar[Any] = None
 
     def __init_subclass__(cls, **given: Any) -> None:
-        """TypeError: the kernel cannot be called, or a record cannot hold what the class asks for; says what would do.
-        Nothing is compiled."""
+        """Check the class without compiling. TypeError: the kernel's arguments or a field of the state are invalid."""
         super().__init_subclass__(**given)
         if hasattr(cls, "compute"):
             with contextlib.suppress(NameError):  # a type that is defined further down: checked at the first use
@@ -78,11 +79,12 @@ class CompiledNode(Node):
         return getattr(cls.compute, "py_func", cls.compute)
 
     def start(self) -> None:
-        """Make the record of the node: settings, wanted parts, a state of zeros. What needs more calls this first."""
+        """Make the record of the node: settings, requested parts, zero state. A subclass with more state calls this
+        first."""
         self._notes = []
         if not hasattr(self, "own"):
             self._record = np.zeros(1, record(type(self)))
-            self.own = self._record[0]  # stays where it is: others know its address
+            self.own = self._record[0]  # never reallocated: its address is in use elsewhere
         self._record[:] = np.zeros(1, self._record.dtype)
         self._held: dict[str, np.ndarray] = {}
         for name in self.own.dtype.names or ():
@@ -93,8 +95,8 @@ class CompiledNode(Node):
         self._records: Records | None = None
 
     def hold(self, name: str, value: Any) -> None:
-        """Let a field of the state stand for an array, which is contiguous; or a group for all that a NamedTuple of its
-        form holds (`physics.records.form`)."""
+        """Set a field of the state to a contiguous array, or a group to the fields of a NamedTuple of its form
+        (`physics.records.form`)."""
         self._hold(self.own, name, value, name)
 
     def _hold(self, record: Any, name: str, value: Any, path: str) -> None:
@@ -112,15 +114,14 @@ class CompiledNode(Node):
             record[name] = value
 
     def resize(self, counts: list[int]) -> None:
-        """Make the state fit these numbers of messages at each input; called before the first step, and where they
-        change."""
+        """Resize the state to the number of messages at each input; called before the first step and after changes."""
 
     def explain(self, fault: int, *messages: Any) -> Exception:
-        """What the kernel's fault was; `messages`: its inputs."""
+        """The exception for a fault of the kernel; `messages`: its inputs."""
         return MessageError(f"{type(self).__name__}: fault {fault} in its kernel")
 
     def records(self, messages: Sequence[Any]) -> "Records":
-        """The node with records of its own that hold these messages."""
+        """The node with a record for each of these messages."""
         counts = _counts(messages)
         if self._records is None or self._records.counts != counts:
             self.resize(counts)
@@ -134,8 +135,10 @@ class CompiledNode(Node):
         return self.records(messages).idle()
 
     def step(self, *given: Any, dt: float = math.inf, **named: Any) -> Any:
-        """One step on messages, in the order of the inputs or by their names, None where there is none; the answer,
-        several as a tuple."""
+        """One step on messages, in the order of the inputs or by name; None: no message.
+
+        Returns the answer, or a tuple if there are several.
+        """
         messages = (*given, *(named.get(port.name) for port in inputs(type(self))[len(given) :]))
         records = self.records(messages)
         records.compute(messages, dt)
@@ -144,7 +147,7 @@ class CompiledNode(Node):
 
 
 def _check(kind: type[CompiledNode]) -> None:
-    """TypeError: what `CompiledNode.__init_subclass__` refuses."""
+    """Check the kernel and the records of a class; TypeError as in `CompiledNode.__init_subclass__`."""
     name = f"{kind.__name__}.compute"
     from numba import config
 
@@ -174,8 +177,7 @@ def _counts(messages: Sequence[Any]) -> list[int]:
 
 @functools.cache
 def record(kind: type[CompiledNode]) -> np.dtype:
-    """The record `own` of a node class: `fault`, settings that are numbers, parts, state. TypeError: a state that a
-    record cannot hold."""
+    """The record `own` of a node class: `fault`, numeric settings, parts, state. TypeError: invalid state."""
     own: list[tuple[Any, ...]] = [("fault", "<i8")]
     for name, setting in settings(kind).items():
         if (form := _setting(setting.type)) is not None:
@@ -188,7 +190,7 @@ def record(kind: type[CompiledNode]) -> np.dtype:
 
 
 def _setting(hint: Any) -> tuple[Any, ...] | None:
-    """How a record holds a setting; None: it does not."""
+    """The type of a setting in a record; None: the record does not contain it."""
     if hasattr(hint, "__metadata__"):
         hint = typing.get_args(hint)[0]
     if hint in KINDS:
@@ -229,7 +231,7 @@ def _form(name: str, form: Any) -> tuple[Any, ...]:
 
 
 def several(kind: type[Message]) -> np.dtype:
-    """The record of an input that takes many: how many there are, and where. `records.nth` finds them."""
+    """The record of an input with several senders: the number of messages and their addresses (`records.nth`)."""
     return np.dtype([("count", "<i8"), ("at", "<i8", (ROOM,)), ("like", layout(kind))], align=True)
 
 
@@ -243,9 +245,9 @@ def code(kind: type[CompiledNode], name: str) -> int:
 
 
 class Records:
-    """A node with a record for each of its messages, as a step from Python needs them.
+    """A node with a record for each of its messages, for steps that are called from Python.
 
-    counts  of messages of each port
+    counts  number of messages of each port
     """
 
     def __init__(self, node: CompiledNode, counts: list[int]) -> None:
@@ -270,7 +272,7 @@ class Records:
         self._messages: Sequence[Any] = ()
 
     def write(self, messages: Sequence[Any]) -> None:
-        """Take these inputs."""
+        """Write the inputs to their records."""
         self._messages = messages
         for fill, given in zip(self._fill, messages, strict=True):
             for (write, memory, there), message in zip(
@@ -286,13 +288,13 @@ class Records:
         return self._call(self._idle, *self._where, 0.0)[1]
 
     def compute(self, messages: Sequence[Any], dt: float) -> None:
-        """Run the kernel. Its exception, or that of its fault, is raised."""
+        """Run the kernel; raises its exception, or that of its fault."""
         raised, _ = self._call(self._compute, *self._where, dt)
         own = self.node.own
         if raised or own["fault"]:
             fault, own["fault"] = int(own["fault"]), 0
             if raised:
-                # in Python it raises what compiled code did
+                # run again in Python for the exception with its traceback
                 type(self.node).compute(own, *(r[0] for r in (*self._ports, *self._out)), dt)
                 raise RuntimeError("the kernel raised, but not when it ran again on the state that it had left")
             raise self.node.explain(fault, *messages)
@@ -303,13 +305,13 @@ class Records:
 
 
 def _inlet(port: Port) -> tuple[Any, Any, np.ndarray]:
-    """How a message of a port gets into a record: writer, memory, flag."""
+    """Writer, memory and flag of a record for messages of a port."""
     one = blank(port.type)
     return writer(port.type, port.wants), one.view(np.uint8).data, one["there"]
 
 
 def _gathered(port: Port, fill: list[Any]) -> np.ndarray:
-    """What the kernel is handed for a port."""
+    """The kernel's argument for a port."""
     records = [there.base for _, _, there in fill]
     if not port.many:
         return records[0]

@@ -1,4 +1,4 @@
-"""Bodies that take several contacts beside those that take one."""
+"""Shared by bodies that accept several contacts."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, lend
 
 SEVERAL = {"laws": TABLE, "slopes": TABLE, "coupling": TABLE}
-"""What a body says of each of several contacts: see the fields of `Surface`."""
+"""The fields of `Surface` for several contacts."""
 
 
 def make_room(body: CompiledNode, count: int) -> None:
-    """Make room for so many contacts, which are nothing to each other."""
+    """Allocate the state for `count` contacts without coupling."""
     body.hold("laws", np.zeros((count, 5)))
     body.hold("slopes", np.zeros((count, 12)))
     body.hold("coupling", np.eye(count))
@@ -21,7 +21,7 @@ def make_room(body: CompiledNode, count: int) -> None:
 
 @kernel
 def send_laws(own, out):
-    """Send what is known of each contact where there are several; the first one's law."""
+    """Send the law of the first contact and, with several contacts, the laws and couplings of all."""
     law = floats(own.laws)[0]
     out.stiffness, out.exponent, out.damping = law[0], law[1], law[2]
     out.rest_indentation, out.previous_indentation = law[3], law[4]
@@ -32,5 +32,5 @@ def send_laws(own, out):
 
 
 def press(body: Node, *loads: Load, dt: float) -> Surface:
-    """A step of any body, called from code of one's own: most take several loads."""
+    """A step of any body, called from scripts; most bodies take a list of loads."""
     return body.step([*loads] if inputs(type(body))[0].many else loads[0], dt=dt)

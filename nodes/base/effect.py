@@ -1,6 +1,6 @@
-"""Effects: what a node computes beyond the force loop itself, by a name that scenes and graphs use.
+"""Effects: optional computations outside the force loop, with names that scenes and graphs use.
 
-An author declares an effect where it is computed, in one of three ways, and writes no condition:
+An effect is declared where it is computed, in one of three ways, without conditions in the code:
 
     class LuGre(Node):
         effect = "friction"                                   # the whole node is the effect
@@ -11,7 +11,7 @@ An author declares an effect where it is computed, in one of three ways, and wri
         @part("pressure", "pressure", otherwise=NO_PRESSURE)  # a method and the output fields that it fills
         def _pressure(self, load): ...
 
-A part is computed only where somebody reads one of its fields; otherwise the call gives `otherwise` and does no work.
+A part is computed only if one of its fields is read; otherwise the call returns `otherwise` without work.
 """
 
 import functools
@@ -28,7 +28,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 @dataclass(frozen=True)
 class Switch:
-    """Mark of a setting that holds an effect: at `off` the node is without it. In a list, each number is."""
+    """Mark of a setting that switches an effect: the value `off`, or a list of it, disables the effect."""
 
     effect: str
     off: float = 0.0
@@ -44,31 +44,34 @@ class Switch:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """Mark of a setting that holds for one tissue: a graph that leaves it at its default is told what that stands
-    for."""
+    """Mark of a setting that is calibrated for one tissue; a note names this tissue if a graph keeps the default."""
 
-    default: str  # what the default is calibrated to
-    command: str  # that fits it to another tissue
+    default: str  # tissue of the default
+    command: str  # command that fits the setting to another tissue
 
 
 @dataclass(frozen=True)
 class Effect:
-    """How one node class computes an effect.
+    """How a node class computes an effect.
 
-    how      "node": the class is the effect; "part": a method of it; "setting": a value of it
+    how      "node": by the whole class; "part": by a method; "setting": by the value of a setting
     """
 
     name: str  # of the effect
     how: Literal["node", "part", "setting"]
-    fields: tuple[str, ...] = ()  # output fields that show it, () where the whole message does
-    setting: str = ""  # that holds it, "" for others
-    about: str = ""  # what it is, in a sentence
+    fields: tuple[str, ...] = ()  # output fields that contain it; (): the whole message
+    setting: str = ""  # setting that switches it; "": none
+    about: str = ""  # description, one sentence
     also: tuple[str, ...] = ()  # output fields of other effects that need it
 
 
 def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) -> Callable[[Method], Method]:
-    """Mark of a method that computes an effect: it runs only where somebody reads one of `fields` of the output, or of
-    those that need it `also`; otherwise the call gives `otherwise`."""
+    """Mark of a method that computes an effect; it runs only if one of the output fields `fields` or `also` is read.
+
+    fields     output fields that the method computes
+    otherwise  result of the call if it does not run
+    also       other output fields that need it
+    """
 
     def mark(method: Method) -> Method:
         needed = frozenset((*fields, *also))
@@ -85,7 +88,7 @@ def part(effect: str, *fields: str, otherwise: Any, also: tuple[str, ...] = ()) 
 
 
 def effects(kind: type[Node]) -> tuple[Effect, ...]:
-    """The effects that a node class can compute, the class itself first; a name may come twice."""
+    """The effects that a node class can compute, that of the class first; a name may occur twice."""
     own = [Effect(kind.effect, "node", about=summary(kind))] if kind.effect else []
     for name in dir(kind):
         marked = getattr(getattr(kind, name, None), "part", None)
@@ -97,6 +100,6 @@ def effects(kind: type[Node]) -> tuple[Effect, ...]:
 
 
 def switch(kind: type[Node], effect: Effect) -> Switch:
-    """The mark of a setting that holds an effect."""
+    """The mark of the setting that switches an effect."""
     marks = settings(kind)[effect.setting].marks
     return next(m for m in marks if isinstance(m, Switch) and m.effect == effect.name)

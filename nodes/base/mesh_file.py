@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # imports its slow submodules at their first use
 
 from palpate.nodes.base import SettingError
 from palpate.physics.extras import missing
@@ -13,27 +13,26 @@ from palpate.physics.geometry.bvh import weld
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.geometry.topology import FLAT, crossing, edge_counts, outward
 
-LEAST_AREA = 1e-9  # [1] of all triangles, over the square of the longest side
+LEAST_AREA = 1e-9  # [1] least total area over the square of the longest side
 FORMATS = (".stl", ".ply", ".obj")
 NEAR = 1e-6
-"""[1] Of the longest side: vertices at open edges that are nearer are made one; the numbers of an STL file are rounded
-to 6e-8 of themselves."""
+"""[1] Distance over the longest side within which vertices at open edges are merged; STL rounds numbers to 6e-8."""
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 SMALLEST, LARGEST = 2e-3, 1.0
-"""[m] Limits of the longest side of what a fingertip may touch: beyond them the unit is wrong."""
-LARGEST_FILE = 1 << 28  # [bytes] 5 million triangles of a binary STL: what is read takes ten times as much memory
-MOST_CHECKED = 50_000  # triangles whose intersections are looked for, which takes 2 s
-MEND = "`palpate run kidney --organ {} --repair`"
+"""[m] Limits of the longest side of a touched object; outside them the unit is assumed to be wrong."""
+LARGEST_FILE = 1 << 28  # [bytes] 5 million triangles of a binary STL; reading takes ten times as much memory
+MOST_CHECKED = 50_000  # number of triangles up to which intersections are searched, which takes 2 s
+REPAIR = "`palpate run kidney --organ {} --repair`"
 
 
 def read_mesh(path: str, scale: float) -> Mesh:
-    """The mesh of a file, its numbers times `scale` [m].
+    """The mesh of a file; `scale`: its unit [m].
 
-    Equal vertices are made one (an STL file repeats them), and vertices at open edges nearer than `NEAR`.
-    Triangles without three corners, repeated triangles and vertices that no triangle holds are left out. The triangles
-    are turned outwards (`topology.outward`); those of an open sheet as most of them are.
+    Equal vertices (an STL file repeats them) and vertices at open edges nearer than `NEAR` are merged. Degenerate and
+    repeated triangles and unused vertices are removed. Triangles are oriented outwards (`topology.outward`); those of
+    an open sheet like most of them.
 
-    SettingError: no such file, not a mesh, no triangles, no area, an implausible size, edges of more than two
+    SettingError: the file is missing or not a mesh, no triangles, no area, an implausible size, edges of more than two
     triangles.
     """
     vertices, triangles = read_triangles(path)
@@ -48,28 +47,29 @@ def read_mesh(path: str, scale: float) -> Mesh:
     if shared:
         raise SettingError(
             f"setting 'surface': {path} has {shared} edges that more than two triangles share: it has no inside. "
-            f"{MEND.format(path)} makes a surface of it."
+            f"{REPAIR.format(path)} makes a surface of it."
         )
     return Mesh(vertices, outward(vertices, triangles))
 
 
 def read_triangles(path: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V,3) as the file's numbers and triangles (T,3) int32: equal vertices made one, and those at open edges
-    that are nearer than `NEAR`; triangles without three corners, repeated triangles and vertices that no triangle holds
-    left out, the order of corners as it was. SettingError: no such file, not a mesh, no triangles."""
+    """Vertices (V,3) in the file's unit and triangles (T,3) int32, merged and cleaned as in `read_mesh`.
+
+    The orientation of triangles is that of the file. SettingError: the file is missing or not a mesh, no triangles.
+    """
     return _read(path)[:2]
 
 
 def _read(path: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """`read_triangles`, and how many vertices were merged with one that is not equal."""
+    """As `read_triangles`, with the number of merged vertices that were not equal."""
     vertices, triangles = _load(path)
     if not len(triangles):
-        raise SettingError(f"setting 'surface': {path} holds no triangles")
+        raise SettingError(f"setting 'surface': {path} contains no triangles")
     if not np.isfinite(vertices).all():
-        raise SettingError(f"setting 'surface': {path} holds a vertex that is not a finite number")
+        raise SettingError(f"setting 'surface': {path} contains a vertex that is not a finite number")
     if not 0 <= triangles.min() <= triangles.max() < len(vertices):
         raise SettingError(
-            f"setting 'surface': {path}: a triangle has the corner {triangles.max()}, the file holds {len(vertices)} "
+            f"setting 'surface': {path}: a triangle has the corner {triangles.max()}, the file has {len(vertices)} "
             "vertices: it is damaged"
         )
     triangles = _distinct(weld(vertices)[triangles])
@@ -84,7 +84,7 @@ def _read(path: str) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 def _near(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """For each vertex the index of one that stands for all at an open edge that are nearer than `NEAR` (V,)."""
+    """Index (V,) of the vertex with which each is merged: the first of those at open edges nearer than `NEAR`."""
     ends, count = Mesh(vertices, triangles).edges
     border = np.unique(ends[count == 1])
     same = np.arange(len(vertices))
@@ -99,8 +99,10 @@ def _near(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def flaws(path: str) -> list[str]:
-    """What is wrong with a mesh file that can be used all the same, a line each: open, inside out, self-intersecting.
-    SettingError: it cannot be read."""
+    """Flaws of a mesh file that can still be used, one line each: open, inside out, self-intersecting.
+
+    SettingError: it cannot be read.
+    """
     vertices, triangles, merged = _read(path)
     border, _ = edge_counts(triangles, len(vertices))
     lines = []
@@ -114,7 +116,7 @@ def flaws(path: str) -> list[str]:
         sheet = f" It is a sheet that faces ({x:.2g}, {y:.2g}, {z:.2g}); touch it from there."
         lines.append(
             f"{path} is open: {border} edges have a triangle on one side only. A finger that goes beyond them meets "
-            f"nothing, and deformation.ReducedFE needs a closed surface. {MEND.format(path)} closes it."
+            f"nothing, and deformation.ReducedFE needs a closed surface. {REPAIR.format(path)} closes it."
             + sheet
             * (math.hypot(x, y, z) > FLAT)
         )
@@ -133,8 +135,8 @@ def flaws(path: str) -> list[str]:
     elif through := crossing(vertices, triangles):
         x, y, z = through[2]
         lines.append(
-            f"{path} intersects itself, first seen at ({x:.4g}, {y:.4g}, {z:.4g}) in its own numbers. The finger may "
-            f"rest on a part that lies inside. {MEND.format(path)} mends it."
+            f"{path} intersects itself, first at ({x:.4g}, {y:.4g}, {z:.4g}) in the file's unit. The finger may rest "
+            f"on a part that is inside. {REPAIR.format(path)} repairs it."
         )
     return lines
 
@@ -157,13 +159,13 @@ def _load(path: str) -> tuple[np.ndarray, np.ndarray]:
     try:
         mesh: Any = trimesh.load(file, force="mesh", process=False)
         return np.array(mesh.vertices, dtype=float).reshape(-1, 3), np.array(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    except Exception as error:  # the reader raises whatever the broken bytes lead it to
+    except Exception as error:  # the reader may raise any exception for a damaged file
         text = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SettingError(f"setting 'surface': {path} is not a {file.suffix[1:]} mesh: {text}") from None
 
 
 def _least_first(triangles: np.ndarray) -> np.ndarray:
-    """The same triangles, each from its least corner on, in the sense that it has."""
+    """The triangles, rotated so that each begins with its least corner; the orientation is kept."""
     start = triangles.argmin(axis=1)[:, None]
     return np.take_along_axis(triangles, (start + np.arange(3)) % 3, axis=1)
 
@@ -176,7 +178,7 @@ def _distinct(triangles: np.ndarray) -> np.ndarray:
 
 
 def plausible_units(across: float) -> list[str]:
-    """Units in which so large a number can be the longest side of what a fingertip may touch."""
+    """Units in which this number is a plausible longest side of a touched object."""
     return [unit for unit, scale in UNITS.items() if SMALLEST <= across * scale <= LARGEST]
 
 

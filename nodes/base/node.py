@@ -1,4 +1,4 @@
-"""What every node is: settings as fields, ports from the signature of `step`, state made in `start`."""
+"""The base of all nodes: settings as fields, ports from the signature of `step`, state made in `start`."""
 
 import inspect
 import types
@@ -19,13 +19,13 @@ F = TypeVar("F", bound=Callable)
 
 
 class SettingError(PalpateError, ValueError):
-    """A setting that the node does not have, or a value that the setting does not take."""
+    """An unknown setting, or an invalid value of a setting."""
 
     exit_code = MISUSE
 
 
 class InputError(PalpateError, ValueError):
-    """An input that cannot be used, by the fault of the node that sent it: raised in `step`, told as that node's."""
+    """An unusable input; raised in `step`, and reported as an error of the node that sent the message."""
 
     def __init__(self, message: Any, text: str) -> None:
         who = f" of {message.source!r} at tick {message.tick}" if message.source else ""
@@ -40,7 +40,7 @@ Out = Annotated[T, OUT]
 
 
 class Wants:
-    """Mark of an input port that reads only some fields of its message, so that the sender may leave out the others:
+    """Mark of an input port that reads only some fields of its message, so that the sender may omit the others:
 
     def step(self, proximity: Proximity, body: Annotated[Surface, Wants("stiffness", "exponent")]) -> Contact:
     """
@@ -51,8 +51,8 @@ class Wants:
 
 @dataclass(frozen=True)
 class Setting:
-    """One setting of a node: name, SI unit, Python type with its limits, default (`...` where there is none), and what
-    else its annotation says."""
+    """One setting of a node: name, SI unit, Python type with limits, default (`...`: required), other marks of its
+    annotation."""
 
     name: str
     unit: str
@@ -63,8 +63,8 @@ class Setting:
 
 @dataclass(frozen=True)
 class Port:
-    """One input of a node: name, message type, whether it may be None, the fields that it reads, and whether it takes
-    any number of senders."""
+    """One input of a node: name, message type, whether it may be None, the fields that it reads, and whether it accepts
+    several senders."""
 
     name: str
     type: type[Message]
@@ -74,14 +74,14 @@ class Port:
 
     @property
     def expects(self) -> str:
-        """Its type as it is written in the class."""
+        """Its type as written in the class."""
         one = self.type.__name__ + " | None" * self.optional
         return f"list[{one}]" if self.many else one
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One stream that an observer hears: name, message type, sending node and its divisor of the base rate."""
+    """One stream that an observer receives: name, message type, sending node and its divisor of the base rate."""
 
     name: str
     type: type[Message]
@@ -92,28 +92,28 @@ class Stream:
 class Node:
     """One job of the graph.
 
-    Settings are annotated class attributes, `Annotated[type, unit]` with a default or without; the constructor
-    takes them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is
-    the output (a tuple of types: several outputs). The first input drives: its arrival runs the step. An argument of
-    type `list[Load]` takes any number of senders, in the order of the graph; with `list[Load | None]` a place is None
-    while its sender is gone. `dt`, keyword-only, comes from the runner: the time [s] since the previous step of this
-    node on the graph's clock, > 0.
+    Settings are annotated class attributes, `Annotated[type, unit]`, with or without a default; the constructor takes
+    them by name. The signature of `step` is the wiring: its arguments are the inputs, its return annotation is the
+    output (a tuple of types: several outputs). The arrival of the first input triggers the step. An argument of type
+    `list[Load]` accepts any number of senders, in the order of the graph; with `list[Load | None]` an entry is None
+    while its sender is missing. The runner passes `dt`, keyword-only: the time [s] > 0 since the previous step of this
+    node on the graph's clock.
 
-    A step reads no clock, file, socket or random source without a seed in the settings: its answer depends on its
-    inputs and its state alone, and the state is made in `start`, so that a run can be replayed exactly.
+    A step must not read a clock, a file, a socket or a random source without a seed in the settings: its answer depends
+    only on its inputs and its state, and `start` makes the state, so that a run can be replayed exactly.
     """
 
-    paced: ClassVar[bool] = False  # True for a source: the clock runs its step, and all its inputs are held
+    paced: ClassVar[bool] = False  # True for a source: the clock triggers its step with the latest inputs
     sink: ClassVar[bool] = False
-    """True where the node matters for itself (it drives hardware, writes a file, shows a picture)."""
+    """True if the node has an effect outside the graph: it drives hardware, writes a file, shows a picture."""
     hardware: ClassVar[bool] = False
-    """True for a node that talks to a device: its graph runs on the real clock unless told otherwise."""
+    """True for a node that communicates with a device: the default clock of its graph is the real one."""
 
     effect: ClassVar[str] = ""
-    """The effect that this node computes as a whole, if there is a name for it (nodes/base/effect.py)."""
+    """Name of the effect that the whole node computes, if any (nodes/base/effect.py)."""
 
     wanted: frozenset[str] | None = None
-    """Names of the output fields that somebody reads, set by the runner before `start`; None means all."""
+    """Names of the output fields that are read, set by the runner before `start`; None: all."""
 
     def __init__(self, **given: Any) -> None:
         self._notes: list[str] = []
@@ -127,19 +127,23 @@ class Node:
             setattr(self, name, convert(setting, given[name]) if name in given else setting.default)
 
     def wants(self, field: str) -> bool:
-        """Whether somebody reads this field of the output."""
+        """Whether this field of the output is read."""
         return self.wanted is None or field in self.wanted
 
     def start(self) -> None:
-        """Make the state; also the reset. Slow work (load, build) belongs here. The runner steps the node on examples
-        and starts it again before the run, so that what is compiled is compiled by then."""
+        """Make or reset the state; slow work (loading, building) belongs here.
+
+        Before the run, the runner steps the node on examples to compile its kernels, and then starts it again.
+        """
 
     def replaces(self) -> None:
-        """Called after `start` if the run began before: a node of this name died or started late, and its state and
-        its last output are lost. On the real clock only."""
+        """Called after `start` if the run has begun already: a node of this name died, or this one started late.
+
+        The state and the last output of a dead node are lost. Only on the real clock.
+        """
 
     def check(self) -> None:
-        """SettingError where `start` would not find something that is stored outside the node; `palpate check` asks."""
+        """SettingError if `start` would not find stored data, such as a basis; called by `palpate check`."""
 
     step: Any
 
@@ -149,38 +153,42 @@ class Node:
         return cls.step
 
     def rests(self, *inputs: Any) -> bool:
-        """Whether a step on these inputs, those of `step`, would leave the state as it is and answer what was answered
-        last: then the node sleeps, and the runner sends that answer again. Never asked before the first step."""
+        """Whether a step on these inputs of `step` would change neither the state nor the answer.
+
+        If so, the node sleeps and the runner repeats its last answer. Never called before the first step.
+        """
         return False
 
     def stop(self) -> None:
-        """Give back what `start` opened."""
+        """Release the resources that `start` opened."""
 
     def condition(self) -> str:
-        """What is out of order with it, in a few words; "" while all is well. `Health.state` tells it."""
+        """A problem of the node in a few words, for `Health.state`; "": no problem."""
         return ""
 
     def notes(self) -> list[str]:
-        """Lines that the user should see, those of `_notes`; asked a few times a second, and each is given once."""
+        """New lines for the user, from `_notes`; each is returned once. Called several times per second."""
         notes, self._notes = self._notes, []
         return notes
 
 
 class Observer(Node):
-    """A node that listens to streams instead of taking part: a logger, a viewer. It gets each message as it travels."""
+    """A node that only listens to streams: a logger, a viewer. It receives the messages in their wire form."""
 
     sink = True
 
     def listen(self, streams: tuple[Stream, ...], about: dict[str, Any]) -> None:
-        """Told once, before `start`: what there is to hear, and what is known of the run (plain data)."""
+        """Called once before `start`, with the available streams and the provenance of the run (plain data)."""
         self.streams, self.about = streams, about
 
     def begun(self, origin: int) -> None:
-        """Told after `start`, before the first message: when tick 0 is, [ns] on this machine's monotonic clock. On the
-        simulated clock, unless it is paced, only tick 0 has to do with that clock."""
+        """Called after `start`, before the first message, with the time of tick 0 [ns] on the monotonic clock.
+
+        On the simulated clock later ticks are independent of the monotonic clock unless the run is paced.
+        """
 
     def period(self, stream: str) -> int:
-        """Of a stream on the simulated clock it takes the messages of the ticks that this divides; 0: it takes none."""
+        """Ticks between the messages of a stream to receive on the simulated clock; 0: none."""
         return 1
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
@@ -193,12 +201,15 @@ class Observer(Node):
             self.observe(*message)
 
     def health(self, message: Health) -> None:
-        """Told a few times a second how each node is doing: before its first message, with `steps` 0, and last after
-        its last message. A second start of a node shows as `steps` 0 again."""
+        """Called several times per second with the health of each node.
+
+        The first call, with `steps` 0, precedes the node's first message; the last call follows its last message. When
+        a node starts again, `steps` is 0 again.
+        """
 
 
 def _once(read: F) -> F:
-    """Read a class once: loading a graph asks for the same annotations a hundred times."""
+    """Cache the result per class: loading a graph reads the same annotations about 100 times."""
     return cast(F, cache(read))
 
 

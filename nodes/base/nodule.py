@@ -1,4 +1,4 @@
-"""A nodule in the scene's tissue, for every body that can have one."""
+"""Settings of a nodule in the scene's tissue, for every body that supports one."""
 
 from typing import Annotated
 
@@ -15,14 +15,14 @@ class WithNodule(WithArea):
     """Settings of a body with a hard (or soft) sphere below its surface (docs/equations/shape-display.md)."""
 
     nodule_radius: Annotated[float, "m", msgspec.Meta(ge=0, le=1), Switch("nodule")] = 0.0
-    """Of the sphere; 0: there is none."""
+    """Radius of the sphere; 0: no nodule."""
     nodule_position: Annotated[Vector3, "m"] = (0.0, 0.0, 0.0)
-    """Point of the surface, in the world, below which it lies."""
+    """Point of the surface, in the world frame, below which the nodule is."""
     nodule_depth: Annotated[float, "m", msgspec.Meta(ge=0, le=1)] = 6.0e-3  # Of its centre below the surface
     nodule_ratio: Annotated[float, "1", msgspec.Meta(gt=0, le=1e6)] = 10.0
-    """Its modulus over that of the tissue; below 1 for a cyst."""
+    """Modulus of the nodule over that of the tissue; below 1 for a cyst."""
     nodule_reach: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = 6.0e-3
-    """Radius over which the fingertip spreads its load; used where the body is known by its surface only."""
+    """Radius over which the fingertip spreads its load; for bodies that are defined only by their surface."""
 
     def hardness(self) -> np.ndarray:
         """Factor [1] (V) on the stiffness of each surface vertex; 1 everywhere without a nodule."""
@@ -34,6 +34,6 @@ class WithNodule(WithArea):
         )
 
     def centre(self) -> np.ndarray:
-        """Of the nodule [m] (3), in the world."""
+        """Centre of the nodule [m] (3), in the world frame."""
         mesh = self.mesh()
         return nodule_centre(mesh.vertices, mesh.normals, self.nodule_position, self.nodule_depth)

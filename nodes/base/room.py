@@ -1,4 +1,4 @@
-"""A folder of node files as one room: `device.Falcon` is the class Falcon of any file of nodes/device."""
+"""A folder of node files as one namespace: `device.Falcon` is the class Falcon in any file of nodes/device."""
 
 import sys
 from collections.abc import Callable
@@ -8,8 +8,10 @@ from palpate.registry import classes, find
 
 
 def room(name: str) -> tuple[Callable[[str], type[Node]], Callable[[], list[str]]]:
-    """`__getattr__` and `__dir__` of a folder of nodes: a class, whose file is read when it is asked for, so that a
-    graph with one device needs no other; and the names of all."""
+    """`__getattr__` and `__dir__` of a folder of nodes.
+
+    `__getattr__` imports the file of a class at its first use, so that a graph imports only the devices that it uses.
+    """
 
     def get(wanted: str) -> type[Node]:
         kind = find(sys.modules[name], wanted, Node) if wanted[:1].isupper() else None

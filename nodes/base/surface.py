@@ -1,15 +1,15 @@
-"""The undeformed surface that a scene names, at its place in the world, for every node that needs it.
+"""The undeformed surface of a scene, at its position in the world, for every node that needs it.
 
-Every built-in surface has its own frame: +z up out of it, origin at its centre.
+Every built-in surface has a frame with +z up, out of the surface, and its origin at the centre.
 
     kidney  long axis along x, hilum towards -y, 42 mm thick along z; touched from above it is convex
     sphere  42 mm across
     plane   a square of 0.1 m, z = 0
-    fingertip  pulp up, tip towards +y: a capsule of radius 9.84 mm, its straight part 12 mm long behind the origin
+    fingertip  pulp up, tip towards +y: a capsule of radius 9.84 mm with a straight part of 12 mm behind the origin
 
-`PLACE` is the default place. It puts the top of the kidney and of the sphere at z = 105 mm, under the centre of a
-Falcon's workspace, (0, 0, 110 mm): a finger at the centre is free, and one with 4 mm of tissue in front of its bone
-touches 1 mm below.
+With the default position, `PLACE`, the top of the kidney and of the sphere is at z = 105 mm, below the centre of a
+Falcon's workspace, (0, 0, 110 mm). A finger at the centre is free; with 4 mm of tissue in front of its bone it touches
+1 mm further down.
 """
 
 from functools import lru_cache
@@ -19,7 +19,7 @@ from typing import Annotated
 
 import msgspec
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # imports its slow submodules at their first use
 
 from palpate.messages import Surface, Vector3
 from palpate.nodes.base import Node, SettingError
@@ -41,18 +41,18 @@ FINGER_RADIUS, FINGER_LENGTH = 9.84e-3, 12e-3  # [m] skin of the layered fingert
 
 
 class Placed(Node):
-    """Settings of a node that works on the scene's surface: give all such nodes of a graph the same ones."""
+    """Settings of a node that uses the scene's surface; all these nodes of a graph need the same values."""
 
     surface: Annotated[str, "1"] = "kidney"  # A built-in surface, or the path of a mesh file (.stl, .ply, .obj)
-    position: Annotated[Vector3, "m"] = PLACE  # Where the surface's origin lies in the world
-    rotation: Annotated[Vector3, "rad"] = LEVEL  # How it is turned about its origin: a rotation vector
+    position: Annotated[Vector3, "m"] = PLACE  # Of the surface's origin in the world
+    rotation: Annotated[Vector3, "rad"] = LEVEL  # Rotation vector about the surface's origin
 
 
 class OnSurface(Placed):
-    """Settings of a node that works on the mesh of the scene's surface."""
+    """Settings of a node that uses the mesh of the scene's surface."""
 
     vertices: Annotated[int, "1", msgspec.Meta(ge=12, le=2_000_000)] = 3000
-    """About how many vertices the mesh of a built-in surface gets; a file has its own."""
+    """Approximate number of vertices of a built-in surface; not for files."""
     file_unit: Annotated[str, "1"] = "m"  # Unit of the numbers in a mesh file: m, cm or mm
 
     def mesh(self) -> Mesh:
@@ -61,12 +61,15 @@ class OnSurface(Placed):
 
 
 class OnThinnedSurface(OnSurface):
-    """Settings of a node that works on the vertices that carry loads and displacements: those of the scene's surface,
-    or where that is meshed much finer some of them, so that no tick takes longer on a finer mesh."""
+    """Settings of a node that uses the vertices that carry loads and displacements.
+
+    These are the vertices of the scene's surface or, on a very fine mesh, a subset of them, so that the time of a tick
+    is independent of the mesh.
+    """
 
     spacing: Annotated[float, "m", msgspec.Meta(ge=0)] = 1e-3
-    """Least distance of these vertices where some region has three times as many; an eighth of the radius of a patch
-    makes 150 to 200 vertices under it. 0: all vertices."""
+    """Least distance of these vertices, applied if some region has 3 times as many; 1/8 of the patch radius results in
+    150 to 200 vertices under the patch. 0: all vertices."""
 
     def mesh(self) -> Mesh:
         """The mesh of these vertices, the same object for all nodes of a process with these settings."""
@@ -77,22 +80,23 @@ class OnThinnedSurface(OnSurface):
 def surface_mesh(
     surface: str, vertices: int, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL, file_unit: str = "m"
 ) -> Mesh:
-    """The triangle mesh of a surface, turned and moved to its place in the world; the same object as long as these
-    arguments and the content of the file are the same.
+    """The triangle mesh of a surface, rotated and moved to its position in the world.
+
+    Calls with equal arguments return the same object while the content of the file is unchanged.
 
     surface    name of a built-in surface, or path of a mesh file
-    vertices   about how many vertices a built-in surface gets
-    position   [m]   (3) where its origin lies
+    vertices   approximate number of vertices of a built-in surface
+    position   [m]   (3) of its origin
     rotation   [rad] (3) rotation vector about its origin
     file_unit  unit of a file's numbers: m, cm or mm
 
-    SettingError: no such surface, or a file that cannot be used; says why.
+    SettingError: unknown surface, or a file that cannot be used.
     """
     return _placed(surface, vertices, position, rotation, file_unit, _content(surface))
 
 
 def _content(surface: str) -> bytes:
-    """Digest of the file that a surface is; b"" for a built-in one."""
+    """Digest of the surface's file; b"" for a built-in surface."""
     file = Path(surface).expanduser()
     if surface in SURFACES or not file.is_file():
         return b""
@@ -151,8 +155,7 @@ def complete(surface: Surface, points: np.ndarray) -> Surface:
 
 
 def surface_patch(surface: str, position: Vector3 = LEVEL, rotation: Vector3 = LEVEL) -> NurbsPatch:
-    """The NURBS patch of a built-in surface, turned and moved to its place in the world. SettingError: no such surface,
-    or one that is a mesh."""
+    """The NURBS patch of a built-in surface at its position. SettingError: unknown surface, or a mesh."""
     if surface not in SURFACES:
         _known(surface)
         raise SettingError(

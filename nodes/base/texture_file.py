@@ -91,7 +91,7 @@ def _penn(data: bytes) -> Texture:
 
 def tabulated(texture: Texture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(speeds (n), forces (m), table (n, m, p + 1)) of LSF and rms: linear on the triangles of the models' speeds and
-    forces, with the nearest node outside of them. Each row is a weighted mean of models, thus stable."""
+    forces, with the nearest node outside of them. Each row is a weighted mean of models, so it is stable."""
     from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator  # slow to import
 
     at = np.array([(model.speed, model.force) for model in texture.models])

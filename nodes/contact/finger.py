@@ -1,4 +1,4 @@
-"""One fingertip in series with a body, as kernels on its state: what `Series` has once and `Joint` for each finger."""
+"""Kernels of one fingertip in series with a body, on its state; `Series` has one, `Joint` one per finger."""
 
 import math
 
@@ -8,13 +8,13 @@ from palpate.physics.contact.terminal import LEAST_FREE, free_recovery, law_at
 from palpate.physics.kernel import kernel
 from palpate.physics.records import vector
 
-FAR = 2e-3  # [m] from touching, beyond which an idle contact sleeps; at 1 kHz a finger of 2 m/s wakes it a step before
+FAR = 2e-3  # [m] distance beyond which an idle contact sleeps; at 1 kHz and 2 m/s it wakes one step before contact
 STILL = 1e-9  # [m] indentation below which an unloaded body counts as at rest
-LATE = 1.5  # [1] steps of the contact after which a law is an old one, and usual steps after which a step spans a gap
-AGREE = 1e-6  # [m] by which the indentations of contact and body may differ where they are in step again
-GONE = 2.0 * FALL  # [s] in which the force falls to zero when the body is missing
-KNOWN = 10e-3  # [s] of a gap after which the hand may have braked: 0.4 m/s at 40 m/s^2
-REST = 1e3  # [s] a step after which any body is at rest
+LATE = 1.5  # [1] steps of the contact after which a law is old, and usual steps after which a step spans a gap
+AGREE = 1e-6  # [m] difference of the indentations of contact and body below which they are synchronized again
+GONE = 2.0 * FALL  # [s] time in which the force falls to zero when the body is missing
+KNOWN = 10e-3  # [s] duration of a gap in which the hand may brake: 0.4 m/s at 40 m/s^2
+REST = 1e3  # [s] duration after which any body is at rest
 RETURN, CATCH_UP = 0.03, 20e-3  # [s], [m/s] of the approach that is withheld after an outage: w' = -w/RETURN - CATCH_UP
 NOTHING = (0.0, 0.0, 0.0)
 
@@ -35,7 +35,7 @@ def begin(finger) -> None:
 
 @kernel
 def in_range(law, step, relaxation):
-    """Whether a body's law passes `check_law`, which tells why it does not."""
+    """Whether a body's law is valid; `check_law` explains why it is not."""
     k, n, c, free, previous = law
     return (
         k > 0.0
@@ -50,15 +50,14 @@ def in_range(law, step, relaxation):
 
 @kernel(error_model="numpy")
 def step_length(finger, proximity, dt):
-    """Length [s] of the step over which the damping takes the motion: `dt`, except after a gap in which the finger came
-    nearer.
+    """Length [s] of the step for the damping: `dt`, except after a gap in which the finger approached.
 
-    An implicit step over a gap meets its mean rate at its full depth, although a finger that hits the tissue in it may
-    rest by now. So the rate at its end is extrapolated from the mean rates v, v_0 of this step and the one before, of
-    lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step is as long as the same motion takes at
-    v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends at rest. After a gap
-    longer than `KNOWN` v_end is reduced by KNOWN/T, since a hand that was fast within it may have braked: for one step
-    a force that is too low does less harm than a blow.
+    An implicit step over a gap applies the mean rate at the final depth, although a finger that has hit the tissue may
+    be at rest by then. So the rate at the end is extrapolated from the mean rates v, v_0 of this step and the one
+    before, of lengths T and T_0: v_end = v + (v - v_0) T/(T + T_0) within [0, v]. The step has the length that the same
+    motion takes at v_end. A gap that begins before contact, where v_0 is unknown because this node may sleep, ends at
+    rest. After a gap longer than `KNOWN`, v_end is multiplied by KNOWN/T, since a fast hand may have braked: too low a
+    force for one step does less harm than a force spike.
     """
     depth = proximity.approach - proximity.separation
     rate = (depth - finger.depth) / dt
@@ -74,9 +73,11 @@ def step_length(finger, proximity, dt):
 
 @kernel(error_model="numpy")
 def law_now(finger, law, step, relaxation, age, dt, length):
-    """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s], taken as `length` [s].
+    """K, n, c, s_free, s_prev of the body's law for a step of `dt` [s] with the effective length `length` [s].
 
-    law  of a message that is `age` [s] old, for a step of `step` [s]; 0: for any
+    law   K, n, c, s_free, s_prev of the last message
+    step  [s] for which the law was computed; 0: for any step
+    age   [s] of the message
     """
     k, n, c, free, previous = law
     own = finger.indentation
@@ -90,10 +91,10 @@ def law_now(finger, law, step, relaxation, age, dt, length):
 
 @kernel(error_model="numpy")
 def pressing(finger, proximity, there, law, step, relaxation, time, dt):
-    """Whether there is something to press on; then approach [m], length of the step [s] and the body's law, which
-    determine the force of this step.
+    """Whether there is a body to press on, and approach [m], length of the step [s] and law for the force of this step.
 
-    there  whether the body has sent its law; law, step [s], relaxation [s] and time [ns] of that message
+    there  whether the body has sent its law
+    law, step [s], relaxation [s], time [ns]  of that message
     """
     length = step_length(finger, proximity, dt)
     if there:
@@ -103,7 +104,7 @@ def pressing(finger, proximity, there, law, step, relaxation, time, dt):
         age = (proximity.time - time) * 1e-9 if proximity.time >= 0 and time >= 0 else dt
         law = law_now(finger, law, step, relaxation, age, dt, length)
         finger.previous = law[4]
-        # the approach that is felt: all of it, but for a while after the body was missing
+        # effective approach: the whole approach, reduced for some time after the body was missing
         if not finger.settled and proximity.tick > 0:
             finger.withheld = proximity.approach - finger.compression - finger.previous
         elif finger.withheld > 0.0:
@@ -126,9 +127,9 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
     """The contact of this step: force [N], indentation [m], rates of compression and indentation [m/s], force along
     the surface [N] (3).
 
-    gradient [N] (3), shape [1/m] (9)  of the body's energy along the surface, where it knows: `sloped`
+    gradient [N] (3), shape [1/m] (9)  of the body's energy along the surface, valid if `sloped`
     damping    [s/m] of the fingertip;  thickness [m] of its soft tissue
-    pressed    whether `solved`, force, compression and indentation, is of this step
+    pressed    whether `solved` (force, compression, indentation) is from this step
     """
     before, lateral = finger.compression, NOTHING
     force = indentation = rate = 0.0
@@ -151,7 +152,7 @@ def settle(finger, proximity, there, gradient, shape, sloped, damping, thickness
 
 @kernel
 def at_rest(finger, proximity, there, law, step, relaxation):
-    """Whether a step would change nothing: idle and farther than `FAR` from touching a body that is at rest."""
+    """Whether a step would change nothing: finger idle and farther than `FAR` from a body at rest."""
     if not finger.idle or not there or not proximity.separation > FAR:
         return False
     return abs(law[3]) < STILL and abs(law[4]) < STILL and in_range(law, step, relaxation)

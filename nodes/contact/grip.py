@@ -1,4 +1,4 @@
-"""How several fingers hold one body."""
+"""Grip of several fingers on one body."""
 
 import math
 from typing import Annotated
@@ -16,17 +16,16 @@ from palpate.physics.records import floats, nth
 
 
 class Grip(CompiledNode):
-    """Grip force, load force and safety margins of fingers, 16 at most, that press on one body
-    (docs/equations/contact.md).
+    """Grip force, load force and safety margins of up to 16 fingers on one body (docs/equations/contact.md).
 
-    Each load is what one finger does to the body, at its foot point. A finger without a sender presses with nothing.
-    `mu_static` is the coefficient at which a finger that sticks begins to slip: the friction law's own.
+    Each load is the force of one finger on the body at its foot point. The force of a finger without a sender is zero.
+    `mu_static` is the coefficient at which a sticking finger begins to slip, that of the friction law.
     """
 
     mu_static: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.7
 
     State = {"foot": (ROOM, 3), "forces": (ROOM, 3), "one": (3,), "rubbed": (3,)}
-    """Of the fingers that press, their points [m] and forces [N]; force of one; sum along the surface [N]."""
+    """Points [m] and forces [N] of the fingers that press; force of one [N]; sum along the surface [N]."""
 
     @kernel(error_model="numpy")
     def compute(own, load: list[Load | None], out: Out[GripMessage], dt):

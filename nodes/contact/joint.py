@@ -16,8 +16,8 @@ from palpate.physics.contact.series import energy
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, nth, put, vector
 
-MISMATCH = 2  # fault: the body does not have as many laws as there are fingers
-NO_FINGER = 1  # fault: there is no finger at this place
+MISMATCH = 2  # fault: the number of the body's laws differs from the number of fingers
+NO_FINGER = 1  # fault: no finger with this index
 
 
 @kernel
@@ -31,7 +31,7 @@ def law_for(body, several, i):
 
 @kernel
 def slope_for(body, several, i):
-    """Tangential gradient [N] (3) and shape operator [1/m] (9) at contact i, and whether the body knows them."""
+    """Tangential gradient [N] (3) and shape operator [1/m] (9) at contact i, and whether the body has sent them."""
     if several:
         slopes = floats(body.slopes)
         return slopes[i, :3], slopes[i, 3:], True
@@ -50,11 +50,10 @@ def fault_of(body, count):
 
 
 class Joint(Series):
-    """Several fingertips, 16 at most, on one body, each in series with it as in `Series`: all forces of a step are
-    solved together, so that what one presses in, the others feel at once (docs/equations/contact.md).
+    """Up to 16 fingertips on one body, each in series with it as in `Series` (docs/equations/contact.md).
 
-    The approaches stand in the order in which the body takes the loads of their fingers. All fingertips have the same
-    law. Each gets its Contact by a `contact.Share`.
+    All forces of a step are solved together, so the coupling of the fingers has no delay. The approaches have the order
+    of the loads at the body. All fingertips have the same law. A `contact.Share` sends the Contact of each finger.
     """
 
     State = {
@@ -106,7 +105,7 @@ class Joint(Series):
             if presses:
                 own.approach[i], terminal = approach, own.terminal[i]
                 terminal[0], terminal[1], terminal[2], terminal[3], terminal[4] = law
-                pressed, length = True, max(step, length)  # after a gap the softest answer, see `finger.step_length`
+                pressed, length = True, max(step, length)  # after a gap the longest step, see `finger.step_length`
             own.before[i] = one.compression
         if pressed:
             joint_step(
@@ -135,15 +134,14 @@ class Joint(Series):
         fingers, body = messages
         if fault == MISMATCH:
             count = len(fingers)
-            return InputError(body, f"found laws of {len(body.laws)} contacts, expected {count}: one a finger")
+            return InputError(body, f"found laws of {len(body.laws)} contacts, expected {count}: one per finger")
         return super().explain(fault, *messages)
 
 
 class Share(CompiledNode):
-    """The contact of one finger, of those that a `contact.Joint` has solved: the one whose approach comes from the same
-    node as here.
+    """The contact of one of the fingers of a `contact.Joint`: the one with the same input `proximity`.
 
-    finger  its place among the joint's, from 0; -1: found in the graph when it is loaded
+    finger  its index at the joint, from 0; -1: determined when the graph is loaded
     """
 
     finger: Annotated[int, "1", msgspec.Meta(ge=-1, lt=ROOM)] = -1

@@ -1,4 +1,4 @@
-"""The contact force as a random variable: mean and scatter of a measured subject's finger at this indentation."""
+"""The contact force as a random variable: mean and deviation of a measured subject's finger at this indentation."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -13,21 +13,22 @@ from palpate.physics.contact.force_band import PUBLISHED, Band, band_at, truncat
 from palpate.physics.contact.force_models import MODELS
 
 LAW_SETTINGS = ("mean", "mean_parameters", "deviation", "deviation_parameters", "depth_limit", "freedom")
-"""The settings that a fit determines, in the order of `Band`; a file may leave out the last one."""
+"""The settings that a fit determines, in the order of `Band`; a file may omit the last one."""
 
 
 class Probabilistic(Node):
     """Mean force and spread from the indentation (docs/equations/probabilistic-force.md).
 
-    The laws come from measured sessions: the default is the published subject; `palpate fit force` writes those of
-    other subjects to a file, which `model` names, with `subject` where it holds several. The settings that the file
-    gives are taken in when the node is made, so that a recording carries them.
+    The laws are fitted to measured sessions. The default is the published subject; `palpate fit force` writes those of
+    other subjects to a file: `model` is its path, and `subject` selects one of several subjects. The node copies the
+    settings of the file when it is made, so that a recording contains them.
 
-    `depth` says what the measured indentation is in the contact: "compression" of the fingertip (a rigid probe in a
-    finger, as published), or "indentation" of the tissue where the sessions were made on tissue. When apart, all is 0.
+    `depth` is the quantity of the contact that corresponds to the measured indentation: "compression" of the fingertip
+    (a rigid probe on a finger, as published), or "indentation" of the tissue (sessions on tissue). Without contact all
+    outputs are 0.
 
-    `draw`: "tick" draws a new force at each step, "session" keeps one rank in the distribution for the whole run, as
-    one session of the experiment does; "none" draws nothing. A draw depends on `seed` and the tick alone.
+    `draw`: "tick" draws a new force at each step; "session" keeps one rank in the distribution for the whole run, like
+    one session of the experiment; "none" draws no force. A draw depends only on `seed` and the tick.
     """
 
     effect = "band"
@@ -40,7 +41,7 @@ class Probabilistic(Node):
     deviation_parameters: Annotated[Vector, "SI"] = PUBLISHED.deviation_parameters
     depth_limit: Annotated[float, "m", msgspec.Meta(gt=0, le=1)] = PUBLISHED.limit
     freedom: Annotated[float, "1", msgspec.Meta(ge=0, le=1e6)] = PUBLISHED.freedom
-    """Degrees of freedom of Student's t, after which a new force lies about the mean; 0: the normal law."""
+    """Degrees of freedom of Student's t distribution of a new force about the mean; 0: normal distribution."""
     depth: Annotated[Literal["compression", "indentation"], "1"] = "compression"
     levels: Annotated[Vector, "1"] = (0.025, 0.5, 0.975)
     draw: Annotated[Literal["none", "tick", "session"], "1"] = "none"
@@ -96,8 +97,10 @@ class Probabilistic(Node):
 
 
 def read_law(path: Path, subject: str) -> dict[str, Any]:
-    """The settings that a file of `palpate fit force` gives for a subject; the only subject where none is named.
-    SettingError: no such file, not such a file, no such subject."""
+    """The settings of a subject in a file of `palpate fit force`; subject "": the only one.
+
+    SettingError: the file is missing or has another format, or the subject is unknown.
+    """
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:

@@ -27,20 +27,19 @@ def law_of(body):
 
 
 class Series(CompiledNode):
-    """Fingertip and tissue in series: they share the approach and press on each other with one force
-    (docs/equations/contact.md).
+    """Fingertip and tissue in series: they share the approach and have one contact force (docs/equations/contact.md).
 
-    The tissue answers by the terminal law of its last message. Where that law is for another step than the contact's (a
-    tissue at a divisor, messages that are late or lost), it is taken for the contact's step, from the contact's own
-    indentation, until both agree again within 1 um. So a late message makes no jump of the indentation, which damping
-    would answer with a force spike. Where the tissue says how its energy changes along the surface, the finger feels
-    that, too: force and place have one energy (docs/equations/reduced-fe.md). Idle and farther than 2 mm from touching
-    the node sleeps, and its foot and normal stay as they were.
+    The tissue is represented by the terminal law of its last message. If this law is for another step than the
+    contact's (a tissue at a divisor, late or lost messages), it is converted to the contact's step, starting from the
+    contact's indentation, until both agree again within 1 um. So a late message causes no jump of the indentation,
+    which the damping would turn into a force spike. If the tissue sends the change of its energy along the surface, the
+    force on the finger includes it, so that the force is the gradient of one energy (docs/equations/reduced-fe.md). An
+    idle node more than 2 mm from contact sleeps; its foot and normal then keep their values.
 
-    Without tissue there is nothing to press on: the force is zero and the fingertip recovers. A tissue that was there
-    and is missing is left within 8 ms: its last law answers, at rest, to an approach that falls to zero. When it is
-    back, or where this node itself joins a run in progress, the approach begins at the sum of compression and
-    indentation, and the rest w, which is withheld, decays: w' = -w/(30 ms) - 20 mm/s, 0.1 s for 15 mm.
+    Without tissue the force is zero and the fingertip recovers. If the tissue disappears, the force falls to zero
+    within 8 ms: the last law, at rest, is applied to an approach that falls to zero. When the tissue returns, or if
+    this node joins a run in progress, the effective approach begins at the sum of compression and indentation, and the
+    withheld remainder w decays: w' = -w/(30 ms) - 20 mm/s, 0.1 s for 15 mm.
     """
 
     finger_law: Annotated[Literal["exponential", "power", "hertz"], "1"] = "exponential"
@@ -53,15 +52,16 @@ class Series(CompiledNode):
     finger_hertz_hardening: Annotated[float, "1/m", Positive] = 466.6
     finger_hertz_radius: Annotated[float, "m", Positive] = 9.84e-3
     thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 4e-3
-    """Of the soft tissue before the bone: a compression beyond it is reported, as no law is valid there; 0: unknown."""
+    """Of the soft tissue in front of the bone; a greater compression is outside the range of every law and is reported;
+    0: unknown."""
 
-    energy = Part("energy", "stored", about="The energy that the fingertip holds.")
+    energy = Part("energy", "stored", about="The energy stored in the fingertip.")
     State = {"finger": FINGER, "law": (5,)}
     """The fingertip; its elastic law and its damping (`physics.contact.series.kernel_form`)."""
 
     def start(self) -> None:
         super().start()
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
         finger.begin(self.own["finger"])
         self.own["law"] = laws.kernel_form(self._elastic(), self.finger_damping)
 
@@ -118,8 +118,8 @@ class Series(CompiledNode):
 
     def notes(self) -> list[str]:
         for place, each in enumerate(self._fingers()):
-            if each["deepest"][0] > 0.0 and place not in self._told:
-                self._told.add(place)
+            if each["deepest"][0] > 0.0 and place not in self._reported:
+                self._reported.add(place)
                 self._notes.append(self._beyond(each))
         return super().notes()
 

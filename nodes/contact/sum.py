@@ -1,4 +1,4 @@
-"""One finger that meets several organs."""
+"""One finger on several organs."""
 
 from typing import Annotated
 
@@ -10,11 +10,11 @@ from palpate.physics.records import nth, put, vector
 
 
 class Sum(CompiledNode):
-    """What one finger feels of several organs, as one contact and one friction: forces add up.
+    """Sum of the contacts and frictions of one finger on several organs.
 
-    Each organ has a collision, contact, spread and body of its own. Where one presses, that is the contact. Where
-    several do, force and normal are those of F = sum f_i n_i, the lengths are means weighted with f_i, what is stored
-    adds up, and foot is that of the one that presses most. Organs do not touch each other.
+    Each organ has a separate collision, contact, spread and body. If only one organ is touched, the contact is that of
+    this organ. Otherwise force and normal are those of F = sum f_i n_i, the lengths are means weighted with f_i, the
+    stored energies are added, and the foot is that of the greatest force. Organs do not touch each other.
     """
 
     State = {"total": (3,), "along": (3,), "lengths": (4,)}  # sums over the organs

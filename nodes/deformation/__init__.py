@@ -1,5 +1,7 @@
-"""Deformable bodies. Each takes `Load`, sends `Surface`, and can stand in for any other; it is found by its name in any
-file of this folder."""
+"""Deformable bodies. Each takes `Load` and sends `Surface`, so they are interchangeable.
+
+A class is found by its name in any file of this folder.
+"""
 
 import sys
 
@@ -15,8 +17,10 @@ __all__ = ["BeamBundle", "MassSpring", "ReducedFE", "Rigid"]
 
 
 def bodies() -> dict[str, type[Node]]:
-    """The bodies that stand in for any organ, by what `use:` takes: those that declare a `rank`, which says how near a
-    body is to full finite elements, the nearest first. Those that other distributions register are among them."""
+    """The bodies that can replace any organ, by their name for `use:`, including those of other distributions.
+
+    These are the bodies with a `rank`, which orders them by accuracy; the nearest to full finite elements is the first.
+    """
     every = {f"deformation.{name}": kind for name, kind in classes(sys.modules[__name__], Node).items()}
     for module in registered("palpate.nodes")[0].values():
         every |= {f"{module.__name__}.{kind.__name__}": kind for kind in declared(module, Node)}

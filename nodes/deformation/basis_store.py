@@ -1,8 +1,8 @@
-"""Stored bases of the reduced body: what each was made from, where it lies, and whether it still fits.
+"""Stored bases of the reduced body: their inputs, their files, and whether they fit a surface.
 
-A basis is found by a hash of all that it depends on: the settings that it is built with, the vertices and triangles of
-the surface, and the version of its builder (`BUILDERS`). The file says all of it, with the version of palpate, the
-commit and the command that built it, and its error.
+The key of a basis is a hash of all its inputs: the settings of the build, the vertices and triangles of the surface,
+and the version of the builder (`BUILDERS`). The file contains these inputs, the version of palpate, the commit and the
+command of the build, and the error of the basis.
 """
 
 import hashlib
@@ -19,33 +19,33 @@ from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 SHIPPED = Path(__file__).parent / "bases"
 BUILDERS = {"condensed": 4, "sampled": 4}
-"""Version of what builds each kind of basis. Raise it whenever a rebuilt basis has other numbers: all older ones are
-unknown then. Tests hold the constants and the numbers of a small basis to it."""
+"""Version of the builder of each kind of basis. Increase it whenever a rebuilt basis has other numbers; older bases are
+then no longer found. Tests compare the constants and the numbers of a small basis with this version."""
 GRID = 1e-7
-"""[m] To which vertices are rounded before they are hashed, as another processor rounds the last bits otherwise."""
+"""[m] Rounding of vertices before they are hashed, since the last bits depend on the processor."""
 NEAR = 0.01
-"""[1] Farthest that a vertex of a basis may lie off the surface, over its extent, where the surface was meshed anew."""
+"""[1] Largest distance of a basis' vertex from the surface over the surface's extent, if the surface was remeshed."""
 
 
 def digest(mesh: Mesh) -> str:
-    """A hash of the vertices and triangles of a mesh."""
-    grid = np.floor(mesh.vertices / GRID + 0.3719).astype("<i8")  # off the places where round numbers fall
+    """Hash of the vertices and triangles of a mesh."""
+    grid = np.floor(mesh.vertices / GRID + 0.3719).astype("<i8")  # offset, so that no round number is at a step
     return hashlib.sha256(grid.tobytes() + mesh.triangles.astype("<i8").tobytes()).hexdigest()[:16]
 
 
 def key(inputs: dict[str, Any]) -> str:
-    """Hash under which the basis made from these inputs is stored."""
+    """Key of the basis with these inputs."""
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def shipped() -> dict[str, dict[str, Any]]:
-    """What is said of each shipped basis, by the name of its file."""
+    """Provenance of each shipped basis by the name of its file."""
     index: dict[str, dict[str, Any]] = json.loads((SHIPPED / "index.json").read_text(encoding="utf-8"))
     return index
 
 
 def find(folder: Path, wanted: str) -> Path | None:
-    """The basis with this key in a folder."""
+    """Path of the basis with this key in a folder; None if it is missing."""
     if folder == SHIPPED:
         names = [name for name, about in shipped().items() if about["key"] == wanted]
         return folder / names[0] if names else None
@@ -53,7 +53,7 @@ def find(folder: Path, wanted: str) -> Path | None:
 
 
 def about(path: Path) -> dict[str, Any] | None:
-    """What a stored basis says of itself; None where it says nothing."""
+    """Provenance of a stored basis; None if the file has none."""
     try:
         provenance = json.loads(str(read_arrays(path, "about")["about"]))
     except (ArchiveError, KeyError, ValueError, RecursionError):
@@ -62,7 +62,7 @@ def about(path: Path) -> dict[str, Any] | None:
 
 
 def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
-    """What two inputs differ in, one text each."""
+    """Differences of two inputs, one text each."""
     return [
         f"{name} was {made.get(name)}, is {wanted.get(name)}"
         for name in sorted(made.keys() | wanted.keys())
@@ -71,7 +71,7 @@ def differences(made: dict[str, Any], wanted: dict[str, Any]) -> list[str]:
 
 
 def off(vertices: np.ndarray, surface: Mesh) -> float:
-    """How far the vertices [m] (V,3) of a basis lie from a surface at most, over its extent."""
+    """Largest distance of the vertices [m] (V,3) of a basis from a surface, over the extent of the surface [1]."""
     across = float(np.ptp(surface.vertices, axis=0).max())
     if vertices.shape == surface.vertices.shape:
         return float(np.linalg.norm(vertices - surface.vertices, axis=1).max()) / across
@@ -80,11 +80,11 @@ def off(vertices: np.ndarray, surface: Mesh) -> float:
 
 
 def cache() -> Path:
-    """Folder of the bases built on this machine."""
+    """Folder of the bases that were built on this machine."""
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "palpate" / "bases"
 
 
 def touches() -> Path:
-    """Folder of the full solutions that `palpate build basis` keeps while it builds."""
+    """Folder of the full solutions that `palpate build basis` stores during a build."""
     return cache().with_name("touches")

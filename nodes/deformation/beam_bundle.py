@@ -1,4 +1,4 @@
-"""The deformable body as a bed of viscoelastic beams under its surface."""
+"""The deformable body as a foundation of viscoelastic beams below its surface."""
 
 from typing import Annotated, Any
 
@@ -28,15 +28,15 @@ OF_TISSUE = Calibrated("a human fingertip", "palpate fit body")
 
 
 _bed_of = unpacking(BeamFoundation)
-NO_VERTEX = 1  # fault: a load on a vertex that the surface does not have
+NO_VERTEX = 1  # fault: a load on an unknown vertex
 
 
 class BeamBundle(CompiledNode, WithNodule):
     """Beams of viscoelastic layers below each vertex of a surface (docs/equations/beam-bundle.md).
 
-    Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure told
-    is the load of each node over its area. A nodule makes the beams above it stiffer. Several
-    contacts feel each other where their patches share beams.
+    Layers are listed from the surface inwards. The terminal law is that of the next implicit step. The pressure is the
+    load of each node over its area. A nodule makes the beams above it stiffer. Contacts are coupled where their patches
+    share beams.
     """
 
     effect = "deformation"
@@ -47,7 +47,7 @@ class BeamBundle(CompiledNode, WithNodule):
     relaxations: Annotated[Vector, "s", Switch("relaxation"), OF_TISSUE] = (SKIN.relaxation, TISSUE.relaxation)
     """Viscosity over modulus of each layer."""
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, le=0.5)] = TISSUE.poisson
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3  # Of the patch whose response is told before a force acts
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3  # Of the patch of the terminal law before the first load
 
     shape = Part(
         "shape", "nodes", "displacement", also=("pressure",), about="The vertices of the surface that are displaced."
@@ -103,8 +103,11 @@ class BeamBundle(CompiledNode, WithNodule):
         self.hold("places", np.full((len(bed.contacts.forces), 6), np.nan))
 
     def foundation(self, thicker: float = 1.0, slower: float = 1.0, contacts: int = 1) -> BeamFoundation:
-        """The beams at rest; with layers and moduli times a factor, which keeps their compliance, and with relaxation
-        times times another."""
+        """The beams at rest.
+
+        thicker  factor on thicknesses and moduli, which keeps the compliance
+        slower   factor on relaxation times
+        """
         layers = tuple(thicker * layer for layer in self.layers)
         materials = tuple(
             ViscoelasticMaterial(thicker * modulus, slower * relaxation, self.poisson)

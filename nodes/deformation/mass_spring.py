@@ -34,12 +34,12 @@ _body_of = unpacking(NodalBody)
 class MassSpring(CompiledNode, WithNodule):
     """Nodes on springs and dampers in the zone of influence of the contact.
 
-    The total normal force moves one indentation s by the law K <s + tau s'>^n <1 + c s'>. In an implicit step this law
-    is a terminal law, so contact and body together solve the same equations as one solver would. The surface follows by
-    the nodal law. A solid under a patch of fixed width follows tau (n = 1), a ball on a solid n = 1.5.
+    The total normal force determines one indentation s by the law K <s + tau s'>^n <1 + c s'>. In an implicit step this
+    is a terminal law, so contact and body together solve the same equations as a single solver. The nodal law
+    determines the surface. Use n = 1 and tau for a solid under a patch of fixed width, n = 1.5 for a ball on a solid.
 
-    Several contacts share their forces where their patches overlap: F_i + sum_j O_ij F_j moves s_i, O from 1 at one
-    place to 0 at twice the patches' radius. The surface is the deeper of their dents.
+    Contacts with overlapping patches are coupled: F_i + sum_j O_ij F_j determines s_i, where O falls from 1 at distance
+    0 to 0 at twice the patch radius. The displacement of the surface is the deepest of all contacts.
     """
 
     effect = "deformation"
@@ -52,29 +52,28 @@ class MassSpring(CompiledNode, WithNodule):
     """Kelvin-Voigt: viscosity over modulus."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch under a finger, where several press
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch under each of several fingers
 
     energy = Part(
         "energy", "stored",
-        about="The energy of the law that the normal force moves, K s^(n+1)/(n+1), of each contact its share.",
+        about="The energy of the law of the normal force, K s^(n+1)/(n+1), summed over the contacts.",
     )  # fmt: skip
     shape = Part(
         "shape", "nodes", "displacement",
-        about="The vertices of the surface that are displaced, and how far [m]; each contact as deep as all forces "
-        "press it.",
+        about="The displaced vertices of the surface and their displacement [m], under the forces of all contacts.",
     )  # fmt: skip
     State = SEVERAL | {"body": form(NodalBody), "hard": ARRAY, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY}
-    """The surface; factor on K of each vertex where there is a nodule; of each contact: normal force [N] alone and of
-    all, factor on K under it."""
+    """The surface; factor on K of each vertex, with a nodule; of each contact: its normal force [N], that including the
+    coupled ones, factor on K."""
 
     shared = "hard", "body.law", "body.nodal", "body.edges"
 
-    _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
+    _count = 1  # of contacts; kept over a start, so that their arrays exist before the first step
 
     def start(self) -> None:
         super().start()
         if self.area != "fixed":
-            self._notes.append("MassSpring: its force law K s^n stays; only its surface follows scene.surface.area")
+            self._notes.append("MassSpring: scene.surface.area changes only its surface, not its force law K s^n")
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
         if self._hardness is not None:
             self.hold("hard", self._hardness)
@@ -105,6 +104,7 @@ class MassSpring(CompiledNode, WithNodule):
 
     @kernel(error_model="numpy")
     def compute(own, load: list[Load], out: Out[Surface], dt):
+        # normal forces, and coupling of overlapping patches
         laws, coupling, forces, acting = floats(own.laws), floats(own.coupling), floats(own.forces), floats(own.acting)
         several = load.count > 1
         for i in range(load.count):
@@ -114,6 +114,7 @@ class MassSpring(CompiledNode, WithNodule):
                 other = nth(load, j)
                 coupling[i, j] = shared(each.foot, other.foot, each.normal, other.normal, own.radius)
                 coupling[j, i] = coupling[i, j]
+        # indentation of each contact, and its terminal law for the next step
         stored, factors = 0.0, floats(own.factors)
         for i in range(load.count):
             each = nth(load, i)
@@ -137,6 +138,7 @@ class MassSpring(CompiledNode, WithNodule):
         out.step, out.relaxation = dt, own.retardation
         if not own.shape:
             return
+        # displacement of the surface by the nodal law
         body, count = _body_of(own.body), 0
         for i in range(load.count):
             each = nth(load, i)

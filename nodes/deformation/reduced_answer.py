@@ -1,4 +1,4 @@
-"""What the reduced bodies answer, as kernels on the state of their node."""
+"""Kernels that compute the answer of the reduced bodies from the state of their node."""
 
 from palpate.nodes.base import ARRAY
 from palpate.nodes.base.contacts import send_laws
@@ -8,12 +8,12 @@ from palpate.physics.bodies.patch import add_pressure
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, integers, lend_first, nth, put, vector
 
-PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; room, see `add_pressure`; [Pa]
+PRESSURE = {"areas": ARRAY, "push": ARRAY, "pressures": ARRAY}  # [m²] of each vertex; work array; [Pa]
 
 
 @kernel(error_model="numpy")
 def caution_once(own, numbers):
-    """Keep what there is to say of each cause that was not there before."""
+    """Store each new cause of extrapolation with its size, radius and width for a note."""
     for cause in range(len(own.cautions)):
         known, worst, contact = False, 0.0, 0
         for k in range(own.causes):
@@ -29,7 +29,7 @@ def caution_once(own, numbers):
 
 @kernel(error_model="numpy")
 def along_the_surface(own, body, load, out):
-    """Send how the body's energy changes along the surface under each contact that presses."""
+    """Send the tangential energy gradient and the shape operator at each contact with a load."""
     slopes = floats(own.slopes)
     out.shape_operator.count = 0
     put(out.tangential_gradient, (0.0, 0.0, 0.0))
@@ -51,7 +51,7 @@ def along_the_surface(own, body, load, out):
 
 @kernel(error_model="numpy")
 def send(own, load, count, out, dt):
-    """Send laws, and what is known of the vertices that are displaced, of which there are so many."""
+    """Send the laws, and displacement and pressure of the `count` displaced vertices."""
     send_laws(own, out)
     out.step, out.relaxation, out.extrapolation = dt, own.retardation, own.beyond
     lend_first(out.nodes, own.body.fine.nodes, count)

@@ -34,67 +34,67 @@ BUILT_FROM = (
 )  # fmt: skip
 """Settings that the basis depends on."""
 NODULE = ("vertices", "position", "rotation", "nodule_position", "nodule_depth", "nodule_radius", "nodule_ratio")
-"""Those that place a nodule, or make it."""
+"""Settings that define a nodule."""
 GRID = 1e-6
-"""[m] To which a nodule's place is rounded, as the same place in the world is not bit-equal in the surface's frame."""
+"""[m] Rounding of a nodule's position, since equal positions in the world differ by rounding in the surface's frame."""
 
 
 _condensed_of, _sampled_of = unpacking(CondensedBody), unpacking(SampledBody)
 
 
 class ReducedFE(CompiledNode, WithNodule):
-    """A finite-element organ condensed to its surface, with what large displacement adds, on a soft bed; optionally
-    with a hard nodule and a stiffer capsule.
+    """A finite-element organ on an elastic foundation, condensed to its surface, corrected for large displacement.
 
-    `palpate build basis` builds its basis once for a surface, Poisson's ratio, bed, nodule and capsule; that of the
-    default kidney ships. Modulus and retardation time may be changed without building it again. The fingertip is of
-    layers: its `young` is that of the subcutis at rest, 160 Pa in the set cortical/36.4; poisson, bed, nodule and
-    capsule are not read.
+    Optionally with a hard nodule and a stiffer capsule. `palpate build basis` builds its basis once for a surface,
+    Poisson's ratio, foundation (`bed`), nodule and capsule; the basis of the default kidney is shipped. Changes of
+    modulus and retardation time need no new basis. The fingertip has layers: its `young` is that of the subcutis at
+    rest, 160 Pa in the set cortical/36.4; it ignores poisson, `bed`, nodule and capsule.
     """
 
     effect = "deformation"
     rank = 3
 
     model: Annotated[Literal["nonlinear", "linear", "sampled"], "1"] = "nonlinear"
-    """How it follows large displacement: by the law of a half-space under the patch, not at all, or in modes of the
-    whole body with its energy sampled; the last is meant for the fingertip."""
+    """Treatment of large displacement: the law of a half-space under the patch; none; or modes of the whole body with
+    sampled energy, for the fingertip."""
     modes: Annotated[int, "1", msgspec.Meta(ge=4, le=200)] = 80  # Of the sampled model
     young: Annotated[float, "Pa", msgspec.Meta(ge=10, le=1e9)] = 19e3
     poisson: Annotated[float, "1", msgspec.Meta(ge=0, lt=0.5)] = 0.45
     retardation: Annotated[float, "s", msgspec.Meta(ge=0), Switch("relaxation")] = 0.02
     """Kelvin-Voigt: viscosity over modulus."""
     bed: Annotated[float, "1/m", msgspec.Meta(gt=0)] = 50.0
-    """Stiffness per area of what the underside lies on, over `young`."""
+    """Stiffness per area of the elastic foundation below the organ, over `young`."""
     capsule_thickness: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
-    """Of a skin of other modulus; 0 is a homogeneous organ."""
-    capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0  # Modulus of the skin over that of the organ
+    """Of a capsule of another modulus; 0: a homogeneous organ."""
+    capsule_ratio: Annotated[float, "1", msgspec.Meta(gt=0)] = 10.0  # Modulus of the capsule over that of the organ
     sticks: Annotated[bool, "1"] = True
-    """Whether the surface under the patch sticks to the finger, or is free to slide on it (under light loads: heavier
-    ones are reported); not of the sampled model."""
-    coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600  # About how many vertices the condensed surface has
+    """Whether the surface under the patch sticks to the finger or slides on it, which is valid for light loads (heavier
+    ones are reported); not for the sampled model."""
+    coarse: Annotated[int, "1", msgspec.Meta(ge=50, le=2000)] = 600
+    """Approximate number of vertices of the condensed surface."""
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
-    """Of the patch that the terminal law is taken over before the first load."""
+    """Of the patch of the terminal law before the first load."""
     reach: Annotated[float, "m", msgspec.Meta(gt=0)] = 10e-3
-    """From the foot point within which the displacement of every vertex is sent; farther off of fewer and fewer."""
+    """Distance from the foot point within which the displacement of every vertex is sent; of fewer vertices beyond."""
 
-    energy = Part("energy", "stored", about="The energy that the condensed organ holds; a sampled one does not tell.")
+    energy = Part("energy", "stored", about="The energy stored in the condensed organ; not for the sampled model.")
     shape = Part(
         "shape", "nodes", "displacement",
-        about="Vertices of the surface, all within reach and fewer farther off, and how far they are displaced [m].",
+        about="Vertices of the surface, all within reach and fewer beyond, and their displacement [m].",
     )  # fmt: skip
     pressure = Part(
         "pressure", "pressure",
-        about="Of the loads on the vertices that are sent [Pa]: their part against the normal over the area of each.",
+        about="Pressure of the loads on the sent vertices [Pa]: normal component over the area of the vertex.",
     )  # fmt: skip
     slope = Part(
         "slope", "tangential_gradient", "shape_operator",
-        about="How the body's energy changes along its surface, which pushes the finger to where it is softer.",
+        about="The change of the body's energy along its surface, whose force points towards softer tissue.",
     )  # fmt: skip
     State = (
         SEVERAL | PRESSURE | {"body": form(CondensedBody), "beyond": (), "cautions": (len(CAUSES), 4), "causes": int}
     )
-    """How far the last step was outside of what the body can tell; of each cause that there was its number, how far,
-    and the radius [m] of the load, its own and on the coarse surface; how many."""
+    """Extrapolation of the last step beyond the range of the model; for each cause so far its index, the extrapolation,
+    and the radius [m] of the load, nominal and on the coarse surface; number of causes."""
     shared = (
         "areas", "body.model", "body.ground", "body.fine.reach", *(f"body.fine.spreader.{name}" for name in TABLES)
     )  # fmt: skip
@@ -123,7 +123,7 @@ class ReducedFE(CompiledNode, WithNodule):
     def condition(self) -> str:
         return "outside its range" if hasattr(self, "own") and self.own["beyond"] > 0.0 else ""
 
-    _count = 1  # of contacts; kept over a start, so that what they need is there before the first step
+    _count = 1  # of contacts; kept over a start, so that their arrays exist before the first step
 
     def resize(self, counts: list[int]) -> None:
         if counts[0] != self._count:
@@ -137,9 +137,9 @@ class ReducedFE(CompiledNode, WithNodule):
         self.hold("coupling", body.coupling)
 
     def _made(self) -> Any:
-        """What bodies under any number of contacts share."""
+        """The part of the body that is independent of the number of contacts."""
         basis, given = self._placed()
-        large = self.model == "nonlinear" and self.sticks  # a surface that slides is known under light loads only
+        large = self.model == "nonlinear" and self.sticks  # a sliding surface is only valid under light loads
         rho = nonlinearity(self.poisson) if large else NO_FLOATS
         return condensed_body(basis, *given, self.poisson, self.sticks, self._apart(), rho, self.area_law())
 
@@ -174,14 +174,14 @@ class ReducedFE(CompiledNode, WithNodule):
         send(own, load, count, out, dt)
 
     def notes(self) -> list[str]:
-        """A note for each cause that was not there before."""
+        """A note for each new cause of extrapolation."""
         for cause, *found in self.own["cautions"][self._noted : self.own["causes"]] if hasattr(self, "own") else ():
             self._noted += 1
             self._notes.append(f"{type(self).__name__}: {caution(CAUSES[int(cause)], *map(float, found))}")
         return super().notes()
 
     def _apart(self) -> np.ndarray | None:
-        """How far [m] (V,) each vertex of the basis is from another modulus; None where there is but one."""
+        """Distance [m] (V,) of each vertex of the basis to the nearest change of modulus; None: homogeneous."""
         if self.surface == "fingertip" or not (self.nodule_radius > 0 or self.capsule_thickness > 0):
             return None
         vertices = self.coarse_mesh().vertices
@@ -191,16 +191,16 @@ class ReducedFE(CompiledNode, WithNodule):
         return np.abs(away - self.nodule_radius)
 
     def nodule_centre(self) -> Vector3:
-        """Of the nodule [m], in the surface's own frame, to `GRID`."""
+        """Centre of the nodule [m], in the frame of the surface, rounded to `GRID`."""
         turn, origin = self._placing()
-        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID) + 0.0).tolist()  # no -0, which is another key
+        x, y, z = (GRID * np.rint((self.centre() - origin) @ turn / GRID) + 0.0).tolist()  # no -0, another key
         return x, y, z
 
     def _placing(self) -> tuple[np.ndarray, np.ndarray]:
         return rotation_matrix(self.rotation), np.asarray(self.position, float)
 
     def _placed(self) -> tuple[Basis | SampledBasis, tuple[Mesh, float, float, float, float]]:
-        """The basis at its place, and what else a body of it takes."""
+        """The basis at its position in the world, and the other arguments of its body."""
         basis = self.basis()
         turn, origin = self._placing()
         vertices, count = product(basis.vertices, turn.T) + origin, len(basis.vertices)
@@ -219,11 +219,11 @@ class ReducedFE(CompiledNode, WithNodule):
         return Basis(vertices, basis.triangles, turned(basis.compliance)), given
 
     def coarse_mesh(self) -> Mesh:
-        """The surface that the organ is condensed to, in its own frame."""
+        """The surface to which the organ is condensed, in its frame."""
         return surface_mesh(self.surface, self.coarse, file_unit=self.file_unit)
 
     def inputs(self) -> dict[str, Any]:
-        """All that the basis depends on."""
+        """All inputs of the basis."""
         inputs: dict[str, Any] = {"builder": basis_store.BUILDERS[self._kind()], "surface": _name(self.surface)}
         if self.model == "sampled":
             inputs["modes"] = self.modes
@@ -236,7 +236,7 @@ class ReducedFE(CompiledNode, WithNodule):
         return inputs
 
     def key(self) -> str:
-        """Hash under which the basis is stored."""
+        """Key of the basis."""
         return basis_store.key(self.inputs())
 
     def filename(self) -> str:
@@ -248,14 +248,13 @@ class ReducedFE(CompiledNode, WithNodule):
         return "sampled" if self.model == "sampled" else "condensed"
 
     def command(self) -> str:
-        """The command that builds it."""
+        """The command that builds the basis."""
         usual, read = ReducedFE(), BUILT_FROM + (NODULE if self.nodule_radius > 0 else ())
         given = [f"--set {n}={_text(getattr(self, n))}" for n in read if getattr(self, n) != getattr(usual, n)]
         return " ".join(["palpate build basis", *given])
 
     def basis(self) -> Basis | SampledBasis:
-        """The stored basis. SettingError: none is stored for these settings, or it cannot be read, or is of another
-        place or shape."""
+        """The stored basis. SettingError: it is missing or unreadable, or has another position or shape."""
         stored = self.stored(basis_store.SHIPPED, basis_store.cache())
         if stored is None:
             raise SettingError(
@@ -266,13 +265,13 @@ class ReducedFE(CompiledNode, WithNodule):
         away = basis_store.off(basis.vertices, self.coarse_mesh())
         if away > basis_store.NEAR:
             raise SettingError(
-                f"{path}: its vertices lie up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
-                f"expected the same surface at the same place. Rebuild it: {self.command()} --force"
+                f"{path}: its vertices are up to {away:.2g} of the extent away from surface {self.surface!r}; "
+                f"expected the same surface at the same position. Rebuild it: {self.command()} --force"
             )
         return basis
 
     def _nearest(self) -> str:
-        """What the shipped basis of this surface and kind was made from that these settings are not."""
+        """The differences of these settings from the inputs of the shipped basis of this surface and kind."""
         wanted = self.inputs()
         for name, about in basis_store.shipped().items():
             made = about["inputs"]
@@ -283,8 +282,7 @@ class ReducedFE(CompiledNode, WithNodule):
         return ""
 
     def stored(self, *folders: Path) -> tuple[Path, Basis | SampledBasis] | None:
-        """The basis for these settings in the first of the folders that holds one, and its path. SettingError: one that
-        cannot be read."""
+        """Path and basis for these settings in the first folder that contains one. SettingError: it is unreadable."""
         for folder in folders:
             path = basis_store.find(folder, self.key())
             if path is not None:
@@ -298,7 +296,7 @@ class ReducedFE(CompiledNode, WithNodule):
 
 
 class _Sampled:
-    """What is different where the body is a sampled one. It never rests quite: its modes fade for ever."""
+    """The differences of a sampled body. It has no `idle`: its modes decay exponentially and never reach rest."""
 
     State = (
         SEVERAL
@@ -340,7 +338,7 @@ class _Sampled:
 
 @cache
 def _sampled(kind: type[ReducedFE]) -> type[ReducedFE]:
-    """A node class of the sampled model."""
+    """The node class of the sampled model."""
     return (
         kind if issubclass(kind, _Sampled) else type(kind.__name__, (_Sampled, kind), {"__module__": kind.__module__})
     )
@@ -351,5 +349,5 @@ def _text(value: object) -> str:
 
 
 def _name(surface: str) -> str:
-    """Of a built-in surface, or of a file without its folder and ending; what the file holds is in the mesh's hash."""
+    """Name of a built-in surface, or of a file without folder and extension; its content enters through the mesh."""
     return surface if surface in SURFACES else Path(surface).stem

@@ -1,4 +1,4 @@
-"""Devices: the nodes that stand where hardware is bound in. Each is found by its name in any file of this folder."""
+"""Devices: interfaces to hardware, and simulated ones. A class is found by its name in any file of this folder."""
 
 from palpate.nodes.base.room import room
 from palpate.nodes.device.hand import Segment

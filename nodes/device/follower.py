@@ -1,4 +1,4 @@
-"""A Falcon's grip in a simulated hand that follows a moving goal, whoever sets it."""
+"""A Falcon's grip in a simulated hand that follows a moving goal."""
 
 from typing import Annotated
 
@@ -17,8 +17,8 @@ from palpate.physics.records import floats, put, vector
 class Follower(HeldGrip, CompiledNode):
     """Settings of the hand, arm and grip of `device.Simulated` (docs/equations/controller.md), without its path.
 
-    The node reports both angles, in whole encoder counts, and the exact position. It takes what the graph sends,
-    torques or a force. Beyond the reach of the legs the grip stops.
+    The node reports angles in whole encoder counts and the exact position. It accepts torques or a force. The grip
+    stops at the limit of the legs' reach.
     """
 
     sink = True
@@ -26,12 +26,12 @@ class Follower(HeldGrip, CompiledNode):
     resolution: Annotated[float, "rad", msgspec.Meta(ge=0)] = FALCON.count
 
     State = GRIP | {"goal": (3,)}
-    """The goal of the hand [m], in the device's own frame."""
+    """The goal of the hand [m], in the device's frame."""
 
     def start(self) -> None:
         super().start()
         here = np.array(self.begin) - np.array(self.origin)
-        # Uncompiled, as in `device.Simulated`: it is needed once.
+        # Uncompiled as in `device.Simulated`, because it is called once.
         if not all(leg.py_func(FALCON.geometry, i, *here.tolist())[0] for i in range(3)):
             raise SettingError(
                 f"setting 'begin' [m]: found {self.begin}, {tuple(here.tolist())} from the device's origin, out of its "
@@ -43,7 +43,7 @@ class Follower(HeldGrip, CompiledNode):
 
 @kernel
 def follow(own, goal, torque, force, out, dt):
-    """Let the hand's goal go evenly to `goal` [m] (3), in the device's own frame, within the step of dt [s]."""
+    """Move the hand's goal at constant speed to `goal` [m] (3), in the device's frame, within the step of dt [s]."""
     torques = (0.0, 0.0, 0.0)
     if torque.there:
         torques = vector(torque.torques)

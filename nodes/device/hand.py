@@ -1,4 +1,4 @@
-"""The hand that holds a device which is simulated or emulated: its script, its arm, the grip."""
+"""The hand that holds a simulated or emulated device: script, arm and grip."""
 
 import math
 from typing import Annotated, Literal
@@ -21,13 +21,13 @@ GRIP = {
 
 
 class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One piece of the path that a scripted hand wants to follow: a move, or a rest.
+    """One segment of the path of a scripted hand: a motion or a rest.
 
         {to: [0, 0, 0.10], time: 0.5}                    to a point [m, world], starting and ending at rest
         {to: [0, 0, 0.10], time: 0.5, shape: linear}     at constant speed
         {hold: 0.2}                                      stay [s]
 
-    `buttons` is the mask of the buttons pressed meanwhile.
+    `buttons` is the mask of the buttons that are pressed during the segment.
     """
 
     to: Vector3 | None = None
@@ -50,17 +50,18 @@ class Segment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def duration(self) -> float:
-        """How long it takes [s]."""
+        """Duration [s]."""
         return self.hold if self.hold is not None else self.time or 0.0
 
 
 class HeldGrip(Node):
     """Settings of a grip and the hand that holds it with a compliant arm:
 
-    begin     where the grip is at the start, world frame
-    origin    where the device's own frame lies in the world
-    mass      of grip and hand together; damping: of the device alone; hand_stiffness and hand_damping: of the arm,
-              both 0 when nobody holds the grip
+    begin     initial position of the grip, world frame
+    origin    position of the device's frame in the world
+    mass      of grip and hand together
+    damping   of the device alone
+    hand_stiffness, hand_damping  of the arm; both 0: no hand
     """
 
     begin: Annotated[Vector3, "m"] = HOME
@@ -72,7 +73,7 @@ class HeldGrip(Node):
 
 
 def hold_grip(node: CompiledNode, ends: np.ndarray, points: np.ndarray, shapes: np.ndarray) -> None:
-    """Put the grip of a node with `GRIP` and the settings of `HeldGrip` at rest where its path begins."""
+    """Initialize the grip of a node with `GRIP` and the settings of `HeldGrip`, at rest at the start of its path."""
     own, given = node.own, ("mass", "damping", "hand_stiffness", "hand_damping", "resolution")
     own["geometry"], own["constants"] = FALCON.geometry, [*(getattr(node, name) for name in given), FALCON.limit]
     own["motion"][POSITION] = points[0]
@@ -93,15 +94,15 @@ def moved(own, torques, dt):
 class SimulatedOperator(HeldGrip):
     """Settings of a hand that follows a scripted path:
 
-    path      goes on from `begin` (see Segment) and ends at rest
-    speed_factor  of the speed that the path says: 2 follows it in half of the time
+    path      segments after `begin` (see Segment); the hand ends at rest
+    speed_factor  factor on the speed of the path: 2 halves its duration
     """
 
     path: Annotated[tuple[Segment, ...], "1"] = ()
     speed_factor: Annotated[float, "1", msgspec.Meta(gt=0, le=1000)] = 1.0
 
     def points(self) -> np.ndarray:
-        """Where the segments begin and end [m] (n + 1,3), in the device's own frame."""
+        """Start and end points of the segments [m] (n + 1,3), in the device's frame."""
         points, here = [self.begin], self.begin
         for segment in self.path:
             here = segment.to or here
@@ -109,7 +110,7 @@ class SimulatedOperator(HeldGrip):
         return np.array(points) - np.array(self.origin)
 
     def ends(self) -> np.ndarray:
-        """When the segments end [s] (n)."""
+        """End times of the segments [s] (n)."""
         return np.cumsum([segment.duration for segment in self.path], dtype=float) / self.speed_factor
 
     def shapes(self) -> np.ndarray:

@@ -16,7 +16,7 @@ class Inverse3(Hardware):
     """A Haply Inverse3 through the manufacturer's local service, or its emulator (docs/devices.md).
 
     port       address of the service; empty: ws://localhost:10001
-    device_id  which one, where the service has several
+    device_id  of the device, if the service has several
     """
 
     device_id: Annotated[str, "1"] = ""

@@ -1,4 +1,4 @@
-"""Shared by all real devices: how they are found, limited, waited for, and emulated."""
+"""Shared by all real devices: detection, limits, reconnection and emulation."""
 
 from typing import Annotated, ClassVar
 
@@ -13,12 +13,12 @@ from palpate.nodes.device.hand import SimulatedOperator
 
 
 class Hardware(SimulatedOperator, Wired):
-    """A device at the machine. Its commands pass the limits of `drivers/limits.py` last of all. Settings of all:
+    """A device of this machine. The limits of `drivers/limits.py` are applied last to its commands. Common settings:
 
-    deadman  mask of buttons of which one has to be held for any force; 0: none
-    ramp     [s] in which the force comes in after start, homing or a break; none given: the device's own
+    deadman  mask of buttons of which one must be pressed for any force; 0: none
+    ramp     [s] time in which the force ramps up after start, homing or an interruption; None: that of the device
 
-    With `port: emulator`, `faults` makes bad days, and the hand goes the way of device.Simulated's settings.
+    With `port: emulator`, `faults` sets simulated faults, and the hand follows the path of device.Simulated's settings.
     """
 
     paced: ClassVar[bool] = True
@@ -43,7 +43,7 @@ class Hardware(SimulatedOperator, Wired):
 
 
 def state(sample: DeviceSample | None) -> DeviceState:
-    """A sample as the graph knows it; neither angles nor place while they cannot be trusted."""
+    """The message for a sample; without angles and position while the device is not homed."""
     if sample is None or not sample.homed:
         return DeviceState(buttons=0 if sample is None else sample.buttons, homed=False)
     if sample.joints:

@@ -1,4 +1,4 @@
-"""A motion in a table: time, and position or joint angles."""
+"""A table of a motion: time, and position or joint angles."""
 
 import csv
 import re
@@ -21,7 +21,7 @@ class Motion(NamedTuple):
     buttons: np.ndarray  # [1] (n)
 
     def at(self, time: float, repeat: bool = False) -> DeviceState:
-        """The state at a time [s] after the first row; the last one after the end, unless it repeats."""
+        """The state at a time [s] after the first row; after the end the last one, unless `repeat`."""
         begin, end = self.times[0], self.times[-1]
         now = begin + time
         if repeat and now > end > begin:
@@ -35,7 +35,7 @@ class Motion(NamedTuple):
 
 
 def read_motion(path: str) -> Motion:
-    """The motion in a CSV. SettingError: what is wrong with it, and in which line."""
+    """The motion in a CSV. SettingError: the file is invalid; the message names the line."""
 
     def wrong(text: str) -> SettingError:
         return SettingError(f"setting 'path': {path}: {text}")

@@ -50,7 +50,7 @@ class Pointer(Node):
     def start(self) -> None:
         self.stop()
         self.last = PointerSample(0, self.begin)
-        self.foreign = self.told = 0
+        self.foreign = self.reported = 0
         try:
             with contextlib.suppress(FileNotFoundError):
                 if not stat.S_ISSOCK(os.lstat(self.socket).st_mode):
@@ -86,9 +86,9 @@ class Pointer(Node):
     def notes(self) -> list[str]:
         """Dropped samples: the first ones when they come, the number of all at the end."""
         going = "_inlet" in self.__dict__
-        if self.foreign == self.told or (going and self.told):
+        if self.foreign == self.reported or (going and self.reported):
             return []
-        self.told = self.foreign
+        self.reported = self.foreign
         return [
             f"the pointer's socket: {self.foreign} dropped, expected [number, [x, y, z], buttons] with places within "
             f"{FARTHEST:g} m" + ("; more are counted" if going else "")

@@ -1,4 +1,4 @@
-"""A device whose motion was recorded."""
+"""A device that repeats a recorded motion."""
 
 from collections.abc import Iterator
 from typing import Annotated
@@ -13,14 +13,14 @@ from palpate.records.format.mcap_file import Broken, declared, messages, opened
 
 
 class Replayed(Node):
-    """A device whose states come from a recording, one a tick, or from a table of a motion; at the end it stays.
+    """A device with the states of a recording, one per tick, or of a table of a motion; then it stays at the last one.
 
-    path    of the recording, or of a CSV with a head of `t` [s] and either `x`, `y`, `z` [m] or `joint1`, `joint2`, ...
-            [rad]; `buttons` may stand beside them. Between its rows the way is straight
+    path    of the recording, or of a CSV with the columns `t` [s] and either `x`, `y`, `z` [m] or `joint1`, `joint2`,
+            ... [rad], and optionally `buttons`; linear interpolation between rows
     stream  name of the stream of `DeviceState` in a recording
-    repeat  from the beginning again at the end
+    repeat  start again at the end
 
-    The clock is that of the graph. `palpate replay` plays a recording with the time stamps that it was made with.
+    The clock is that of the graph. `palpate replay` uses the time stamps of the recording.
     """
 
     paced = True
@@ -42,9 +42,11 @@ class Replayed(Node):
         self.first = True
 
     def _read(self) -> Iterator[DeviceState]:
-        """SettingError: the file is damaged, or its stream is another one. A run that was killed leaves a file that is
-        cut off; its device stays where it was last."""
-        # Read as it goes: a recording of hours does not have to fit into memory.
+        """The states of the recording. SettingError: the file is damaged, or the stream has another type.
+
+        In the truncated file of a killed run the device stays at its last state.
+        """
+        # read chunk by chunk, because a recording of hours may exceed the memory
         channel = None
         try:
             for chunk in opened(self.path):

@@ -1,4 +1,4 @@
-"""A simulated device and the simulated hand that holds it."""
+"""A simulated device in a simulated hand."""
 
 from typing import Annotated, Any
 
@@ -22,12 +22,14 @@ GLITCH = 1000 * FALCON.count  # [rad]
 class Simulated(SimulatedOperator, CompiledNode):
     """A Falcon held by a hand that follows a scripted path, with a compliant arm (docs/equations/controller.md).
 
-    It reports what a real one would: driven angles in whole encoder counts. Torques work on the grip through the same
-    geometry; where none come any more the last ones fall to zero within 4 ms. The weight is balanced. When its process
-    has stood still, so have the hand and its script. Settings, with those of the hand:
+    Like a real one, it reports driven angles in whole encoder counts. Torques act on the grip through the geometry of
+    the legs; when messages stop, the last torques fall to zero within 4 ms. The weight is balanced. During a pause of
+    its process the hand and its script also pause. Settings, in addition to those of the hand:
 
-    delay     samples by which reports are late; lost: chance that a report repeats the one before; glitches: chance
-              that one angle is off by 1000 counts for one report. The same seed gives the same bad days
+    delay     delay of reports in samples
+    lost      probability that a report repeats the one before
+    glitches  probability that one angle has an error of 1000 counts in one report
+    seed      of the random faults
     """
 
     paced = True
@@ -41,7 +43,7 @@ class Simulated(SimulatedOperator, CompiledNode):
 
     State = GRIP | {
         "torques": FADED, "pace": PACE, "applied": (3,), "buttons": ARRAY, "random": random_numbers.STATE,
-        "reports": TABLE, "newest": int, "last": (3,),  # a ring of `delay` + 1 reports [rad]; what was reported last
+        "reports": TABLE, "newest": int, "last": (3,),  # a ring of `delay` + 1 reports [rad]; the last report
     }  # fmt: skip
 
     def __init__(self, **given: Any) -> None:
@@ -53,7 +55,7 @@ class Simulated(SimulatedOperator, CompiledNode):
 
     def _reach(self, name: str, point: Vector3) -> None:
         inside = tuple(p - o for p, o in zip(point, self.origin, strict=True))
-        # Uncompiled: the compiler takes a quarter of a second to start, and the launcher needs nothing else of it.
+        # Uncompiled, because the launcher needs no other kernel and the compiler takes 0.25 s to start.
         geometry = FALCON.geometry
         if not all(leg.py_func(geometry, i, *inside)[0] for i in range(3)):
             raise SettingError(

@@ -1,4 +1,4 @@
-"""A hand that the program moves which steps the graph."""
+"""A hand that the calling program moves between ticks."""
 
 from collections.abc import Sequence
 
@@ -11,24 +11,26 @@ from palpate.physics.kernel import kernel
 
 
 class Steered(Follower):
-    """A Falcon's grip in a simulated hand whose goal a program moves between two ticks, as `palpate.gym` does; by
-    itself it stays at `begin`. Settings: those of the hand."""
+    """A Falcon's grip in a simulated hand whose goal a program such as `palpate.gym` moves between ticks.
+
+    Without commands it stays at `begin`. Settings: those of the hand.
+    """
 
     paced = True
 
     State = Follower.State | {"velocity": (3,), "low": (3,), "high": (3,)}
-    """Of the goal: velocity [m/s], and the box that it stays in [m], in the device's own frame."""
+    """Velocity [m/s] of the goal and corners of its box [m], in the device's frame."""
 
     def start(self) -> None:
         super().start()
         self.own["low"], self.own["high"] = -np.inf, np.inf
 
     def keep_within(self, low: Sequence[float], high: Sequence[float]) -> None:
-        """Let the goal stay in this box [m] (3), world frame, until the next start."""
+        """Limit the goal to a box [m] (3), world frame, until the next start."""
         self.own["low"], self.own["high"] = np.subtract(low, self.origin), np.subtract(high, self.origin)
 
     def steer(self, velocity: Sequence[float]) -> None:
-        """Let the goal move with this velocity [m/s] (3) from the next step on."""
+        """Set the velocity [m/s] (3) of the goal from the next step on."""
         self.own["velocity"] = velocity
 
     @kernel

@@ -14,20 +14,20 @@ from palpate.physics.display.pin_heights import heights_from_force, heights_from
 from palpate.physics.display.pins import Drives, drive, pin_grid
 from palpate.physics.exact import length, product
 
-NEIGHBOURS = 9  # surface vertices round each pin from which its height is taken: a vertex and its ring on a square mesh
+NEIGHBOURS = 9  # number of surface vertices that determine the height of a pin: one and its neighbours on a square mesh
 
 
 class PinArray(OnThinnedSurface):
     """Pins under the fingerpad on a linear actuator (docs/equations/shape-display.md).
 
-    `shows` says where the shape comes from. "force": from the normal force alone, by the model of a fingerpad on
-    homogeneous tissue. "surface": from the deformed surface of the tissue. "pressure": from the contact pressure of
-    the tissue model. The last two show what lies below the surface, and need the input `surface`; while it is None
-    or says nothing, the shape comes from the force, and `valid` is false. Only they use the settings of the surface.
+    `shows` selects the source of the shape. "force": the normal force, by the model of a fingerpad on homogeneous
+    tissue. "surface": the deformed surface of the tissue. "pressure": the contact pressure of the tissue model. The
+    last two render structures below the surface and need the input `surface`; while it is missing or empty, the source
+    is the force, and `valid` is false. Only these two use the settings of the surface.
 
-    Pins stand in the tangent plane at the contact: along a row in the direction of the world's x axis (y where the
-    normal lies along x), down a column along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and
-    `pad_radius` replace single parameters of it.
+    The pins are in the tangent plane at the contact: rows in the direction of the world's x axis (y if the normal is
+    along x), columns along normal × row. `pad` names the fingerpad; `pad_b`, `pad_m` and `pad_radius` replace single
+    parameters of it.
     """
 
     effect = "display"
@@ -81,7 +81,7 @@ class PinArray(OnThinnedSurface):
             self.tree = scipy.spatial.cKDTree(self.points)
 
     def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> pads.PadContact:
-        """States of the fingerpad under forces [N] on tissue of this modulus [Pa], or of the node's own: a table."""
+        """States of the fingerpad under forces [N] on tissue of this modulus [Pa]; default: that of the node."""
         curved = np.inf if self.curvature == 0.0 else 1.0 / self.curvature
         return pads.pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
 

@@ -1,4 +1,4 @@
-"""Observers that keep what a run says: a recording. Each is found by its name in any file of this folder."""
+"""Observers that record a run. A class is found by its name in any file of this folder."""
 
 from palpate.nodes.base.room import room
 from palpate.nodes.logger.mcap import Mcap

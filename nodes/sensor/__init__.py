@@ -1,4 +1,4 @@
-"""Force sensors: the finger's force when no simulated contact makes it. Each is found by its name in any file of this
+"""Force sensors: the finger's force without a simulated contact. A class is found by its name in any file of this
 folder."""
 
 from palpate.nodes.base.room import room

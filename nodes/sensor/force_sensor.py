@@ -1,4 +1,4 @@
-"""A simulated force sensor: the finger's force on a display when there is no simulated contact."""
+"""A simulated force sensor: the finger's force on a display without a simulated contact."""
 
 import math
 from typing import Annotated, Any, ClassVar
@@ -12,8 +12,8 @@ from palpate.nodes.base import Node, SettingError
 class ForceSensor(Node):
     """Simulated sensor: a normal force interpolated linearly between given points.
 
-    It knows the force only, so compression and indentation of its messages are 0. After the last point the force
-    stays, or with `repeat` starts again. The default presses from 0 to 4 N and lets go.
+    It only measures the force, so compression and indentation of its messages are 0. After the last point the force is
+    constant or, with `repeat`, starts again. The default presses from 0 to 4 N and releases.
     """
 
     paced: ClassVar[bool] = True
@@ -29,8 +29,8 @@ class ForceSensor(Node):
         times, forces = np.asarray(self.times), np.asarray(self.forces)
         if len(times) != len(forces) or not len(times):
             raise SettingError(
-                f"settings 'times' and 'forces': found {len(times)} times and {len(forces)} forces, expected as many"
-                " of the one as of the other, at least one"
+                f"settings 'times' and 'forces': found {len(times)} times and {len(forces)} forces, expected equal"
+                " numbers of both, at least one"
             )
         if not (np.isfinite(times).all() and np.all(np.diff(times) > 0)):
             raise SettingError(f"setting 'times' [s]: found {self.times}, expected finite increasing times")
@@ -57,7 +57,7 @@ class ForceSensor(Node):
 
 
 def direction(normal: Vector3) -> Vector3:
-    """The unit vector of a setting `normal`. SettingError: it has no direction."""
+    """The unit vector of a setting `normal`. SettingError: its length is zero or not finite."""
     length = math.hypot(*normal)
     if not (math.isfinite(length) and length > 0.0):
         raise SettingError(f"setting 'normal' [1]: found {normal}, expected a direction")

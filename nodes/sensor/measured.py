@@ -1,4 +1,4 @@
-"""Real force sensors: the force of a real indentation."""
+"""Real force sensors, for the force of a real indentation."""
 
 from typing import Annotated, Any, ClassVar
 
@@ -13,15 +13,15 @@ Wrench = tuple[float, ...]
 
 
 class NetFT(Wired):
-    """ATI's Net F/T on the network: the force along `normal` that something presses on it with. Settings:
+    """ATI's Net F/T on the network: the force of a press against `normal`. Settings:
 
-    port    its address, 192.168.1.1 as delivered; `emulator`: none at all
-    normal  out of the sensor's face, in its own frame: a press is a force against it
-    foot    where it lies in the world
-    tare    [s] at the start in which nothing touches it: the mean force of this time is taken away
+    port    its address, 192.168.1.1 by default of the manufacturer; `emulator`: an emulated sensor
+    normal  out of the sensor's face, in the frame of the sensor; a press is a force against it
+    foot    position of the sensor in the world
+    tare    [s] time without contact at the start; its mean force is subtracted
 
-    With `port: emulator` and a pose it feels a sample that the finger presses, in Hunt and Crossley's law: its surface
-    lies at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d').
+    With `port: emulator` and a pose, the finger presses an emulated sample with Hunt and Crossley's law: its surface is
+    at `top` above the foot, and its force is `stiffness` d^`exponent` (1 + `damping` d').
     """
 
     paced: ClassVar[bool] = True
@@ -45,7 +45,7 @@ class NetFT(Wired):
         super().start()
 
     def felt(self, now: int) -> Wrench:
-        """What the emulated sensor feels at `now` [ns]."""
+        """Force [N] and torque [N m] on the emulated sensor at `now` [ns]."""
         x, y, z = self.normal
         return (-self.pressed * x, -self.pressed * y, -self.pressed * z, 0.0, 0.0, 0.0)
 

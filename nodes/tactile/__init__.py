@@ -1,4 +1,4 @@
-"""What the skin feels beyond force. Each class is found by its name in any file of this folder."""
+"""Tactile quantities in addition to the force. A class is found by its name in any file of this folder."""
 
 from palpate.nodes.base.room import room
 

@@ -14,17 +14,17 @@ from palpate.physics.afferents.published import DENSITIES, DEPTHS, RATE, TYPES
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, integers, lend, lend_first, longs
 
-LONGEST = 0.1  # [s] Of a gap between messages that is computed; a longer one counts as this
-BLOCK = 60  # Samples at once, one bit for each
+LONGEST = 0.1  # [s] Limit of the computed time between messages
+BLOCK = 60  # Samples per call, one bit each
 NO_STRESS = 3  # fault: the stress is empty
 
 
 class Afferents(CompiledNode):
     """Spike trains of SA1, RA1 and PC afferents under the patch, from the stress at their receptors, shear included.
 
-    Each is one of the 17 macaque fibres of a published model, drawn by `seed`. They lie on a disc of radius `reach`
-    with the densities of a human fingertip, or as the file `units` says. Vibration acts through the stress, at the
-    rate of the messages. The same seed, inputs and rate give the same spikes.
+    Each is one of the 17 macaque fibres of a published model, drawn with `seed`. Their positions are random on a disc
+    of radius `reach` with the densities of a human fingertip, or those of the file `units`. Vibration acts through the
+    stress, at the rate of the messages. The same seed, inputs and rate result in the same spikes.
     """
 
     effect = "tactile"
@@ -37,7 +37,7 @@ class Afferents(CompiledNode):
     units: Annotated[str, "1"] = ""  # CSV file with type, x, y, depth [m], in place of densities
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45  # Of the skin: that of tactile.Stress
     seed: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 1
-    trial: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 0  # Another one: the same finger, other noise
+    trial: Annotated[int, "1", msgspec.Meta(ge=0, lt=1 << 62)] = 0  # Another trial: the same finger with other noise
     smoothing: Annotated[float, "s", msgspec.Meta(gt=0)] = 0.1  # Time constant of the rates
 
     rates = Part("tactile", "rate", about="The smoothed rate of each afferent.")
@@ -72,7 +72,7 @@ class Afferents(CompiledNode):
         self.own["counts"] = np.maximum(np.bincount(made.kind, minlength=3), 1)
 
     def made(self) -> population.Population:
-        """The receptors. SettingError: there can be none such."""
+        """The receptors. SettingError: the file or the densities are invalid."""
         try:
             if self.units:
                 return population.read(Path(self.units), self.depths, self.seed, self.trial)
@@ -82,6 +82,7 @@ class Afferents(CompiledNode):
 
     @kernel(error_model="numpy")
     def compute(own, stress: Annotated[Subsurface, Wants("points", "stress")], out: Out[Spikes], dt):
+        # place the receptors in the grid of the stress at the first message
         tensor, at = floats(stress.stress), floats(own.at)
         corners, weights = integers(own.corners), floats(own.weights)
         state, since, begins = floats(own.state), longs(own.since), own.points == 0
@@ -94,6 +95,7 @@ class Afferents(CompiledNode):
                 own.fault = wrong
                 return
             own.points = len(tensor)
+        # samples of this step, at RATE
         span = min(dt, LONGEST)
         count = int((own.rest + span) * RATE + 1e-6)
         unit, moment, now = integers(own.unit), floats(own.moment), stress.time * 1e-9
@@ -104,6 +106,7 @@ class Afferents(CompiledNode):
         fade, spikes = own.smoothing / (own.smoothing + span), 0
         for which in range(3):
             own.mean[which] *= fade
+        # each afferent: equivalent stress at its receptor, membrane model, spikes
         for n in range(len(at)):
             target = gain[n] * population.equivalent(tensor, corners[n], weights[n], own.poisson)
             if begins:
@@ -148,7 +151,7 @@ class Afferents(CompiledNode):
                 f"{type(self).__name__}: {TYPES[self.population.kind[bad]]} receptor {bad} at x {x:.3g}, y {y:.3g} mm, "
                 f"{z:.3g} mm deep: the stress is known for x {low[0]:.3g} to {high[0]:.3g}, y {low[1]:.3g} to "
                 f"{high[1]:.3g} mm, {low[2]:.3g} to {high[2]:.3g} mm deep. Give tactile.Stress a 'reach' and 'depths' "
-                "that take in all receptors"
+                "that cover all receptors"
             )
         if fault == population.NO_GRID:
             return MessageError(

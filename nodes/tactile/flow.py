@@ -1,4 +1,4 @@
-"""How the contact of the fingertip grows with force (docs/equations/tactile-flow.md)."""
+"""Growth of the fingertip's contact with the force (docs/equations/tactile-flow.md)."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,18 +15,18 @@ TABLE = Path(__file__).parents[1] / "tables" / "fingertip.npz"
 
 
 class Flow(Node):
-    """Contact area and isostrain volumes of the fingertip under the normal force, and how fast they grow with it.
+    """Contact area and isostrain volumes of the fingertip under the normal force, and their derivatives by the force.
 
-    They are read from curves that the layered fingertip gave against a plate (`palpate build fe fingertip`); between
-    the recorded forces they are linear, beyond the last one they stay. Only what somebody reads is computed.
+    They are interpolated in curves of the layered fingertip on a plate (`palpate build fe fingertip`): linear between
+    the computed forces, constant beyond the last one. Only fields that are read are computed.
     """
 
     effect = "tactile"
 
     plate: Annotated[Literal["steel", "silicone"], "1"] = "silicone"
-    """The plate that the curves were computed on: hard or soft."""
+    """The plate of the curves: hard (steel) or soft (silicone)."""
     friction: Annotated[float, "1", msgspec.Meta(gt=0)] = 0.5  # Coefficient above which the contact slides
-    table: Annotated[str, "1"] = ""  # Path of a table in place of the shipped one
+    table: Annotated[str, "1"] = ""  # Path of a table that replaces the shipped one
 
     def start(self) -> None:
         path = Path(self.table) if self.table else TABLE
@@ -43,7 +43,7 @@ class Flow(Node):
         if not np.isfinite(every).all() or rows < 2 or force[0] != 0.0 or (np.diff(force) <= 0).any():
             raise SettingError(
                 f"setting 'table': {path}: expected finite curves over forces that rise from 0. "
-                "`palpate build fe table` writes such a table"
+                "`palpate build fe table` writes a table"
             )
         self._area = self.wants("area") or self.wants("area_rate") or self.wants("stick_radius")
         self._volumes = self.wants("volumes") or self.wants("volume_rates")

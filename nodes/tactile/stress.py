@@ -23,16 +23,16 @@ from palpate.physics.records import floats, lend
 class Stress(CompiledNode):
     """Stress, equivalent stress and strain energy density below the patch, at the depths of mechanoreceptors.
 
-    Of an elastic half-space under the load that spread.Kernel makes: a constant matrix times its force. It is that of
-    the tissue, and with their `young` and `poisson` of the skin of the finger. `radius` and `kernel` are those of
-    spread.Kernel. In a graph that has no such node it costs nothing; `every: 10` runs it at a tenth of the rate.
+    The stress of an elastic half-space under the load of spread.Kernel: a constant matrix times its force. It is that
+    of the tissue or, with `young` and `poisson` of the skin, that of the finger. `radius` and `kernel` must be those of
+    spread.Kernel. `every: 10` runs the node at 10 % of the rate.
     """
 
     effect = "tactile"
 
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch
     kernel: Annotated[Literal["biweight", "wendland", "cosine", "hertz"], "1"] = "biweight"  # Shape of the pressure
-    young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Enters the strain energy density alone
+    young: Annotated[float, "Pa", msgspec.Meta(gt=0)] = 19e3  # Only affects the strain energy density
     poisson: Annotated[float, "1", msgspec.Meta(gt=-1, lt=0.5)] = 0.45
     depths: Annotated[Vector, "m"] = (0.5e-3, 1e-3, 2e-3)
     spacing: Annotated[float, "m", msgspec.Meta(gt=0)] = 2e-3  # Between points of a depth, which lie on a square grid
