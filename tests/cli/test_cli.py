@@ -1,4 +1,4 @@
-"""The command line: what it prints, its exit codes, and that errors come without traceback."""
+"""The command line: output, exit codes, and errors without traceback."""
 
 import json
 import subprocess
@@ -26,24 +26,24 @@ def run(*args):
     return runner.invoke(app, [str(a) for a in args], env={"COLUMNS": "200", "NO_COLOR": "1"})
 
 
-def spoken(*args):
-    """What a command says as JSON."""
+def json_output(*args):
+    """Exit code and JSON output of a command."""
     result = run(*args, "--json")
     return result.exit_code, json.loads(result.stdout)
 
 
-def test_version():
+def test_the_version_is_that_of_the_package():
     assert run("--version").stdout.strip() == f"palpate {version('palpate')}"
 
 
-def test_help_lists_the_verbs():
+def test_the_help_lists_the_commands():
     text = run("--help").stdout
     for verb in ("check", "plan", "list", "doctor", "new"):
         assert verb in text
     assert run().exit_code == 2
 
 
-def test_each_file_among_the_commands_is_a_command_and_thin():
+def test_each_file_below_commands_is_one_short_command():
     folder = Path(commands.__file__).parent
 
     def verbs(command):
@@ -55,7 +55,7 @@ def test_each_file_among_the_commands_is_a_command_and_thin():
     assert {file: n for file in files if (n := len(file.read_text(encoding="utf-8").splitlines())) > 120} == {}
 
 
-def test_brackets_in_what_is_printed_are_no_markup(monkeypatch):
+def test_brackets_in_printed_text_are_not_markup(monkeypatch):
     hint = "TypeError: needs list[int], pip install 'lab[usb]'"
     monkeypatch.setattr("palpate.launch.load.classes.catalogue", lambda: ((), {"lab": hint}))
     assert run("list", "nodes").stdout.strip() == f"lab cannot be loaded. {hint}"
@@ -68,14 +68,14 @@ def test_brackets_in_what_is_printed_are_no_markup(monkeypatch):
         ("address: found 'tcp://host:²'", ("remote", "join", "tcp://host:²", "loop")),
     ],
 )
-def test_a_digit_that_is_no_number_is_refused_by_name(tmp_path, monkeypatch, said, args):
+def test_a_unicode_digit_is_rejected_with_the_name_of_the_option(tmp_path, monkeypatch, said, args):
     monkeypatch.chdir(tmp_path)
     refused = run(*args)
     assert refused.exit_code == 2 and said in refused.stderr
 
 
-def test_help_shows_every_word_of_its_texts():
-    """Units in brackets, such as [s] at the start of a text, are styles to rich, which drops them."""
+def test_the_help_shows_its_texts_completely():
+    """rich would interpret units in brackets, such as [s] at the start of a text, as styles and drop them."""
 
     def texts(command):
         yield command.help or ""
@@ -89,49 +89,49 @@ def test_help_shows_every_word_of_its_texts():
     assert [text for text in every if Text.from_markup(text).plain != text] == []
 
 
-def test_check_of_a_right_graph(whole):
+def test_check_accepts_a_valid_graph(whole):
     result = run("check", whole)
     assert result.exit_code == 0
     assert "ok" in result.stdout and "nodes 9" in result.stdout and "(2 held)" in result.stdout
-    code, data = spoken("check", whole, "--fused")
+    code, data = json_output("check", whole, "--fused")
     assert code == 0 and data["ok"] and data["processes"] == 1
 
 
-def test_check_of_a_wrong_graph_tells_all_without_traceback(whole):
+def test_check_lists_all_errors_of_a_graph_without_traceback(whole):
     result = run("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
     assert result.exit_code == 2 and result.stdout == ""
     assert "Did you mean 'stiffness'" in result.stderr and "2 faults" in result.stderr
     assert "Traceback" not in result.stderr
-    code, data = spoken("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
+    code, data = json_output("check", whole, "--set", "tissue.stifness=3", "--set", "rat=1")
     assert code == 2 and not data["ok"] and len(data["faults"]) == 2
     assert {f["setting"] for f in data["faults"]} == {"", "stifness"}
 
 
-def test_check_looks_at_the_placement(whole, write):
+def test_check_includes_the_placement(whole, write):
     place = write("place.yaml", "a: {nodes: [nera]}\n")
     result = run("check", whole, "--place", place)
     assert result.exit_code == 2 and "Did you mean 'near'" in result.stderr
 
 
-def test_debug_lets_the_traceback_through(whole):
+def test_debug_prints_the_traceback(whole):
     result = run("--debug", "check", whole, "--set", "rat=1")
     assert type(result.exception).__name__ == "GraphError"
 
 
 @pytest.mark.parametrize("args", [["check", "nowhere"], ["plan", "kidny"], ["plan", "x", "--scene", "nowhere"]])
-def test_what_is_not_found_is_told(args):
+def test_missing_files_and_graphs_are_reported(args):
     result = run(*args)
     assert result.exit_code == 2 and "not found" in result.stderr and "Shipped" in result.stderr
 
 
-def test_wrong_usage_is_exit_code_2(whole):
+def test_wrong_usage_ends_with_exit_code_2(whole):
     assert run("plan").exit_code == 2
     assert run("plan", whole, "--drow").exit_code == 2
     assert run("plam", whole).exit_code == 2
     assert run("plan", whole, "-o", "x.mmd").exit_code == 2
 
 
-def test_plan_says_what_runs_and_why_the_rest_does_not(whole):
+def test_plan_lists_running_nodes_and_the_reason_for_the_others(whole):
     result = run("plan", whole, "--set", "scene.tissue.friction=off")
     assert result.exit_code == 0
     lines = [line.split() for line in result.stdout.splitlines() if line.strip()]
@@ -142,19 +142,19 @@ def test_plan_says_what_runs_and_why_the_rest_does_not(whole):
     assert "graph_nodes.Spring, every 10" in run("plan", whole, "--set", "tissue.every=10").stdout
 
 
-def test_plan_as_data(whole, write):
+def test_plan_as_json(whole, write):
     place = write("place.yaml", "a: {nodes: [near, contact], core: 1}\n")
-    code, data = spoken("plan", whole, "--place", place)
+    code, data = json_output("plan", whole, "--place", place)
     assert code == 0 and data["order"][0] == "device"
     group = {"name": "a", "nodes": ["near", "contact"], "core": [1], "priority": None, "host": None, "why": ""}
     assert data["groups"][0] == group
 
 
-def test_one_node_class_is_shown_with_ports_and_units():
+def test_list_shows_the_ports_and_units_of_a_node_class():
     result = run("list", "nodes", "graph_nodes.Near")
     for word in ("The nearest point", "pose", "Pose", "drives", "Proximity", "offset", "count", ">= 1"):
         assert word in result.stdout
-    code, data = spoken("list", "nodes", "graph_nodes.Needy")
+    code, data = json_output("list", "nodes", "graph_nodes.Needy")
     assert code == 0
     assert data["settings"] == [
         {"name": "mass", "unit": "kg", "type": "float", "limits": "", "default": None, "required": True}
@@ -163,8 +163,8 @@ def test_one_node_class_is_shown_with_ports_and_units():
     assert result.exit_code == 2 and "Did you mean 'Near'" in result.stderr
 
 
-def test_the_catalogue_lists_every_class_that_ships():
-    code, data = spoken("list", "nodes")
+def test_the_catalogue_lists_every_shipped_class():
+    code, data = json_output("list", "nodes")
     assert code == 0
     for entry in data["nodes"]:
         assert entry["about"], f"{entry['use']} has no docstring"
@@ -172,21 +172,21 @@ def test_the_catalogue_lists_every_class_that_ships():
             assert setting["unit"] and "typing" not in setting["type"]
 
 
-def test_a_setting_of_a_few_words_lists_them():
-    code, data = spoken("list", "nodes", "tactile.Flow")
+def test_a_setting_with_choices_lists_them():
+    code, data = json_output("list", "nodes", "tactile.Flow")
     assert code == 0 and data["settings"][0]["type"] == "steel or silicone"
 
 
 def test_messages_have_units_and_shapes():
     result = run("list", "messages", "Contact")
     assert "compression_rate" in result.stdout and "[m/s]" in result.stdout and "(3)" in result.stdout
-    code, data = spoken("list", "messages")
+    code, data = json_output("list", "messages")
     assert code == 0 and {"Message", "Surface"} <= {m["name"] for m in data["messages"]}
     result = run("list", "messages", "Contakt")
     assert result.exit_code == 2 and "Did you mean 'Contact'" in result.stderr
 
 
-def test_new_nodes_come_with_tests_that_run(tmp_path):
+def test_new_writes_a_node_with_a_test_that_passes(tmp_path):
     ports = {
         "my drag": [],
         "my body": ["--takes", "Load", "--sends", "Surface"],
@@ -209,7 +209,7 @@ def test_new_nodes_come_with_tests_that_run(tmp_path):
 
 
 @pytest.mark.parametrize("installed", [True, False])
-def test_a_new_node_says_how_its_test_is_run(installed, tmp_path, monkeypatch):
+def test_new_prints_the_command_for_the_test_of_a_node(installed, tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.cli.commands.graphs.new.find_spec", lambda name: object() if installed else None)
     command = f"python -m pytest {tmp_path / 'test_my_drag.py'};"
     expected = command if installed else f"python -m pip install pytest && {command}"
@@ -241,7 +241,7 @@ def test_a_new_node_passes_the_check_of_a_graph(tmp_path, whole, monkeypatch):
     ],
 )
 @pytest.mark.parametrize("form", [[], pytest.param(["--compiled"], marks=pytest.mark.long)], ids=["python", "compiled"])
-def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets, form):
+def test_a_new_node_can_replace_each_node_of_the_kidney(tmp_path, monkeypatch, node, takes, sends, sets, form):
     run("new", "node", "Mine", "-o", tmp_path, "--takes", takes, "--sends", sends, *form)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
@@ -254,7 +254,7 @@ def test_a_new_node_runs_in_the_place_of_each_node_of_the_kidney(tmp_path, monke
 QUICK = ["--fused", "-q", "--set", "scene.surface.vertices=600", "--set", "scene.hand.begin=[0, 0, 0.107]"]
 
 
-def test_a_graph_of_ones_own_is_recorded_and_drawn_and_pictures_are_beside_the_recording(tmp_path, monkeypatch):
+def test_a_custom_graph_is_recorded_and_its_pictures_are_next_to_the_recording(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.yaml").write_text("extends: kidney\nnodes: {tissue: {stiffness: 2e3}}\n")
     few = ["--set", "log.in=[contact, collision]"]  # whose pictures are soon drawn
@@ -266,7 +266,7 @@ def test_a_graph_of_ones_own_is_recorded_and_drawn_and_pictures_are_beside_the_r
     assert len(list((tmp_path / "runs").iterdir())) == 1
 
 
-def test_a_start_that_fails_leaves_no_folder_and_takes_away_nothing_else(tmp_path, monkeypatch):
+def test_a_failed_start_leaves_no_folder_and_deletes_no_other_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     failing = ["--fused", "-q", "--set", "bad.how=start raise"]
     (tmp_path / "g.yaml").write_text(
@@ -280,7 +280,7 @@ def test_a_start_that_fails_leaves_no_folder_and_takes_away_nothing_else(tmp_pat
     assert (tmp_path / "kept.mcap").exists()
 
 
-def test_a_recording_of_few_streams_starts_and_a_failed_start_is_one_line(tmp_path, monkeypatch):
+def test_a_recording_of_few_streams_starts_and_a_failed_start_prints_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     few = ["--set", "log.in=[contact, controller]", "--out", "out"]
     assert run("run", "kidney", "--duration", "0.05", *QUICK, *few).exit_code == 0
@@ -297,7 +297,7 @@ def test_a_recording_of_few_streams_starts_and_a_failed_start_is_one_line(tmp_pa
 def test_required_fields_of_a_message_are_marked():
     lines = run("list", "messages", "Friction").stdout.splitlines()
     assert any(line.startswith("* force") for line in lines) and any(line.startswith("  stored") for line in lines)
-    _, data = spoken("list", "messages", "Friction")
+    _, data = json_output("list", "messages", "Friction")
     assert [f["name"] for f in data["messages"][0]["fields"] if f["required"]] == ["force", "bristle", "stick"]
 
 
@@ -310,7 +310,7 @@ def test_required_fields_of_a_message_are_marked():
         (["Mine", "--compiled", "--takes", "Health"], ["Health.state: a compiled node cannot hold str", "in Python"]),
     ],
 )
-def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):
+def test_an_invalid_name_or_kind_of_a_new_node_is_rejected(tmp_path, args, words):
     result = run("new", "node", "-o", tmp_path, *args)
     assert result.exit_code == 2
     for word in words:
@@ -318,8 +318,8 @@ def test_a_new_node_that_cannot_be_is_refused(tmp_path, args, words):
     assert not list(tmp_path.iterdir())
 
 
-def test_doctor_looks_at_the_machine():
-    code, data = spoken("doctor", "--no-pictures", "--seconds", "0.2")
+def test_doctor_measures_the_machine():
+    code, data = json_output("doctor", "--no-pictures", "--seconds", "0.2")
     findings = {f["what"]: f for f in data["diagnostics"]}
     assert code == 0 and data["ok"]
     assert {"python", "pyzmq", "extra view", "cores", "SCHED_RR", "locked memory", "wake-ups"} <= set(findings)
@@ -342,13 +342,13 @@ def test_doctor_finds_a_device(tmp_path, monkeypatch):
         assert "/dev/bus/usb/999/007" in finding.found and "--install-udev" in finding.cure
 
 
-def test_doctor_fails_where_a_needed_package_is_missing(monkeypatch):
+def test_doctor_fails_if_a_required_package_is_missing(monkeypatch):
     monkeypatch.setattr(diagnostics, "package_version", lambda name: None if name == "msgspec" else "1.0")
     result = run("doctor", "--no-pictures", "--seconds", "0")
     assert result.exit_code == 1 and "pip install msgspec" in result.stdout
 
 
-def test_doctor_needs_none_of_the_packages_that_it_looks_for():
+def test_doctor_runs_without_the_packages_that_it_checks():
     words = "sys.argv[1:] = ['doctor', '--no-pictures', '--seconds', '0']"
     gone = "sys.modules |= dict.fromkeys(['msgspec', 'numpy'])"
     code = f"import sys; {gone}; {words}; from palpate.cli.__main__ import main; main()"
@@ -356,7 +356,7 @@ def test_doctor_needs_none_of_the_packages_that_it_looks_for():
     assert "msgspec" in done.stdout and done.stderr == "" and done.returncode == 0
 
 
-def test_trouble_that_nobody_foresaw_is_one_line(monkeypatch, whole):
+def test_an_unexpected_exception_is_printed_in_one_line(monkeypatch, whole):
     def burst(self):
         raise RuntimeError("the pipe burst")
 

@@ -1,4 +1,4 @@
-"""What all commands have in common: options, exit codes, and words that help."""
+"""Conventions of all commands: options, exit codes, and helpful messages."""
 
 import ast
 import io
@@ -37,7 +37,7 @@ TOP = typer.main.get_command(app)
 
 
 def leaves(command, *names):
-    """Name and click command of each command that is no group."""
+    """Name and click command of each command that is not a group."""
     if isinstance(command, TyperGroup):
         for name, sub in command.commands.items():
             yield from leaves(sub, *names, name)
@@ -50,9 +50,9 @@ MEANINGS = {
     "out": {"-o", "--out"}, "quiet": {"-q", "--quiet"}, "as_json": {"--json"}, "force": {"--force"},
     "no_pictures": {"--no-pictures"},
 }  # fmt: skip
-"""The names of the options that mean the same in all commands: see CONTRIBUTING."""
+"""Names of the options that have the same function in all commands, see CONTRIBUTING.md."""
 PEOPLE = {"touch", "view", "remote join"}
-"""Commands without --json: two serve a page, one is a worker."""
+"""Commands without --json: servers of pages, and a worker."""
 
 
 def say(*words: object):
@@ -86,21 +86,21 @@ def test_wrong_input_has_exit_code_2_in_every_command(words):
         (("check", "myexperiment.yaml"), "palpate experiment myexperiment.yaml"),
     ],
 )  # fmt: skip
-def test_wrong_input_names_the_option_or_command_that_works(words, text, tmp_path, monkeypatch):
+def test_an_error_about_input_names_an_option_or_command_that_works(words, text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for kind in ("study", "experiment"):
         assert say("new", kind, f"my{kind}").exit_code == 0
-    told = say(*words)
-    assert told.exit_code == 2 and text in " ".join(told.output.replace("│", " ").split()), told.output
+    printed = say(*words)
+    assert printed.exit_code == 2 and text in " ".join(printed.output.replace("│", " ").split()), printed.output
 
 
 def test_a_misspelt_class_has_one_suggestion():
-    told = say("list", "nodes", "deformation.MassSprng")
-    assert told.exit_code == 2 and told.stderr.count("Did you mean") == 1
+    printed = say("list", "nodes", "deformation.MassSprng")
+    assert printed.exit_code == 2 and printed.stderr.count("Did you mean") == 1
 
 
 def test_the_help_fits_on_one_screen():
-    """24 commands at most, in 7 groups of 8 at most, each on one line: 50 lines of 80 columns."""
+    """At most 24 commands in at most 7 groups of at most 8, one line each: 50 lines of 80 columns."""
     text = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80", "TERMINAL_WIDTH": "80"}).stdout
     assert len(text.rstrip().splitlines()) <= 50
     panels = [sub.rich_help_panel for sub in TOP.commands.values()]
@@ -109,7 +109,7 @@ def test_the_help_fits_on_one_screen():
 
 
 @pytest.mark.parametrize("name", LEAVES)
-def test_options_that_mean_the_same_have_the_same_name(name):
+def test_options_with_the_same_function_have_the_same_name(name):
     command = LEAVES[name]
     given = {param.name: {*param.opts, *param.secondary_opts} for param in command.params}
     for meaning, names in MEANINGS.items():
@@ -122,15 +122,15 @@ def test_options_that_mean_the_same_have_the_same_name(name):
 
 
 @pytest.mark.parametrize("name", LEAVES)
-def test_the_help_of_each_command_has_an_example_that_is_one(name):
+def test_the_help_of_each_command_has_a_valid_example(name):
     command = LEAVES[name]
     assert command.epilog and command.epilog.startswith(f"Example: palpate {name}"), command.epilog
     words = shlex.split(command.epilog.removeprefix(f"Example: palpate {name}"))
     assert command.make_context(name, words) is not None
 
 
-def spoken_of():
-    """Where, and what follows `palpate` there, in all text for users: pages, graphs, and strings of the code."""
+def named_commands():
+    """File and words after `palpate`, for each command in texts for users: pages, graphs, and strings of the code."""
     for path in sorted(ROOT.rglob("*")):
         here = path.relative_to(ROOT)
         if here.parts[0] in (".venv", ".git", "build", "tests", "runs") or here.is_relative_to("docs/decisions"):
@@ -149,10 +149,10 @@ def spoken_of():
                 yield str(here), found.split()
 
 
-def test_every_command_that_a_text_names_exists():
-    """Also in error messages. A word that is no option of a group is its command."""
+def test_every_command_that_is_named_in_a_text_exists():
+    """Also in error messages. A word after a group that is not an option is a command of the group."""
     wrong, count = [], 0
-    for where, words in spoken_of():
+    for where, words in named_commands():
         command, rest = TOP, [word for word in words if word != "--debug"]
         while isinstance(command, TyperGroup) and rest and not rest[0].startswith("-") and rest[0].islower():
             count += 1
@@ -163,44 +163,44 @@ def test_every_command_that_a_text_names_exists():
     assert count > 300 and not wrong, (count, wrong)
 
 
-def test_a_missing_scene_hides_no_other_fault(tmp_path):
+def test_a_missing_scene_does_not_hide_other_errors(tmp_path):
     graph = yaml.safe_load(find_graph("kidney").graph.read_text())
     graph["scene"] = "kidny"
     graph["nodes"]["contact"]["foo"] = 1
     graph["nodes"]["tissue"]["use"] = "deformation.MassSprin"
     (tmp_path / "g.yaml").write_text(yaml.safe_dump(graph))
     for words in (["check", tmp_path / "g.yaml"], ["check", tmp_path / "g.yaml", "--scene", "frictionles"]):
-        told = say(*words)
-        assert told.exit_code == 2 and "not found" in told.stderr
-        assert "'MassSpring'" in told.stderr and "setting 'foo': unknown" in told.stderr
-        assert "the scene has no" not in told.stderr
+        printed = say(*words)
+        assert printed.exit_code == 2 and "not found" in printed.stderr
+        assert "'MassSpring'" in printed.stderr and "setting 'foo': unknown" in printed.stderr
+        assert "the scene has no" not in printed.stderr
 
 
-def test_a_recording_is_no_graph_and_says_what_shows_it():
-    told = say("check", GOLDEN)
-    assert told.exit_code == 2 and "palpate info" in told.stderr and "UTF-8" not in told.stderr
+def test_a_recording_is_rejected_as_a_graph_with_the_command_that_shows_it():
+    printed = say("check", GOLDEN)
+    assert printed.exit_code == 2 and "palpate info" in printed.stderr and "UTF-8" not in printed.stderr
 
 
 @pytest.mark.parametrize(
     ("path", "words"),
     [("tissue.stiffness", "taken in N/m^n"), ("tissue.damping", "'6 s/m'"), ("scene.finger.thickness", "'6 mm'")],
 )
-def test_a_wrong_quantity_names_the_unit_of_its_setting(path, words):
-    told = say("check", "kidney", "--set", f"{path}=abc")
-    assert told.exit_code == 2 and words in told.stderr
-    assert ("6 mm" in told.stderr) == (words == "'6 mm'")
+def test_an_error_about_a_quantity_names_the_unit_of_the_setting(path, words):
+    printed = say("check", "kidney", "--set", f"{path}=abc")
+    assert printed.exit_code == 2 and words in printed.stderr
+    assert ("6 mm" in printed.stderr) == (words == "'6 mm'")
 
 
 def test_the_numbers_of_a_tissue_have_units():
-    told = say("list", "tissues", "liver-human").stdout
-    assert "stiffness: 90.001 N/m^n" in told and "young: 6653.79 Pa" in told and "None" not in told
+    printed = say("list", "tissues", "liver-human").stdout
+    assert "stiffness: 90.001 N/m^n" in printed and "young: 6653.79 Pa" in printed and "None" not in printed
 
 
 @pytest.mark.parametrize("kind", ["graph", "scene", "study", "experiment"])
-def test_new_writes_a_file_that_is_valid_and_overwrites_none(kind, tmp_path):
-    told = say("new", kind, "mine", "-o", tmp_path)
+def test_new_writes_a_valid_file_and_overwrites_no_file(kind, tmp_path):
+    printed = say("new", kind, "mine", "-o", tmp_path)
     file = tmp_path / "mine.yaml"
-    assert told.exit_code == 0 and str(file) in told.stdout
+    assert printed.exit_code == 0 and str(file) in printed.stdout
     assert say("new", kind, "mine", "-o", tmp_path).exit_code == 2
     assert say("new", kind, "mine", "-o", tmp_path, "--force").exit_code == 0
     assert say("new", kind, "9 lives", "-o", tmp_path).exit_code == 2
@@ -244,7 +244,7 @@ def test_quiet_prints_no_table(tmp_path):
     assert "p99" in loud and "p99" not in quiet and "skipped" not in quiet and "10 ticks" in " ".join(quiet.split())
 
 
-def test_heads_of_tables_break_between_words_alone():
+def test_headers_of_tables_break_only_between_words():
     heads = ("node that ran", ">messages", ">other than recorded", ">largest difference\n[% of peak]")
     rows = [("a-very-long-name-of-a-node-indeed", "123456", "1", "0.1")]
     for width in (50, 60, 80):
@@ -255,16 +255,16 @@ def test_heads_of_tables_break_between_words_alone():
 
 
 @pytest.mark.parametrize(("mark", "what"), [("study.json", "study"), ("dataset_description.json", "experiment")])
-def test_a_folder_of_the_other_kind_is_refused(mark, what, tmp_path):
+def test_a_folder_of_the_wrong_kind_is_rejected(mark, what, tmp_path):
     (tmp_path / mark).write_text("{}")
     with pytest.raises(ArgumentError, match=f"{what}.*--out"):
         refuse(tmp_path, mark, f"data of the {what}")
     words = ["experiment", "kidney-stiffness", "--simulate"] if what == "study" else ["study", "kidney-stiffness"]
-    told = say(*words, "-o", tmp_path)
-    assert told.exit_code == 2 and mark in told.stderr and [file.name for file in tmp_path.iterdir()] == [mark]
+    printed = say(*words, "-o", tmp_path)
+    assert printed.exit_code == 2 and mark in printed.stderr and [file.name for file in tmp_path.iterdir()] == [mark]
 
 
-def test_keys_lists_the_one_that_is_named(tmp_path, monkeypatch):
+def test_keys_lists_the_given_key(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make("mine"), keys.make("theirs")
     run = CliRunner().invoke
@@ -275,7 +275,7 @@ def test_keys_lists_the_one_that_is_named(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("server", ["another key", "no key"])
-def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
+def test_join_with_a_wrong_key_fails_at_once(server, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make("mine"), keys.make("theirs")
     with zmq.Context() as context, context.socket(zmq.PUB) as orders, context.socket(zmq.PULL) as reports:
@@ -304,14 +304,14 @@ def test_join_with_another_key_says_so_at_once(server, tmp_path, monkeypatch):
         assert caught and "key" in str(caught[0]) and str(port) in str(caught[0])
 
 
-def test_a_graph_that_is_emulated_by_half_says_what_is_missing():
-    told = say("check", "indentation", "--set", "device.port=emulator")
-    assert told.exit_code == 0 and "--set sensor.port=emulator" in told.stderr
+def test_a_partly_emulated_graph_lists_the_devices_that_are_not_emulated():
+    printed = say("check", "indentation", "--set", "device.port=emulator")
+    assert printed.exit_code == 0 and "--set sensor.port=emulator" in printed.stderr
     both = say("check", "indentation", "--set", "device.port=emulator", "--set", "sensor.port=emulator")
     assert "sensor.port" not in both.stderr
 
 
-def test_a_plot_is_the_current_figure_of_pyplot():
+def test_plot_returns_the_current_figure_of_pyplot():
     pyplot = pytest.importorskip("matplotlib.pyplot")
     figure = Run(GOLDEN).plot("contact.force")
     assert pyplot.gcf() is figure
@@ -319,7 +319,7 @@ def test_a_plot_is_the_current_figure_of_pyplot():
 
 
 @pytest.mark.parametrize("stopped", [False, True])
-def test_pictures_say_that_they_take_time_and_are_left_out_after_ctrl_c(stopped, tmp_path, monkeypatch, capsys):
+def test_pictures_are_announced_and_skipped_after_ctrl_c(stopped, tmp_path, monkeypatch, capsys):
     drawn = []
     monkeypatch.setattr(
         "palpate.views.pictures.draw", lambda file, folder, warn, done: done(0.0) or drawn.append(file) or []
@@ -335,7 +335,7 @@ def test_pictures_say_that_they_take_time_and_are_left_out_after_ctrl_c(stopped,
     assert ("no pictures: interrupted; palpate picture" in said) is stopped
 
 
-def test_touch_records_its_sources_unless_all_is_asked_for(monkeypatch):
+def test_touch_records_only_sources_unless_all_is_requested(monkeypatch):
     asked = []
     monkeypatch.setattr("palpate.views.page.session.Session", lambda *given: asked.append(given[-1]) or SimpleNamespace(
         kept=[], troubles=[]))  # fmt: skip
@@ -344,7 +344,7 @@ def test_touch_records_its_sources_unless_all_is_asked_for(monkeypatch):
     assert asked == ["sources", "all"]
 
 
-def test_a_note_that_the_live_view_has_printed_is_not_repeated(capsys):
+def test_notes_of_the_live_view_are_not_repeated_at_the_end(capsys):
     graph = SimpleNamespace(notes=(), rate=1000.0)
     result = Result(
         notes=["the hand feels a softer one", "a priority was refused"], live={"the hand feels a softer one"}

@@ -1,4 +1,4 @@
-"""Errors have one root, which holds the exit code, and one place where a command tells them."""
+"""All errors have one base class with the exit code, and one function prints them for all commands."""
 
 import ast
 import builtins
@@ -24,14 +24,14 @@ INSIDE = {
     "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",
     "RefusedError", "UnheldError", "UntrustedError", "ZmtpError", "_Fault",
 }  # fmt: skip
-"""Caught by their callers, always; no user meets them."""
+"""Internal errors, which their callers always catch."""
 APART = {"MessageError"}
-"""Of `palpate.messages`, which imports nothing of ours."""
+"""Of `palpate.messages`, which imports no other folder of palpate."""
 
 
 @functools.cache
 def declared() -> dict[str, list[str]]:
-    """The first base of every class of an error in the sources, by its name: one for each declaration."""
+    """Name of each error class in the sources -> first base class of each of its declarations."""
     bases: dict[str, list[str]] = {}
     for folder in FOLDERS:
         for file in sorted((Path(__file__).parents[2] / folder).rglob("*.py")):
@@ -49,7 +49,7 @@ def declared() -> dict[str, list[str]]:
 
 
 def drawn() -> dict[str, str]:
-    """The parent of each error in the tree at the head of `physics/errors.py`."""
+    """Error -> base class in the tree in the docstring of `physics/errors.py`."""
     parents, path = {}, []
     for line in errors.__doc__.splitlines():
         entry = re.match(r"( {4,})(\w+Error)\b", line)
@@ -60,14 +60,14 @@ def drawn() -> dict[str, str]:
     return parents
 
 
-def test_the_tree_of_errors_is_the_one_that_is_drawn():
+def test_the_tree_of_errors_agrees_with_the_documented_one():
     public = {name: bases for name, bases in declared().items() if name not in INSIDE | APART and name[0] != "_"}
     assert {name: [parent] for name, parent in drawn().items()} == public, "one declaration each, ending in Error"
 
 
-def test_the_tree_has_one_root_and_holds_no_error_that_only_its_caller_meets():
+def test_the_tree_has_one_root_and_omits_internal_errors():
     assert [name for name, parent in drawn().items() if parent == "Exception"] == ["PalpateError"]
-    assert declared().keys() >= INSIDE | APART, "one of them is gone"
+    assert declared().keys() >= INSIDE | APART, "one of them no longer exists"
 
 
 class Sour(PalpateError):
@@ -117,7 +117,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_a_command_of_a_group_tells_an_error_in_one_place(case):
+def test_errors_of_all_commands_are_printed_by_one_function(case):
     error, code, text, data = CASES[case]
     run = CliRunner().invoke(program(error), ["group", "deep"])
     assert (run.exit_code, run.stderr) == (code, text)
@@ -127,21 +127,21 @@ def test_a_command_of_a_group_tells_an_error_in_one_place(case):
     assert run.exception is error
 
 
-def test_what_typer_itself_says_is_left_to_it():
-    run = CliRunner().invoke(program(typer.BadParameter("no such thing")), ["group", "deep"])
-    assert run.exit_code == 2 and "no such thing" in run.stderr
+def test_usage_errors_are_printed_by_typer():
+    run = CliRunner().invoke(program(typer.BadParameter("unknown thing")), ["group", "deep"])
+    assert run.exit_code == 2 and "unknown thing" in run.stderr
     assert CliRunner().invoke(program(typer.Exit(5)), ["group", "deep"]).exit_code == 5
 
 
-def test_join_says_for_whom_it_waits(monkeypatch):
+def test_join_prints_the_launcher_that_it_waits_for(monkeypatch):
     monkeypatch.setattr("palpate.launch.run.work.process.join", lambda *given: 0)
     words = ["remote", "join", "tcp://10.0.0.1:5600", "far", "--unencrypted", "--timeout", "7"]
-    told = CliRunner().invoke(app, words)
-    assert told.exit_code == 0 and "waiting up to 7 s for the launcher at tcp://10.0.0.1:5600" in told.stderr
+    printed = CliRunner().invoke(app, words)
+    assert printed.exit_code == 0 and "waiting up to 7 s for the launcher at tcp://10.0.0.1:5600" in printed.stderr
 
 
-def test_join_without_a_launcher_ends_in_one_line():
+def test_join_without_a_launcher_ends_with_a_one_line_error():
     words = ["remote", "join", "tcp://127.0.0.1:1", "far", "--unencrypted", "--timeout", "0.3"]
-    told = CliRunner().invoke(app, words)
-    assert told.exit_code == 1
-    assert told.stderr.splitlines()[-1] == "no launcher at tcp://127.0.0.1:1 that waits for group 'far'"
+    printed = CliRunner().invoke(app, words)
+    assert printed.exit_code == 1
+    assert printed.stderr.splitlines()[-1] == "no launcher at tcp://127.0.0.1:1 that waits for group 'far'"

@@ -48,11 +48,11 @@ def rows(folder, who="01", session=1):
     return [dict(zip(head.split("\t"), line.split("\t"), strict=True)) for line in lines]
 
 
-def test_an_observer_without_noise_tells_the_stiffer_kidney_from_recordings_that_replay_reproduces(mine, tmp_path):
+def test_an_observer_without_noise_finds_the_stiffer_kidney_and_replay_reproduces_the_trials(mine, tmp_path):
     done = call(mine(), "--simulate", "-o", "out", "--json")
     assert done.exit_code == 0, done.output
-    told = json.loads(done.stdout)
-    assert told["ok"] and told["trials"] == 4
+    printed = json.loads(done.stdout)
+    assert printed["ok"] and printed["trials"] == 4
     found = rows(tmp_path / "out")
     assert [row["hit"] for row in found] == ["1"] * 4 and {row["level"] for row in found} == {"2000.0", "4000.0"}
     for name in ("recording_1", "recording_2"):
@@ -64,7 +64,7 @@ def test_an_observer_without_noise_tells_the_stiffer_kidney_from_recordings_that
         assert stiffness == (float(found[0]["level"]) if is_comparison else 3e3)
 
 
-def test_it_goes_on_where_it_was_interrupted_with_the_trials_that_it_would_have_had(mine, tmp_path, monkeypatch):
+def test_an_interrupted_experiment_resumes_with_the_same_trials(mine, tmp_path, monkeypatch):
     file = mine(TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms"))
     assert call(file, "--simulate", "-o", "whole").exit_code == 0
     ask, asked = simulated.SimulatedObserver.ask, []
@@ -88,7 +88,7 @@ def test_it_goes_on_where_it_was_interrupted_with_the_trials_that_it_would_have_
     assert third["repeats"] == "1" and "_repeat-1.mcap" in third["recording_1"]
 
 
-def test_a_participant_who_is_there_already_is_asked_about_and_never_overwritten(mine, tmp_path, monkeypatch):
+def test_an_existing_participant_needs_confirmation_and_is_never_overwritten(mine, tmp_path, monkeypatch):
     file = mine(TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms"))
     again = (file, "--simulate", "-o", "out", "--participant", "01")
     assert call(*again).exit_code == 0
@@ -142,19 +142,19 @@ STEPS = "procedure: staircase, start: 4e3, steps:"
         ("[]", "expected a mapping with graph"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_before_anything_runs(mine, tmp_path, text, said):
+def test_errors_are_reported_before_the_first_trial(mine, tmp_path, text, said):
     done = call(mine(text), "--simulate", "-o", "out")
     assert done.exit_code == 2 and said in done.output, done.output
     assert "Traceback" not in done.output and not list(tmp_path.glob("out/sourcedata/**/*.mcap"))
 
 
-def test_a_folder_that_cannot_be_written_is_said(mine, tmp_path):
+def test_an_unwritable_folder_is_reported(mine, tmp_path):
     (tmp_path / "out").write_text("")
     done = call(mine(), "--simulate", "-o", "out")
     assert done.exit_code == 2 and "out: cannot be written: " in done.output and "--out takes another" in done.output
 
 
-def test_a_broken_table_is_recovered_to_the_last_trial_and_told(mine, tmp_path):
+def test_a_damaged_table_is_recovered_up_to_the_last_trial_with_a_note(mine, tmp_path):
     file = mine(TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms"))
     assert call(file, "--simulate", "-o", "out").exit_code == 0
     before = rows(tmp_path / "out")
@@ -166,14 +166,14 @@ def test_a_broken_table_is_recovered_to_the_last_trial_and_told(mine, tmp_path):
     assert after[:3] == before[:3] and after[3]["level"] == before[3]["level"] and after[3]["repeats"] == "1"
 
 
-def test_an_experiment_that_changed_meanwhile_is_not_gone_on_with(mine):
+def test_a_changed_experiment_is_not_resumed(mine):
     text = TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms")
     assert call(mine(text), "--simulate", "-o", "out").exit_code == 0
     done = call(mine(text.replace("4e3", "5e3")), "--simulate", "-o", "out", "--participant", "02")
     assert done.exit_code == 2 and "another version of this experiment" in done.output
 
 
-def test_participants_that_the_experiment_names_are_the_only_ones(mine, tmp_path):
+def test_only_participants_of_the_experiment_file_are_accepted(mine, tmp_path):
     text = TEXT.replace("feels: peak contact.force, noise: 1e-9", "threshold: 1, spread: 1, duration: 5 ms")
     file = mine(text + "participants: {ann: {age: 30}, bob: {age: 41}}\n")
     for _ in range(2):
@@ -192,31 +192,31 @@ def test_the_analysis_prints_and_draws_thresholds_with_intervals(mine, tmp_path)
         assert call(file, "--simulate", "-o", "out").exit_code == 0
     done = call("--analyse", "out")
     assert done.exit_code == 0 and "weber fraction at 50%" in done.output, done.output
-    told = json.loads(call("--analyse", "out", "--json").stdout)
-    first, _, mean = told["outcomes"]
+    printed = json.loads(call("--analyse", "out", "--json").stdout)
+    first, _, mean = printed["outcomes"]
     assert mean["participant"] == "all" and first["of"] == "judged greater" and first["trials"] == 56
     jnd = first["numbers"]["jnd"]
     assert jnd["low"] < 0.6745 * 300 < jnd["high"]
     assert first["numbers"]["weber fraction"]["value"] == pytest.approx(jnd["value"] / 3e3)
-    for file in told["files"]:
+    for file in printed["files"]:
         assert (tmp_path / file).stat().st_size > 100
     assert call("--analyse", tmp_path / "no").exit_code == 2
 
 
 def test_magnitudes_follow_the_power_law_of_the_observer(mine):
-    """It feels the stiffness to a power that is known: that of the force at the same way of the hand is smaller."""
+    """The observer judges a known power of the stiffness; the exponent for the force at equal travel is smaller."""
     text = TEXT.replace("reference: 3e3\n", "").replace("2afc", "magnitude").replace("[2e3, 4e3]", "[1e3, 2e3, 4e3]")
     file = mine(text.replace("feels: peak contact.force, noise: 1e-9", "feels: peak contact.force, exponent: 2.0"))
     assert call(file, "--simulate", "-o", "out").exit_code == 0
-    (told,) = json.loads(call("--analyse", "out", "--json").stdout)["outcomes"]
-    assert told["of"] == "magnitude" and told["levels"] == pytest.approx([1e3, 2e3, 4e3])
-    low, _, high = told["shares"]
+    (printed,) = json.loads(call("--analyse", "out", "--json").stdout)["outcomes"]
+    assert printed["of"] == "magnitude" and printed["levels"] == pytest.approx([1e3, 2e3, 4e3])
+    low, _, high = printed["shares"]
     slope = math.log(high / low) / math.log(4.0)
-    assert told["numbers"]["exponent"]["value"] == pytest.approx(slope, rel=0.05) and 0.3 < slope < 2.0
+    assert printed["numbers"]["exponent"]["value"] == pytest.approx(slope, rel=0.05) and 0.3 < slope < 2.0
 
 
 @pytest.mark.parametrize("file", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_an_experiment_that_ships_can_be_run_and_simulated(file, tmp_path):
+def test_the_shipped_experiments_can_be_simulated(file, tmp_path):
     experiment, source = load(file)
     stimuli = Stimuli(experiment, source, file)
     settings = simulated.load(source.sub("observer"))

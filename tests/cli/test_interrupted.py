@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a closed terminal: a command ends at once, with one line, and leaves nothing half done."""
+"""After Ctrl-C, SIGTERM or a closed terminal a command ends at once with one line and leaves no partial results."""
 
 import fcntl
 import os
@@ -45,7 +45,7 @@ def file(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_a_signal_ends_a_command_with_one_line_and_its_code(number, code):
+def test_a_signal_ends_a_command_with_one_line_and_its_exit_code(number, code):
     program, left = typer.Typer(cls=Verbs), []
 
     @program.command()
@@ -65,8 +65,8 @@ def test_a_signal_ends_a_command_with_one_line_and_its_code(number, code):
     assert (signal.getsignal(number), sys.unraisablehook) == before
 
 
-def test_a_terminal_that_closes_ends_a_run_in_order(tmp_path):
-    """What is printed there afterwards is an error of the system; it ended the run at once, its recording cut off."""
+def test_a_closed_terminal_ends_a_run_gracefully(tmp_path):
+    """Printing to a closed terminal raises OSError, which must not end the run before the recording is complete."""
     file, (master, slave) = tmp_path / "run.mcap", pty.openpty()
     words = ["run", str(write_graph(tmp_path)), "--clock", "real", "--record", str(file)]
     support = str(Path(__file__).parents[1] / "support")
@@ -86,7 +86,7 @@ def test_a_terminal_that_closes_ends_a_run_in_order(tmp_path):
     assert Recording(file).complete
 
 
-def test_ctrl_c_in_a_callback_where_python_drops_it_ends_the_command_too():
+def test_ctrl_c_in_a_callback_that_ignores_exceptions_ends_the_command():
     program = typer.Typer(cls=Verbs)
 
     @program.command()
@@ -104,14 +104,14 @@ def test_ctrl_c_in_a_callback_where_python_drops_it_ends_the_command_too():
 @pytest.mark.parametrize(
     "words", [["replay"], ["replay", "--check"], ["compare", "--set", "drag.every=2"]], ids=" ".join
 )
-def test_ctrl_c_while_a_node_computes_a_touch_again_is_no_fault_of_the_node(file, words, monkeypatch):
+def test_ctrl_c_while_a_node_recomputes_a_touch_is_not_an_error_of_the_node(file, words, monkeypatch):
     monkeypatch.setattr(Drag, "start", ctrl_c)
     done = CliRunner().invoke(app, [*words, str(file)])
     assert (done.exit_code, done.stderr.strip()) == (130, "stopped")
 
 
-def test_sigterm_to_a_command_in_the_background_of_a_script_is_no_fault_of_a_node(file, monkeypatch):
-    """There Ctrl-C is ignored."""
+def test_sigterm_to_a_background_command_is_not_an_error_of_a_node(file, monkeypatch):
+    """SIGINT is ignored in background commands of scripts."""
     monkeypatch.setattr(Drag, "start", lambda *_: signal.raise_signal(signal.SIGTERM))
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -121,7 +121,7 @@ def test_sigterm_to_a_command_in_the_background_of_a_script_is_no_fault_of_a_nod
     assert (done.exit_code, done.stderr.strip()) == (143, "stopped")
 
 
-def test_messages_of_sources_whose_computing_was_stopped_leave_no_file_and_are_computed_anew(tmp_path, monkeypatch):
+def test_an_interrupted_recomputation_leaves_no_file_and_is_repeated(tmp_path, monkeypatch):
     file = recorded(tmp_path, "sources")
     before, recording = set(tmp_path.iterdir()), Recording(file)
     with monkeypatch.context() as patch:
@@ -133,12 +133,12 @@ def test_messages_of_sources_whose_computing_was_stopped_leave_no_file_and_are_c
     assert len(list(recording.messages("sum"))) == 300
 
 
-def test_ctrl_c_ends_the_replay_that_is_repeated_until_then(file, monkeypatch):
+def test_ctrl_c_ends_a_repeated_replay(file, monkeypatch):
     monkeypatch.setattr(Drag, "start", ctrl_c)
     assert CliRunner().invoke(app, ["replay", str(file), "--loop"]).exit_code == 0
 
 
-def test_a_run_hands_ctrl_c_to_its_caller_and_the_next_one_works(tmp_path, monkeypatch):
+def test_a_run_raises_keyboard_interrupt_and_the_next_run_works(tmp_path, monkeypatch):
     launch = LaunchFile(graph=write_graph(tmp_path), duration=0.1)
     for call in (lambda to: palpate.run(launch.graph, record=to, duration=0.1), lambda to: record_touch(launch, to)):
         file = tmp_path / "out" / "run.mcap"
@@ -152,7 +152,7 @@ def test_a_run_hands_ctrl_c_to_its_caller_and_the_next_one_works(tmp_path, monke
 
 
 @pytest.mark.parametrize("to", ["csv", "parquet", "foxglove"])
-def test_an_export_that_is_stopped_leaves_no_file(file, to, tmp_path, monkeypatch):
+def test_an_interrupted_export_leaves_no_file(file, to, tmp_path, monkeypatch):
     decoded = Recording.decoded
 
     def until_a_file_is_begun(*given):

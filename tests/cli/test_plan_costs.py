@@ -1,4 +1,4 @@
-"""`palpate plan` : the cost of each effect, the nodes that run only for it, and what it changes."""
+"""`palpate plan`: the cost of each effect, the nodes that run only for it, and its influence on the force."""
 
 import json
 
@@ -17,7 +17,7 @@ def items(*sets, graph="kidney", times=None):
     return {item.effect: item for item in effect_costs(plan(load(graph, overrides=sets)), times)}
 
 
-def test_each_effect_of_the_graph_is_told_with_the_rule_that_decided():
+def test_each_effect_is_listed_with_the_rule_that_decided():
     costs = items()
     assert costs["friction"].on and costs["friction"].rule.startswith("tissue.friction holds (")
     assert not costs["band"].on and costs["band"].rule.startswith("finger.band is false (")
@@ -31,7 +31,7 @@ def test_each_effect_of_the_graph_is_told_with_the_rule_that_decided():
     assert not beams["pressure"].on and beams["pressure"].rule == "output unused: pressure"
 
 
-def test_what_runs_for_an_effect_alone_is_what_its_absence_leaves_out():
+def test_the_nodes_of_an_effect_are_those_that_do_not_run_without_it():
     costs = items("wanted=[controller]")
     assert costs["friction"].nodes == ["friction"]
     assert costs["deformation"].nodes[-1] == "tissue" and "controller" not in costs["deformation"].nodes
@@ -45,7 +45,7 @@ def test_the_effect_of_a_custom_class_is_listed(monkeypatch):
     assert items()["glow"].on
 
 
-def test_the_price_is_that_of_the_nodes_that_run_for_it_alone_by_their_divisors():
+def test_the_cost_of_an_effect_is_that_of_its_nodes_over_their_divisors():
     times = {"friction": 4e-6, "band": 30e-6}
     costs = items("effects.band=on", times=times)
     assert costs["friction"].price == 4e-6 and costs["band"].price == pytest.approx(3e-6)
@@ -61,12 +61,14 @@ def recording(short_kidney):
     return Recording(short_kidney)
 
 
-def test_a_recording_knows_the_times_of_its_nodes(recording):
+def test_a_recording_contains_the_step_times_of_its_nodes(recording):
     assert set(recording.times) >= {"device", "contact", "tissue"}
-    assert all(0 < told["median"] <= told["p99"] and told["steps"] == 350 for told in recording.times.values())
+    assert all(
+        0 < printed["median"] <= printed["p99"] and printed["steps"] == 350 for printed in recording.times.values()
+    )
 
 
-def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
+def test_the_proof_prints_the_force_with_the_opposite_choice(recording):
     costs = items()
     ablate(recording, list(costs.values()))
     assert "without it: force differs by" in costs["friction"].proof
@@ -76,7 +78,7 @@ def test_the_proof_says_what_the_force_would_be_the_other_way_round(recording):
     assert costs["recording"].proof == "no message depends on it"
 
 
-def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkeypatch, tmp_path):
+def test_the_command_prints_text_or_json_and_draws_a_picture(recording, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     text = command("plan", "kidney", "--ablate", recording.path).stdout
     said = " ".join(text.split())
@@ -87,8 +89,8 @@ def test_the_command_tells_it_as_text_as_json_and_as_a_picture(recording, monkey
     assert "the whole tick" not in " ".join(command("plan", "kidney").stdout.split())
     assert "friction" in text and "force differs by" in text and "no times yet" not in text
     data = json.loads(command("plan", "kidney", "--json").stdout)
-    told = {item["effect"]: item for item in data["costs"]}
-    assert told["friction"]["on"] and told["friction"]["price"] is None and data["times_from"] is None
+    printed = {item["effect"]: item for item in data["costs"]}
+    assert printed["friction"]["on"] and printed["friction"]["price"] is None and data["times_from"] is None
     (tmp_path / "runs" / "kidney-1").mkdir(parents=True)
     (tmp_path / "runs" / "kidney-1" / "kidney.mcap").write_bytes(recording.path.read_bytes())
     assert "kidney.mcap" in command("plan", "kidney").stdout

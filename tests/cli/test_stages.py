@@ -10,7 +10,7 @@ from palpate.launch.run import progress
 
 
 @pytest.fixture
-def told(capsys, monkeypatch):
+def progress_output(capsys, monkeypatch):
     def run(quiet=False, terminal=False):
         moment = [0.0]
         monkeypatch.setattr(progress.time, "monotonic", lambda: moment[0])
@@ -26,22 +26,22 @@ def told(capsys, monkeypatch):
     return run
 
 
-def test_a_stage_says_that_it_begins_and_every_ten_seconds_what_is_left(told):
-    assert told().splitlines() == ["condensing: 300 degrees of freedom ..."] + [
+def test_a_stage_prints_its_start_and_every_10_s_the_remaining_time(progress_output):
+    assert progress_output().splitlines() == ["condensing: 300 degrees of freedom ..."] + [
         f"condensing:  {25 * k} %, about {40 - 10 * k} s left: 300 degrees of freedom" for k in (1, 2, 3)
     ]
 
 
-def test_a_terminal_gets_a_bar_and_no_lines(told):
-    shown = told(terminal=True)
+def test_a_terminal_shows_a_bar_without_lines(progress_output):
+    shown = progress_output(terminal=True)
     assert "condensing" in shown and "degrees of freedom ..." not in shown
 
 
-def test_quiet_is_quiet(told):
-    assert told(quiet=True) == ""
+def test_quiet_prints_no_progress(progress_output):
+    assert progress_output(quiet=True) == ""
 
 
-def test_reduce_says_what_it_does_while_it_does_it(tmp_path):
+def test_reduce_prints_its_stages(tmp_path):
     words = [
         "build",
         "basis",

@@ -41,7 +41,7 @@ def mine(write):
     return lambda text=STUDY: write("mine.yaml", text)
 
 
-def test_a_study_of_a_file_its_table_its_pictures_and_its_second_run(mine, tmp_path):
+def test_a_study_file_yields_a_table_and_pictures_and_a_second_run_is_stored(mine, tmp_path):
     first = call(mine(), "-o", tmp_path / "out", "--workers", 1)
     assert first.exit_code == 1, first.output
     assert "4 points, 0 stored, 4 to compute" in first.stderr
@@ -50,10 +50,10 @@ def test_a_study_of_a_file_its_table_its_pictures_and_its_second_run(mine, tmp_p
     for name in ("peak-ball.force.png", "curve-ball.force.png"):
         assert (tmp_path / "out" / name).read_bytes()[:4] == b"\x89PNG"
     again = call(mine(), "-o", tmp_path / "out", "--json")
-    told = json.loads(again.stdout)
-    assert not told["ok"] and told["failed"] == 2 and again.exit_code == 1
-    assert [point["ball.young"] for point in told["points"]] == [1e4, 1e4, 2e4, 2e4]
-    assert told["points"][2]["peak ball.force"] == 2 * told["points"][0]["peak ball.force"]
+    printed = json.loads(again.stdout)
+    assert not printed["ok"] and printed["failed"] == 2 and again.exit_code == 1
+    assert [point["ball.young"] for point in printed["points"]] == [1e4, 1e4, 2e4, 2e4]
+    assert printed["points"][2]["peak ball.force"] == 2 * printed["points"][0]["peak ball.force"]
 
 
 @pytest.mark.parametrize(
@@ -71,12 +71,12 @@ def test_a_study_of_a_file_its_table_its_pictures_and_its_second_run(mine, tmp_p
         (STUDY + "set: {ball.radios: 1}", "set ball.radios: node 'ball', setting 'radios': unknown"),
     ],
 )
-def test_a_wrong_file_is_told_in_a_line(mine, text, said):
+def test_an_invalid_file_is_reported_in_one_line(mine, text, said):
     outcome = call(mine(text))
     assert outcome.exit_code == 2 and said in outcome.stderr, outcome.stderr
 
 
-def test_a_study_that_is_too_large_asks(mine):
+def test_a_large_study_asks_for_confirmation(mine):
     text = STUDY.replace("[1e4, 2e4]", "{linspace: [1e4, 2e4, 5000]}").replace('["", fail]', "a")
     text = text.replace("ball.what: a", "ball.radius: {linspace: [1e-3, 2e-3, 2000]}")
     outcome = call(mine(text))
@@ -102,12 +102,12 @@ def test_a_missing_package_is_named_with_its_extra(mine, monkeypatch, package, t
 
 
 @pytest.mark.parametrize("name", sorted(file.stem for file in STUDIES.glob("*.yaml")))
-def test_a_study_that_ships_loads(name):
+def test_the_shipped_studies_load(name):
     assert 2 <= len(load(find(name))) <= 100
 
 
 @pytest.mark.long
-def test_ctrl_c_ends_with_its_code_and_keeps_what_is_done(mine, tmp_path):
+def test_ctrl_c_ends_a_study_with_its_exit_code_and_keeps_finished_points(mine, tmp_path):
     file = mine(STUDY.replace('ball.what: ["", fail]', "ball.pause: {linspace: [0.2, 0.3, 20]}"))
     temporary = tmp_path / "temporary"
     temporary.mkdir()

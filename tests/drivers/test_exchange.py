@@ -203,9 +203,9 @@ def silent(silence=0.5):
 @pytest.mark.parametrize("silence", [0.5, 2.0])
 def test_a_device_without_an_answer_for_longer_than_its_limit_is_lost(silence):
     driver, exchange = silent(silence)
-    with pytest.raises(DeviceError, match=f"slow thing does not answer .* nothing came for {silence:g} s") as told:
+    with pytest.raises(DeviceError, match=f"slow thing does not answer .* nothing came for {silence:g} s") as printed:
         answered(driver, exchange, 10_000, 0.004, every=0)
-    assert told.value.lost and driver.sent[-1][0] + 0.004 == pytest.approx(silence, abs=0.005)
+    assert printed.value.lost and driver.sent[-1][0] + 0.004 == pytest.approx(silence, abs=0.005)
 
 
 def test_a_device_that_answers_now_and_then_is_not_lost():

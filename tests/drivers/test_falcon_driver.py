@@ -224,9 +224,9 @@ def test_an_unplugged_falcon_is_gone_until_it_is_back():
     driver, _, time = pair(EmulatedFaults(unplug=1.0, back=3.0), loaded=True)
     driver.open()
     time.ns += 1_100_000_000
-    with pytest.raises(DeviceError, match="gone") as told:
+    with pytest.raises(DeviceError, match="gone") as raised:
         driver.cycle(ZERO)
-    assert told.value.lost
+    assert raised.value.lost
     driver.close()
     with pytest.raises(DeviceError, match="unplugged"):
         driver.open()

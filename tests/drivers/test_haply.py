@@ -70,8 +70,8 @@ def test_a_service_that_ends_is_gone():
     emulated, driver = service(faults=EmulatedFaults(unplug=0.2))
     try:
         driver.open()
-        with pytest.raises(DeviceError, match=r"is gone\. Start it again") as told:
+        with pytest.raises(DeviceError, match=r"is gone\. Start it again") as raised:
             cycled(driver, (0.0, 0.0, 0.0), 5.0)
-        assert told.value.lost
+        assert raised.value.lost
     finally:
         emulated.close()

@@ -35,8 +35,8 @@ def until_it_went_on(steps, note):
             left - min(moment - looked, 0.2 if device["steps"] else 0.0),
             moment,
         )  # kernels may have to compile
-        told = not note or note in running.result.notes
-        if not told or device["late"] - late > OUTAGE or not device["steps"]:
+        printed = not note or note in running.result.notes
+        if not printed or device["late"] - late > OUTAGE or not device["steps"]:
             begun = device["steps"]
         late = device["late"]
         if left < 0.0 or device["steps"] - begun >= steps:

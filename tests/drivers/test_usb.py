@@ -119,9 +119,9 @@ def test_a_falcon_on_usb_is_loaded_and_answers():
     samples = [driver.cycle((0.0, 0.0, 0.0)) for _ in range(30)]
     assert any(s is not None and s.homed for s in samples)
     bus.pulled = True
-    with pytest.raises(DeviceError, match="is gone") as told:
+    with pytest.raises(DeviceError, match="is gone") as raised:
         driver.cycle((0.0, 0.0, 0.0))
-    assert told.value.lost
+    assert raised.value.lost
     driver.close()
 
 

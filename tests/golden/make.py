@@ -1,13 +1,13 @@
-"""Make the golden recordings anew: small runs that every change of the code is replayed against.
+"""Record the golden recordings again: small runs with which every change of the code is compared.
 
     python tests/golden/make.py [NAME...]
 
-Run it where a change is meant to alter what is computed, and say so in the CHANGELOG. From the repository's root, so
-that no path of this machine gets into the files.
+Run it after an intended change of the computed values, and describe this change in the CHANGELOG. Run it in the
+repository's root, so that the files contain no path of this machine.
 
     plane    a plane, fused, simulated time          kidney   the kidney, fused, simulated time
     smooth   the plane without friction              live     the plane on the real clock, in three processes, with
-                                                              whatever late, lost and held messages the machine gives
+                                                              the late, lost and held messages of this machine
 """
 
 import os

@@ -1,4 +1,4 @@
-"""A graph as an environment: Gymnasium's own checks, the same bytes for the same seed, and forces that balance."""
+"""A graph as an environment: the checks of Gymnasium, reproducibility by the seed, and the balance of forces."""
 
 import copy
 import pickle
@@ -29,25 +29,25 @@ DOWN = np.array([0.0, 0.0, -0.03], np.float32)
 def spell(seed, steps=40, **given):
     """Observations and rewards of an episode with random actions, as bytes."""
     env = Touch(**given) if given else Press()
-    told = played(env, seed, steps)
+    printed = played(env, seed, steps)
     env.close()
-    return told
+    return printed
 
 
 def played(env, seed, steps):
     env.action_space.seed(seed)
     observation, _ = env.reset(seed=seed)
-    told = [observation]
+    printed = [observation]
     for _ in range(steps):
         action = env.action_space.sample()
         action[2] = -abs(action[2])
         observation, reward, *_ = env.step(action)
-        told += [observation, {"reward": np.array(reward)}]
-    return b"".join(part.tobytes() for each in told for part in each.values())
+        printed += [observation, {"reward": np.array(reward)}]
+    return b"".join(part.tobytes() for each in printed for part in each.values())
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_gymnasium_finds_nothing_to_say(task):
+def test_the_checks_of_gymnasium_pass(task):
     env = gymnasium.make(f"palpate/{task}-v0")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -56,8 +56,8 @@ def test_gymnasium_finds_nothing_to_say(task):
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, copy.copy, pickle.dumps])
-def test_a_copy_that_would_share_its_state_is_refused(copied):
-    """What is around it is copied by reference, by design of `copy.copy`; the stepper itself never is."""
+def test_a_copy_that_would_share_state_is_rejected(copied):
+    """`copy.copy` copies attributes by reference, so the stepper must reject copies."""
     env = Press()
     with pytest.raises(ArgumentError, match="cannot be copied or pickled; make another one"):
         copied(env.stepper)
@@ -68,7 +68,7 @@ def test_a_copy_that_would_share_its_state_is_refused(copied):
 
 
 @pytest.mark.parametrize("name", ["Touch", "Press", "FindNodule"])
-def test_a_pickled_environment_is_made_again_by_its_arguments_and_does_the_same(name):
+def test_a_pickled_environment_is_rebuilt_and_behaves_the_same(name):
     env = {"Touch": Touch, "Press": Press, "FindNodule": FindNodule}[name](
         duration=0.7, ticks=7, render_mode="rgb_array"
     )
@@ -81,7 +81,7 @@ def test_a_pickled_environment_is_made_again_by_its_arguments_and_does_the_same(
     other.close()
 
 
-def test_the_picture_shows_the_finger_where_it_is_and_the_force_as_it_grows():
+def test_the_picture_shows_the_position_and_the_force_of_the_finger():
     env = Touch(render_mode="rgb_array")
     with pytest.raises(ArgumentError, match="call reset"):
         env.render()
@@ -100,7 +100,7 @@ def test_the_picture_shows_the_finger_where_it_is_and_the_force_as_it_grows():
     env.close()
 
 
-def test_the_same_seed_gives_the_same_bytes_whatever_was_before():
+def test_equal_seeds_yield_equal_bytes_after_any_episode():
     env = Press()
     first = played(env, 7, 40)
     other = played(env, 8, 25)
@@ -109,7 +109,7 @@ def test_the_same_seed_gives_the_same_bytes_whatever_was_before():
     env.close()
 
 
-def test_a_reset_gives_what_a_new_environment_gives_to_the_last_bit_of_each_stream():
+def test_a_reset_environment_equals_a_new_one_in_every_bit_of_each_stream():
     one, two = Touch(ticks=3), Touch(ticks=3)
     for env, before in ((one, 30), (two, 0)):
         env.reset(seed=1)
@@ -125,8 +125,8 @@ def test_a_reset_gives_what_a_new_environment_gives_to_the_last_bit_of_each_stre
     two.close()
 
 
-def test_the_force_felt_is_what_holds_the_hand_up():
-    """k (goal - x) + F = 0 on a hand at rest: the arm is the scale that the contact's force is weighed with."""
+def test_the_observed_force_balances_the_hand():
+    """k (goal - x) + F = 0 on a hand at rest: the spring of the arm measures the contact force."""
     env = Touch(nodes={"device": {"resolution": 0.0}})
     env.reset(seed=0)
     down = np.array([0.0, 0.0, -0.05], np.float32)
@@ -143,7 +143,7 @@ def test_the_force_felt_is_what_holds_the_hand_up():
     env.close()
 
 
-def test_the_goal_moves_with_the_wanted_velocity_and_stays_in_its_room():
+def test_the_goal_moves_with_the_commanded_velocity_within_its_box():
     env = Touch()
     env.reset(seed=0)
     hand = env._steered[0]
@@ -151,23 +151,25 @@ def test_the_goal_moves_with_the_wanted_velocity_and_stays_in_its_room():
     env.step(np.array([0.1, 0.0, 0.0], np.float32))
     assert hand.own["goal"] - start == pytest.approx([0.1 * env.step_time, 0.0, 0.0], abs=1e-9)
     for _ in range(100):
-        env.step(np.array([9.0, -9.0, 9.0], np.float32))  # cut off at SPEED, as RL's own noise goes beyond it
+        env.step(
+            np.array([9.0, -9.0, 9.0], np.float32)
+        )  # clipped at SPEED, since the exploration noise of learners exceeds it
     assert hand.own["goal"] - start == pytest.approx([ROOM[1][0], ROOM[0][1], ROOM[1][2]], abs=1e-9)
     assert env.action_space.high[0] == SPEED
     env.close()
 
 
-def test_many_at_once_give_what_each_gives_alone():
+def test_processes_in_parallel_equal_a_single_environment():
     def make():
         return Press(ticks=20)
 
     def rolled(env):
-        told = [env.reset(seed=[3, 4])[0]["force"]]
+        printed = [env.reset(seed=[3, 4])[0]["force"]]
         for _ in range(40):
             observation, rewards, *_ = env.step(np.tile(DOWN, (2, 1)))
-            told += [observation["force"], rewards]
+            printed += [observation["force"], rewards]
         env.close()
-        return np.concatenate([part.ravel() for part in told]).tobytes()
+        return np.concatenate([part.ravel() for part in printed]).tobytes()
 
     alone = []
     for seed in (3, 4):
@@ -181,7 +183,7 @@ def test_many_at_once_give_what_each_gives_alone():
     assert rewards.tolist() == [each[-1] for each in alone]
 
 
-def test_several_hands_have_a_row_each():
+def test_each_hand_has_a_row_of_the_observation():
     env = Touch("palpate-two")
     observation, _ = env.reset(seed=0)
     assert {part.shape for part in observation.values()} == {(2, 3)} == {env.action_space.shape}
@@ -202,7 +204,7 @@ def test_any_graph_with_a_simulated_hand_can_be_touched(graph):
     env.close()
 
 
-def test_settings_of_one_episode_end_with_it():
+def test_settings_of_an_episode_do_not_affect_the_next():
     env = Touch()
     env.reset(options={"tissue": {"stiffness": 1234.0}})
     assert env.tick.settings("tissue")["stiffness"] == 1234.0
@@ -213,7 +215,7 @@ def test_settings_of_one_episode_end_with_it():
     env.close()
 
 
-def test_the_scripted_search_finds_the_nodule_by_force_alone():
+def test_the_scripted_search_finds_the_nodule_from_the_force_alone():
     env = FindNodule()
     episodes = score(env, lambda: Search(env.step_time), range(3))
     places = {env.reset(seed=seed) and env.tick.settings("tissue")["nodule_position"] for seed in range(3)}
@@ -223,7 +225,7 @@ def test_the_scripted_search_finds_the_nodule_by_force_alone():
     env.close()
 
 
-def test_a_wrong_place_a_hard_press_and_waiting_cost_what_the_page_says():
+def test_the_reward_for_a_wrong_place_a_large_force_and_time_is_as_documented():
     env = FindNodule(duration=0.05)
     env.reset(seed=2)
     still = np.zeros(4, np.float32)
@@ -250,7 +252,7 @@ def test_a_wrong_place_a_hard_press_and_waiting_cost_what_the_page_says():
     pressed.close()
 
 
-def test_the_scripted_press_holds_the_wanted_force_on_tissue_of_any_stiffness():
+def test_the_scripted_press_reaches_the_target_force_for_every_stiffness():
     env = Press()
     stiffness, wanted = set(), set()
     for seed in range(3):
@@ -277,12 +279,12 @@ def test_the_scripted_press_holds_the_wanted_force_on_tissue_of_any_stiffness():
         (lambda: Touch().step(DOWN), r"call reset\(\) first"),
     ],
 )
-def test_what_cannot_be_is_said(make, text):
+def test_invalid_arguments_are_reported(make, text):
     with pytest.raises(PalpateError, match=text):
         make()
 
 
-def test_an_action_of_another_shape_or_without_a_value_is_refused():
+def test_an_action_with_a_wrong_shape_or_a_nan_is_rejected():
     env = Touch()
     env.reset()
     for action in (np.zeros(4), np.array([0.0, np.nan, 0.0]), 1.0):
@@ -291,7 +293,7 @@ def test_an_action_of_another_shape_or_without_a_value_is_refused():
     env.close()
 
 
-def test_without_gymnasium_the_extra_is_named():
+def test_the_extra_is_named_if_gymnasium_is_missing():
     code = "import sys; sys.modules['gymnasium'] = None; import palpate.gym"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.returncode == 1
@@ -299,8 +301,8 @@ def test_without_gymnasium_the_extra_is_named():
 
 
 @pytest.mark.parametrize("name", ["Press", "FindNodule"])
-def test_lanes_of_one_environment_give_what_each_gives_alone_over_episodes(name):
-    """Bit for bit, past the end of an episode: the reset is that of the single environment."""
+def test_lanes_equal_single_environments_over_several_episodes(name):
+    """Bit for bit, beyond the end of an episode, because the reset equals that of a single environment."""
     given, count, steps = {"duration": 0.25, "ticks": 10}, 3, 60
     envs = gymnasium.make_vec(
         f"palpate/{name}-v0", num_envs=count, vectorization_mode="vector_entry_point", threads=2, **given
@@ -331,7 +333,7 @@ def test_lanes_of_one_environment_give_what_each_gives_alone_over_episodes(name)
         env.close()
 
 
-def test_a_vector_of_environments_says_what_cannot_be():
+def test_invalid_arguments_of_a_vector_environment_are_reported():
     with pytest.raises(ArgumentError, match="num_envs: found 0"):
         VectorTouch(Touch, 0)
     envs = VectorTouch(Touch, 2)

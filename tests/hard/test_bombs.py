@@ -49,16 +49,16 @@ def each_grown(setup: str, call: str, *paths: Path) -> list[tuple[str, int]]:
     code = LIMITED.format(setup=setup, call=call)
     done = subprocess.run([sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    told: list[tuple[str, int]] = []
+    printed: list[tuple[str, int]] = []
     said: list[str] = []
     for line in done.stdout.splitlines():
         if line.startswith("grew by "):
-            told.append(("\n".join(said), int(line.split()[2])))
+            printed.append(("\n".join(said), int(line.split()[2])))
             said = []
         else:
             said.append(line)
-    assert len(told) == len(paths), done.stdout
-    return told
+    assert len(printed) == len(paths), done.stdout
+    return printed
 
 
 def grown(setup: str, call: str, path: Path) -> tuple[str, int]:

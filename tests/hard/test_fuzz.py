@@ -112,9 +112,9 @@ def test_a_damaged_recording_is_told_and_what_is_whole_is_recovered(tmp_path, to
 
     def read(damaged_path: Path) -> None:
         recording = Recording(damaged_path)
-        told = contents(recording)
+        printed = contents(recording)
         if recording.complete:
-            assert damaged_path.read_bytes() == touch or sum(s["count"] for s in told["streams"]) == len(whole)
+            assert damaged_path.read_bytes() == touch or sum(s["count"] for s in printed["streams"]) == len(whole)
         for stream, tick, _, payload in recording.raw():
             assert whole[stream, tick] == payload
         target, counts = recover(damaged_path, tmp_path / "again.mcap")
@@ -328,9 +328,9 @@ JSON = st.recursive(
 @settings(max_examples=60)
 @given(message=JSON)
 def test_what_the_service_of_a_device_says_is_read_or_ignored(message):
-    told = inverse3.state(json.dumps(message))
-    inverse3.position(told)
-    inverse3.buttons(told)
+    printed = inverse3.state(json.dumps(message))
+    inverse3.position(printed)
+    inverse3.buttons(printed)
 
 
 def test_nesting_without_end_from_the_service_of_a_device_is_ignored():

@@ -94,9 +94,9 @@ def test_an_element_that_is_pushed_inside_out_is_refused_and_its_energy_stays_fi
     z = mesh.points[:, 2]
     fixed = np.repeat(((z < 1e-9) | (z > 0.01 - 1e-9))[:, None], 3, axis=1)
     solver = Solver(mesh, {0: neo_hooke(1e4, 0.3)}, fixed, lambda load: load * through)
-    with pytest.raises(PalpateError) as told:
+    with pytest.raises(PalpateError) as raised:
         solver.advance(1.0)
-    assert np.isfinite(solver.displacement).all() and len(str(told.value)) > 40
+    assert np.isfinite(solver.displacement).all() and len(str(raised.value)) > 40
 
 
 @settings(deadline=None, max_examples=20)

@@ -1,4 +1,4 @@
-"""The contract of every message type that ships: words and annotations agree, the wire form is plain msgpack."""
+"""Requirements for every shipped message type: docstrings agree with annotations, the wire form is plain msgpack."""
 
 import math
 
@@ -20,7 +20,7 @@ ODD_TYPES = ["<f8", ",", "(", "<i4", "O", "(2,)f8", "f8,f8", "M8", "V0", "U0"]
 
 
 def value_of(field, lengths, draw):
-    """A value that fits a field; lengths of arrays agree where their letters do."""
+    """A valid value of a field; arrays with the same length symbol have the same length."""
     shape = tuple(lengths[n] if isinstance(n, str) else n for n in field.shape)
     number = st.floats(allow_nan=False, allow_infinity=False)
     count = math.prod(shape)
@@ -58,12 +58,12 @@ def same(a, b):
             assert one == two and type(one) is type(two), name
 
 
-def test_there_are_messages():
+def test_messages_exist():
     assert {"Contact", "Surface", "Force"} <= set(ids)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
-def test_the_docstring_says_what_the_annotations_say(kind):
+def test_docstrings_agree_with_annotations(kind):
     declared = [(f.name, f.unit, f.shape) for f in fields(kind)]
     described = {d.name: (d.name, d.unit, d.shape) for d in documented(kind)}
     for field in declared:
@@ -79,7 +79,7 @@ def test_the_header_is_described():
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 @settings(max_examples=10, deadline=None)
 @given(data=st.data())
-def test_what_is_sent_arrives(kind, data):
+def test_a_message_survives_a_round_trip(kind, data):
     message = data.draw(messages(kind))
     wire = pack(message)
     same(unpack(wire, kind), message)
@@ -106,14 +106,14 @@ def test_any_msgpack_reader_can_read_it(kind, data):
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 @settings(max_examples=6, deadline=None)
 @given(data=st.data())
-def test_rubbish_is_refused_or_read_but_never_breaks(kind, data):
+def test_random_bytes_are_rejected_or_decoded_without_a_crash(kind, data):
     rubbish(kind, data)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 @settings(max_examples=6, deadline=None)
 @given(data=st.data())
-def test_a_damaged_message_is_refused_or_read_but_never_breaks(kind, data):
+def test_a_damaged_message_is_rejected_or_decoded_without_a_crash(kind, data):
     damaged(kind, data)
 
 
@@ -121,7 +121,7 @@ def test_a_damaged_message_is_refused_or_read_but_never_breaks(kind, data):
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 @settings(max_examples=300, deadline=None)
 @given(data=st.data())
-def test_no_rubbish_and_no_damage_breaks(kind, data):
+def test_random_and_damaged_bytes_never_crash(kind, data):
     rubbish(kind, data)
     damaged(kind, data)
 
@@ -135,7 +135,7 @@ def rubbish(kind, data):
 
 
 def damaged(kind, data):
-    """A true message with one field replaced, or cut, or with a flipped byte."""
+    """A valid message with one field replaced, truncated, or with a flipped byte."""
     message = data.draw(messages(kind))
     plain = msgpack.unpackb(pack(message))
     name = data.draw(st.sampled_from(sorted(plain)))
@@ -164,7 +164,7 @@ def nested():
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 @settings(max_examples=6, deadline=None)
 @given(data=st.data(), bad=st.sampled_from([math.nan, math.inf, -math.inf]))
-def test_a_number_that_is_not_finite_is_told_by_field(kind, data, bad):
+def test_a_number_that_is_not_finite_is_reported_with_its_field(kind, data, bad):
     message = data.draw(messages(kind))
     for field in fields(kind):
         value = getattr(message, field.name)
@@ -183,7 +183,7 @@ def test_a_number_that_is_not_finite_is_told_by_field(kind, data, bad):
 
 @pytest.mark.parametrize("kind", KINDS, ids=ids)
 def test_the_largest_numbers_are_finite(kind):
-    """Their sum is not; the check must neither refuse them nor warn."""
+    """Although their sum overflows, the check must neither reject them nor warn."""
     most = np.finfo(float).max
 
     def value(field):
@@ -196,7 +196,7 @@ def test_the_largest_numbers_are_finite(kind):
     check_finite(kind(**{field.name: value(field) for field in fields(kind)}))
 
 
-def test_a_message_keeps_what_nobody_can_write_to_and_copies_the_rest():
+def test_a_message_shares_read_only_arrays_and_copies_others():
     nodes, forces = np.arange(3, dtype="<i4"), np.arange(9.0).reshape(3, 3)
     nodes.setflags(write=False)
     load = Load(nodes=nodes, forces=forces, foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
@@ -209,6 +209,6 @@ def test_a_message_keeps_what_nobody_can_write_to_and_copies_the_rest():
     assert load.foot == (0.0, 0.0, 0.0) and type(load.foot[0]) is float and type(load.normal) is tuple
 
 
-def test_lengths_that_belong_together_are_equal():
+def test_arrays_with_the_same_length_symbol_have_equal_lengths():
     with pytest.raises(MessageError, match=r"Load.forces: found shape \(2, 3\), expected \(3, 3\)"):
         Load(nodes=np.zeros(3, "<i4"), forces=np.zeros((2, 3)), foot=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))

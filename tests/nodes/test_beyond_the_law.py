@@ -28,19 +28,19 @@ DEEP = (
 def pressed(*depths, **settings):
     """Notes and conditions of a finger that a plate compresses by these depths [m], one after the other."""
     bus = FakeBus(Series(**settings), body=PLATE)
-    told = []
+    printed = []
     for depth in depths:
         near = msgspec.structs.replace(Proximity.example(loaded=True), approach=depth, tick=-1, time=-1)
         (contact,) = bus.publish(near)
-        told.append((bus.node.notes(), bus.node.condition(), contact))
-    return told
+        printed.append((bus.node.notes(), bus.node.condition(), contact))
+    return printed
 
 
 def test_a_compression_within_the_tissue_says_nothing_and_one_beyond_it_is_said_once_with_its_force():
-    told = pressed(1e-3, 3.9e-3, 4.6e-3, 4.8e-3, *[1e-3] * 10)  # it recovers by 0.125 mm a step
-    assert [len(notes) for notes, _, _ in told] == [0, 0, 1] + [0] * 11
-    assert [bool(condition) for _, condition, _ in told][:4] == [False, False, True, True] and not told[-1][1]
-    (note,), _, contact = told[2]
+    printed = pressed(1e-3, 3.9e-3, 4.6e-3, 4.8e-3, *[1e-3] * 10)  # it recovers by 0.125 mm a step
+    assert [len(notes) for notes, _, _ in printed] == [0, 0, 1] + [0] * 11
+    assert [bool(condition) for _, condition, _ in printed][:4] == [False, False, True, True] and not printed[-1][1]
+    (note,), _, contact = printed[2]
     assert "4.6 mm" in note and "4 mm thick" in note and f"{contact.force:.3g} N" in note and "meaningless" in note
 
 

@@ -112,16 +112,16 @@ def test_two_processes_that_need_the_same_kernels_compile_them_once(folder):
 def test_a_second_process_compiles_meanwhile_what_comes_later(folder, monkeypatch):
     import kernels
 
-    fork, forked, told = os.fork, [], []
+    fork, forked, printed = os.fork, [], []
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
     monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
-    with compiling(told.append, [lambda: 1 / 0, lambda: kernels.other(np.ones(3))]):
+    with compiling(printed.append, [lambda: 1 / 0, lambda: kernels.other(np.ones(3))]):
         kernels.outer(np.ones(3))
         while not list((folder / "cache").rglob("*other-*.nbc")):  # by the second process: nobody calls it here
             time.sleep(0.01)
         assert kernels.other(np.ones(3)) == np.inf
         kernels.inner(np.ones(3))
     assert sum(kernels.other.stats.cache_hits.values()) == 1
-    assert told[-1] > len(told)  # those of the second process are counted, too
+    assert printed[-1] > len(printed)  # those of the second process are counted, too
     with pytest.raises(ChildProcessError):  # it is gone
         os.waitpid(*forked, os.WNOHANG)

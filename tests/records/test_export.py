@@ -52,10 +52,10 @@ def test_each_json_message_fits_its_schema(recording, tmp_path):
     with open(path, "rb") as file:
         for schema, _, record in make_reader(file).iter_messages():
             if schema.id not in fits:
-                told = json.loads(schema.data)
-                kind = jsonschema.validators.validator_for(told)
-                kind.check_schema(told)
-                fits[schema.id] = kind(told)
+                printed = json.loads(schema.data)
+                kind = jsonschema.validators.validator_for(printed)
+                kind.check_schema(printed)
+                fits[schema.id] = kind(printed)
             fits[schema.id].validate(json.loads(record.data))
     assert fits
 
@@ -78,8 +78,8 @@ def test_pyarrow_reads_parquet_with_units_and_provenance(recording, tmp_path):
             assert all(table.schema.field(c).metadata[b"unit"].decode() == field.unit for c in columns)
             assert all(c.endswith(f" [{field.unit}]") for c in columns)
             for message, *values in zip(messages, *(table.column(c).to_pylist() for c in columns), strict=True):
-                told = [x for x in np.ravel(np.array(values, dtype=object)).tolist() if x is not None]
-                flat = np.concatenate([np.ravel(x) for x in told]) if told else np.zeros(0)
+                printed = [x for x in np.ravel(np.array(values, dtype=object)).tolist() if x is not None]
+                flat = np.concatenate([np.ravel(x) for x in printed]) if printed else np.zeros(0)
                 assert np.array_equal(flat, np.ravel(getattr(message, field.name)))
 
 

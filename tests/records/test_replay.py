@@ -250,8 +250,8 @@ def tampered(path: Path, target: Path, stream: str, tick: int, **fields) -> Path
         channels = {}
         for name, its in recording.streams.items():
             schema = writer.register_schema(its.schema["title"], "jsonschema", json.dumps(its.schema).encode())
-            told = {"producer": its.producer, "every": str(its.every), "thin": "1"}
-            channels[name] = writer.register_channel(name, "msgpack", schema, told)
+            printed = {"producer": its.producer, "every": str(its.every), "thin": "1"}
+            channels[name] = writer.register_channel(name, "msgpack", schema, printed)
         for name, at, time, payload in recording.raw():
             if (name, at) == (stream, tick):
                 payload = pack(msgspec.structs.replace(unpack(payload, recording.streams[name].type), **fields))

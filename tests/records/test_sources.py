@@ -145,9 +145,11 @@ def test_a_check_that_differs_is_told_with_stream_tick_and_versions(tmp_path, mo
         return Force(force=(force.force[0] + 1e-9, 0.0, 0.0), state="free", energy=0.0)
 
     monkeypatch.setattr(Spring, "step", changed)
-    with pytest.raises(RecordingError, match=r"stream 'spring', tick 400, field force\[0\] \[N\].*palpate \d") as told:
+    with pytest.raises(
+        RecordingError, match=r"stream 'spring', tick 400, field force\[0\] \[N\].*palpate \d"
+    ) as raised:
         list(Recording(path).raw())
-    assert "--to mcap --full" in str(told.value)
+    assert "--to mcap --full" in str(raised.value)
     for verb in (["echo", path, "sum"], ["replay", path], ["export", path, "--to", "csv", "--out", tmp_path / "csv"]):
         code, _, err = say(*verb)
         assert code == 1 and "tick 400" in err and "Traceback" not in err
@@ -264,9 +266,9 @@ def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path,
     own = [row[1] for row in right if row[0] == stream]
     tick = own[2 * len(own) // 3]
     holed = without(path, (stream, tick))
-    with pytest.raises(RecordingError, match=r"stream '\w+', tick \d+") as told:
+    with pytest.raises(RecordingError, match=r"stream '\w+', tick \d+") as raised:
         list(Recording(holed).raw())
-    assert "Traceback" not in str(told.value) and "--to mcap --full" in str(told.value)
+    assert "Traceback" not in str(raised.value) and "--to mcap --full" in str(raised.value)
     target, _, report = recover_full(holed)
     got = rows(target)
     assert not report.ok and got == right[: len(got)] and 0 < got[-1][1] < tick
@@ -281,9 +283,9 @@ def test_what_a_live_run_lost_is_told_and_what_comes_before_can_be_had(tmp_path,
     ],
 )
 def test_what_cannot_be_computed_again_is_not_recorded_that_way(tmp_path, text, more, words):
-    with pytest.raises(GraphError) as told:
+    with pytest.raises(GraphError) as raised:
         record(tmp_path, text, **more)
-    assert all(word in str(told.value) for word in [*words, "record: all"])
+    assert all(word in str(raised.value) for word in [*words, "record: all"])
     assert not (tmp_path / "sources.mcap").exists()
 
 

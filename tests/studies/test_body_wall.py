@@ -35,15 +35,15 @@ def test_the_reduced_organ_is_kelvin_voigt(period):
 )
 def test_the_loop_ends_where_the_poles_leave_the_circle(body, delay):
     """An exact encoder, no dry friction: within an eighth of an octave. The controller holds all."""
-    told = row(EXACT, body, 1000.0, delay)
-    assert told["bare"] == approx(told["stable"], rel=0.1)
-    assert math.isinf(told["controlled"]) and told["given_out"] < 2e-3
+    printed = row(EXACT, body, 1000.0, delay)
+    assert printed["bare"] == approx(printed["stable"], rel=0.1)
+    assert math.isinf(printed["controlled"]) and printed["given_out"] < 2e-3
 
 
 def test_a_viscous_body_is_told_as_one_that_cannot_be_held():
     """The beams' skin takes hundreds of N s/m: more than a grip of 0.1 kg can be held by, late by five samples."""
-    told = row(WallDevice(), BeamBundle, 1000.0, 5)
-    assert told["stable"] == 0.0
+    printed = row(WallDevice(), BeamBundle, 1000.0, 5)
+    assert printed["stable"] == 0.0
     assert not held(WallDevice(), stiffened(BeamBundle, 64.0), controlled=False, period=1e-3, delay=5)[0]
 
 

@@ -61,7 +61,7 @@ def test_an_outside_solver_meets_it_on_its_own_elements():
 def test_a_stored_reference_says_what_it_was_made_from_and_how_sure_it_is(name):
     place = sites.stored(name)
     assert {"command", "commit", "solvers", "young", "felupe", "place"} <= set(place.about)
-    assert all(len(told["unknowns"]) == 2 for told in place.about["solvers"].values())
+    assert all(len(printed["unknowns"]) == 2 for printed in place.about["solvers"].values())
     assert (np.diff(place.indentation) > 0).all()
     assert (place.band < 0.08 * place.indentation).all()
     assert place.work[-1] == pytest.approx(np.trapezoid(place.force, place.indentation), rel=0.1)
@@ -84,8 +84,8 @@ def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(sites, "LEVELS", FIRST)
     monkeypatch.setattr(sites, "computed", sites.computed.__wrapped__)  # other loads than elsewhere: nothing is kept
-    told = list(references.rebuild(["middle"], {"command": "here"}, tmp_path, {"fe": (1, 2)}))
-    assert told[-1][1] == 1.0
+    printed = list(references.rebuild(["middle"], {"command": "here"}, tmp_path, {"fe": (1, 2)}))
+    assert printed[-1][1] == 1.0
     monkeypatch.setattr(sites, "SHIPPED", tmp_path)
     sites.stored.cache_clear()
     try:

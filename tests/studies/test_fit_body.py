@@ -108,9 +108,9 @@ def test_the_command_says_what_is_left_of_a_spring_beside_the_elements(tmp_path)
     given = ["fit", "body", "kidney", "--duration", "0.27 s", "-o", str(tmp_path / "f.yaml"), "--json"]
     ran = CliRunner().invoke(app, [*given, *(word for text in TAP for word in ("--set", text))])
     assert ran.exit_code == 0, ran.output
-    told = json.loads(ran.stdout)
-    assert told["set"]["tissue.exponent"] < 1.3  # under a patch of fixed width the force is nearly linear
-    assert told["after"]["force"] < 0.7 * told["before"]["force"] and told["after"]["shape"] > 0.02
+    printed = json.loads(ran.stdout)
+    assert printed["set"]["tissue.exponent"] < 1.3  # under a patch of fixed width the force is nearly linear
+    assert printed["after"]["force"] < 0.7 * printed["before"]["force"] and printed["after"]["shape"] > 0.02
 
 
 def test_a_graph_that_cannot_be_read_is_refused_before_a_time_is_told(tmp_path):

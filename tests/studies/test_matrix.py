@@ -95,9 +95,9 @@ def test_a_broken_body_is_a_point_on_the_chart_and_charged(name, why):
 def test_what_a_method_cannot_do_is_counted_and_is_in_no_error():
     cells = [one(TOUCHES[t], STANDARD["hertz"], STANDARD["hertz"].fidelities[2]) for t in ("ball", "indent")]
     assert [c.status for c in cells] == ["ok", "refused"]
-    (told,) = summaries(cells)
-    assert (told.computed, told.charged) == (1, 1)
-    assert told.error == cells[0].errors["force"]["rms"] < 1e-6
+    (printed,) = summaries(cells)
+    assert (printed.computed, printed.charged) == (1, 1)
+    assert printed.error == cells[0].errors["force"]["rms"] < 1e-6
 
 
 def computed(method, touch, error, p50, p99):
@@ -112,13 +112,13 @@ def test_what_to_take_is_the_most_accurate_that_keeps_the_loop_and_can_do_most()
         *(computed("spring", t, 0.3, 3e-5, 6e-5) for t in ("indent", "hold")),
         *(computed("solver", t, 0.001, 0.07, 0.08) for t in ("indent", "hold")),
     ]
-    told = summaries(cells)
-    assert advice(told).startswith(
+    printed = summaries(cells)
+    assert advice(printed).startswith(
         "For 2 touches use body, 1000 Hz: force error 2 % (RMS over the peak, median, 3 % at"
     )
-    assert "worst, hold), p50 40 µs, p99 3 ms." in advice(told)
-    assert [told[k].method for k in best(told)] == ["spring", "body", "solver"]
-    assert "No method is fast enough for a loop at 1 kHz" in advice([s for s in told if s.method == "solver"])
+    assert "worst, hold), p50 40 µs, p99 3 ms." in advice(printed)
+    assert [printed[k].method for k in best(printed)] == ["spring", "body", "solver"]
+    assert "No method is fast enough for a loop at 1 kHz" in advice([s for s in printed if s.method == "solver"])
 
 
 def test_a_body_that_fails_on_one_touch_is_not_what_to_take():

@@ -284,9 +284,9 @@ def test_the_command_writes_what_it_promises_and_runs_it(tmp_path, write, monkey
     given = ["rates", str(graph), "--error", "5 %", "--duration", "0.5 s", "-o", str(file)]
     ran = CliRunner().invoke(app, [*given, "--json"])
     assert ran.exit_code == 0, ran.output
-    told = json.loads(ran.stdout)
-    assert told["set"] == {"swing.every": 10}
-    assert told["effects"][0]["error"] == pytest.approx(off(10, 2.0), rel=0.02)
+    printed = json.loads(ran.stdout)
+    assert printed["set"] == {"swing.every": 10}
+    assert printed["effects"][0]["error"] == pytest.approx(off(10, 2.0), rel=0.02)
     assert find(str(file)).load().nodes["swing"].every == 10
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")

@@ -41,8 +41,8 @@ def test_the_table_holds_what_the_pictures_show(cells, tmp_path):
     for row, cell in zip(rows, cells, strict=True):
         assert (row["touch"], row["method"], row["status"]) == (cell.touch, cell.method, cell.status)
         assert (float(row["p99"]), row["why"]) == (cell.p99, cell.why)
-        told = {q: {m: float(row[f"{q} {m}"]) for m in ("rms", "worst", "band")} for q in cell.errors}
-        assert told == cell.errors and all(row[f"{q} rms"] == "" for q in set(QUANTITIES) - set(cell.errors))
+        printed = {q: {m: float(row[f"{q} {m}"]) for m in ("rms", "worst", "band")} for q in cell.errors}
+        assert printed == cell.errors and all(row[f"{q} rms"] == "" for q in set(QUANTITIES) - set(cell.errors))
 
 
 def test_the_front_holds_what_nothing_beats():
@@ -101,8 +101,8 @@ def test_a_median_that_is_less_than_the_picture_shows_says_so(tmp_path, monkeypa
     labels = []
     monkeypatch.setattr(pictures, "_save", lambda figure, path: labels.append(figure.axes[0].get_ylabel()))
     for error in (0.25, 6e-11):
-        told = [ParetoPoint("hertz", "Hertz", "1000 Hz", error, error, "indent", 1e-5, 2e-5, 1, 0)]
-        pictures.overview(told, [], tmp_path / "x.png")
+        printed = [ParetoPoint("hertz", "Hertz", "1000 Hz", error, error, "indent", 1e-5, 2e-5, 1, 0)]
+        pictures.overview(printed, [], tmp_path / "x.png")
     assert ["smaller errors at 0.01 %" in label for label in labels] == [False, True]
 
 

@@ -87,13 +87,13 @@ def test_a_budget_is_promised_run_and_compared_with_what_came(tmp_path, monkeypa
     given = ["tune", "kidney", *PRESS, "--budget", "2 s", "-o", str(tmp_path / "t.yaml"), "--json"]
     ran = CliRunner().invoke(app, given)
     assert ran.exit_code == 0, ran.output
-    told = json.loads(ran.stdout)
-    errors = {json.dumps(c["set"]): c["error"] for c in told["candidates"]}
-    assert told["predicted"]["error"] == min(errors.values())
-    assert told["predicted"]["set"] == told["reference"]
-    assert told["measured"]["error"] == pytest.approx(told["predicted"]["error"], abs=1e-6)
+    printed = json.loads(ran.stdout)
+    errors = {json.dumps(c["set"]): c["error"] for c in printed["candidates"]}
+    assert printed["predicted"]["error"] == min(errors.values())
+    assert printed["predicted"]["set"] == printed["reference"]
+    assert printed["measured"]["error"] == pytest.approx(printed["predicted"]["error"], abs=1e-6)
     for name in ("p50_s", "p99_s", "wall_p50_s", "wall_p99_s"):
-        assert 0.0 < told["measured"][name] < math.inf and 0.0 < told["candidates"][0][name] < math.inf
+        assert 0.0 < printed["measured"][name] < math.inf and 0.0 < printed["candidates"][0][name] < math.inf
     assert CliRunner().invoke(app, ["check", str(tmp_path / "t.yaml")]).exit_code == 0
 
 

@@ -33,7 +33,7 @@ class Drifts(Spring):
     """Tells an indentation that is no number."""
 
     def step(self, load: Load, *, dt: float) -> Surface:
-        told = super().step(load, dt=dt)
-        return Surface(nodes=NO_NODES, displacement=NO_VECTORS, stiffness=told.stiffness, exponent=1.0, damping=0.0,
+        printed = super().step(load, dt=dt)
+        return Surface(nodes=NO_NODES, displacement=NO_VECTORS, stiffness=printed.stiffness, exponent=1.0, damping=0.0,
                        rest_indentation=0.0, previous_indentation=float("nan"), step=dt,
-                       ) if len(load.nodes) else told  # fmt: skip
+                       ) if len(load.nodes) else printed  # fmt: skip

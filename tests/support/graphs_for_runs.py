@@ -54,16 +54,16 @@ def until_it_has(limit: float = 120.0, **counts: tuple[str, int]) -> Callable[[L
 
 def until_it_is_back(node: str, steps: int = 60) -> Callable[[Launcher], None]:
     """A `watch` that interrupts a run when a node that has died and was started again has made so many steps."""
-    told = [0]
+    printed = [0]
     began_anew: list[bool] = []
     asked: list[int] = []
 
     def watch(running: Launcher) -> None:
-        told.append(running.result.health.get(node, {}).get("steps", 0))
-        if told[-1] < told[-2]:
+        printed.append(running.result.health.get(node, {}).get("steps", 0))
+        if printed[-1] < printed[-2]:
             began_anew.append(True)
-        if began_anew and not asked and told[-1] >= steps:
-            asked.append(told[-1])
+        if began_anew and not asked and printed[-1] >= steps:
+            asked.append(printed[-1])
             os.kill(os.getpid(), signal.SIGINT)
 
     return watch

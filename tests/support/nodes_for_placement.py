@@ -8,8 +8,8 @@ def mix(state: list[float], *inputs: Torque | Force | None) -> tuple[float, floa
     """A bounded, chaotic mixture of state and inputs; changes the state."""
     for i, given in enumerate(inputs):
         for k in range(3):
-            told = -1.0 if given is None else given.torques[k] if isinstance(given, Torque) else given.force[k]
-            x = state[k] + 0.37 * (i + 1) * told + 0.1
+            printed = -1.0 if given is None else given.torques[k] if isinstance(given, Torque) else given.force[k]
+            x = state[k] + 0.37 * (i + 1) * printed + 0.1
             state[k] = x - 2.0 * round(x / 2.0)
     return state[0], state[1], state[2]
 

@@ -64,9 +64,9 @@ class Forked:
         if self.poll() is None:
             ended, end = select.poll(), os.pidfd_open(self.pid)
             ended.register(end)
-            told = ended.poll(None if timeout is None else 1e3 * timeout)
+            printed = ended.poll(None if timeout is None else 1e3 * timeout)
             os.close(end)
-            if not told:
+            if not printed:
                 raise subprocess.TimeoutExpired(f"process {self.pid}, {self._threads()}", timeout or 0.0)
             _, status = os.waitpid(self.pid, 0)
             self.returncode = os.waitstatus_to_exitcode(status)
@@ -74,12 +74,12 @@ class Forked:
 
     def _threads(self) -> str:
         """State of each thread and where in the kernel it waits."""
-        told = []
+        printed = []
         for thread in Path(f"/proc/{self.pid}/task").glob("*"):
             with contextlib.suppress(OSError):
                 state = (thread / "stat").read_text().rpartition(")")[2].split()[0]
-                told.append(f"{state} in {(thread / 'wchan').read_text()}")
-        return "; ".join(told)
+                printed.append(f"{state} in {(thread / 'wchan').read_text()}")
+        return "; ".join(printed)
 
     def terminate(self) -> None:
         self.send_signal(signal.SIGTERM)

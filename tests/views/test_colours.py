@@ -27,12 +27,12 @@ def surface(**more):
 
 def test_the_values_are_those_of_the_message():
     count = len(SHEET.vertices)
-    told = surface(pressure=np.linspace(0.0, 5e3, count), slipped=np.arange(count) % 2)
-    assert able(told) == list(COLOURS)
-    assert painted(COLOURS["displacement"], SHEET, told) == pytest.approx(0.2 * np.abs(SHEET.vertices[:, 0]))
-    assert painted(COLOURS["pressure"], SHEET, told) == pytest.approx(told.pressure)
-    assert painted(COLOURS["slip"], SHEET, told).tolist() == [float(i % 2) for i in range(count)]
-    assert painted(COLOURS["strain"], SHEET, told) == pytest.approx(0.2, abs=1e-12)
+    printed = surface(pressure=np.linspace(0.0, 5e3, count), slipped=np.arange(count) % 2)
+    assert able(printed) == list(COLOURS)
+    assert painted(COLOURS["displacement"], SHEET, printed) == pytest.approx(0.2 * np.abs(SHEET.vertices[:, 0]))
+    assert painted(COLOURS["pressure"], SHEET, printed) == pytest.approx(printed.pressure)
+    assert painted(COLOURS["slip"], SHEET, printed).tolist() == [float(i % 2) for i in range(count)]
+    assert painted(COLOURS["strain"], SHEET, printed) == pytest.approx(0.2, abs=1e-12)
 
 
 def test_a_vertex_of_which_nothing_is_said_has_none():

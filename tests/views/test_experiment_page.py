@@ -60,8 +60,8 @@ class Client:
                 head = json.loads(data[4 : 4 + int.from_bytes(data[:4], "little")])
                 self.loads.append(head.get("load", 0.0))
                 self.send(point=[len(self.loads), PRESSED, 1])
-            elif (told := json.loads(data)).get("kind") == "status":
-                panel = told["panel"]
+            elif (printed := json.loads(data)).get("kind") == "status":
+                panel = printed["panel"]
                 if panel.get("shown", 0) > self.done and fits(panel):
                     self.done = panel["shown"]
                     return panel
@@ -155,11 +155,11 @@ def test_an_answer_to_what_is_no_longer_shown_does_not_count_and_another_word_is
     panel = client.until(lambda panel: panel.get("title") == "Which was stiffer?")
     client.send(shown=welcome["shown"], answer="first")
     client.send(shown=panel["shown"], answer="third")
-    told = ""
-    while "refused" not in told:
+    printed = ""
+    while "refused" not in printed:
         data = client.socket.recv(timeout=WAIT)
-        told = data if isinstance(data, str) else ""
-    assert "expected one of the answers that are shown" in told and not sitting.table.rows
+        printed = data if isinstance(data, str) else ""
+    assert "expected one of the answers that are shown" in printed and not sitting.table.rows
     client.close()
 
 
@@ -178,8 +178,8 @@ def test_a_device_that_is_unplugged_in_a_trial_repeats_it_and_says_so(begun, mon
     sitting, page, server = begun("falcon", "device.port=emulator", text=text)
     client = Client(server)
     client.go_on()
-    told = client.go_on()
-    assert told["title"] == "Trial 1 is repeated" and "Novint Falcon is gone" in told["text"]
+    printed = client.go_on()
+    assert printed["title"] == "Trial 1 is repeated" and "Novint Falcon is gone" in printed["text"]
     client.answer("first")
     wait_for(lambda: page.ended)
     (row,) = sitting.table.rows

@@ -38,8 +38,8 @@ PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
 def record(path, streams, plan=None):
     """A recording of these messages: a stream's name to its messages, one a tick of 1 ms."""
     log = Mcap(path=str(path))
-    told = tuple(Stream(name, type(messages[0]), name, 1) for name, messages in streams.items())
-    log.listen(told, {"plan": plan or {"nodes": []}})
+    printed = tuple(Stream(name, type(messages[0]), name, 1) for name, messages in streams.items())
+    log.listen(printed, {"plan": plan or {"nodes": []}})
     log.start()
     for name, messages in streams.items():
         for tick, message in enumerate(messages):
@@ -342,26 +342,26 @@ def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
 
 def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    made, told = drawn(touch_file, tmp_path / "new" / "folder")
+    made, printed = drawn(touch_file, tmp_path / "new" / "folder")
     assert made[-4:] == PLOTS
     if made[0] == "deformation.png":
-        assert told == []
+        assert printed == []
     else:
-        assert len(told) == 1 and "libosmesa6" in told[0]
+        assert len(printed) == 1 and "libosmesa6" in printed[0]
 
 
 def test_without_pyvista_the_plots_are_made_and_one_line_tells_what_to_install(touch_file, tmp_path, without_3d):
-    made, told = drawn(touch_file, tmp_path)
+    made, printed = drawn(touch_file, tmp_path)
     assert made == PLOTS
-    assert len(told) == 1 and 'pip install "palpate[view]"' in told[0]
+    assert len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
 
 
 def test_a_picture_of_an_earlier_recording_in_the_folder_is_told(touch_file, tmp_path, without_3d):
     for name in ("deformation.png", "force.png", "force-contact-2.png", "mine.png"):
         (tmp_path / name).write_bytes(b"")
-    made, told = drawn(touch_file, tmp_path)
+    made, printed = drawn(touch_file, tmp_path)
     assert made == PLOTS
-    assert f"older pictures in {tmp_path}, not redrawn: deformation.png, force-contact-2.png" in told
+    assert f"older pictures in {tmp_path}, not redrawn: deformation.png, force-contact-2.png" in printed
 
 
 @pytest.mark.parametrize("indentation, panels", [(1e-8, 1), (1e-4, 2)])
@@ -390,8 +390,8 @@ def test_slow_drawing_gets_time_for_each_picture_and_says_what_to_do(monkeypatch
 
 def test_without_matplotlib_one_line_tells_what_to_install(touch_file, tmp_path, monkeypatch):
     hide(monkeypatch, "matplotlib")
-    made, told = drawn(touch_file, tmp_path)
-    assert made == [] and len(told) == 1 and 'pip install "palpate[view]"' in told[0]
+    made, printed = drawn(touch_file, tmp_path)
+    assert made == [] and len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
 
 
 @pytest.mark.parametrize("end", ["import os; os.abort()", "raise SystemExit('no context')"])
@@ -402,9 +402,9 @@ def test_a_crash_of_the_graphics_driver_leaves_the_plots(touch_file, tmp_path, m
         return subprocess.Popen([sys.executable, "-c", end], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
     monkeypatch.setattr(off_screen.Rendering, "_begin", crash)
-    made, told = drawn(touch_file, tmp_path)
+    made, printed = drawn(touch_file, tmp_path)
     assert made == PLOTS
-    assert len(told) == 1 and "libosmesa6" in told[0] and ("signal 6" in told[0] or "no context" in told[0])
+    assert len(printed) == 1 and "libosmesa6" in printed[0] and ("signal 6" in printed[0] or "no context" in printed[0])
 
 
 def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(touch_file, tmp_path, without_3d):
@@ -497,8 +497,8 @@ def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth
 def test_whatever_streams_there_are_the_others_are_not_missed(tmp_path, streams, expected, seen, monkeypatch):
     if not seen:
         hide(monkeypatch, "pyvista")
-    made, told = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
-    assert made == expected and len(told) <= 1
+    made, printed = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
+    assert made == expected and len(printed) <= 1
 
 
 def test_the_command_draws_a_recording(touch_file, tmp_path, without_3d):

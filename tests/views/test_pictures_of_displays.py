@@ -50,13 +50,13 @@ def nodule(tmp_path_factory):
 
 
 def test_a_slide_ends_with_pictures_of_its_force_its_phases_and_its_pad(slide, tmp_path):
-    made, told = drawn(slide, tmp_path)
-    assert made == {"force", "slip", "pad"} and told == ""
+    made, printed = drawn(slide, tmp_path)
+    assert made == {"force", "slip", "pad"} and printed == ""
 
 
 def test_a_press_on_the_display_ends_with_its_pins_and_the_three_figures(tmp_path):
-    made, told = drawn(run("softness", tmp_path, duration=2.0), tmp_path)
-    assert made == {"pins", "softness"} and told == ""
+    made, printed = drawn(run("softness", tmp_path, duration=2.0), tmp_path)
+    assert made == {"pins", "softness"} and printed == ""
 
 
 def test_a_nodule_ends_with_force_band_and_pins(nodule, tmp_path, without_3d):
@@ -73,10 +73,10 @@ def test_a_force_picture_without_a_band_has_two_panels(tmp_path):
 
 
 def test_the_phases_of_a_slide_are_those_that_the_fingertip_tells(slide):
-    contact, friction, told, at = slip.slides(TouchStreams(Recording(slide)))
+    contact, friction, printed, at = slip.slides(TouchStreams(Recording(slide)))
     assert contact["time"][at.begin] == approx(0.8, abs=2e-3)
-    assert told["incipient"][at.warned] and not told["incipient"][at.begin : at.warned].any()
-    assert told["gross"][at.gross] and not told["gross"][at.begin : at.gross].any()
+    assert printed["incipient"][at.warned] and not printed["incipient"][at.begin : at.warned].any()
+    assert printed["gross"][at.gross] and not printed["gross"][at.begin : at.gross].any()
     assert contact["force"][at.end] > 0 and not contact["force"][at.end + 1 :].any()
     assert np.abs(friction["force"][: at.begin]).max() < 1e-9
 
@@ -99,12 +99,12 @@ def test_the_pad_is_shown_pressed_held_and_on_its_way_to_gross_slip():
 
 
 def test_the_pressures_of_the_pad_land_on_its_nodes():
-    told = Slip(contacts=2, fraction=0, front=0, incipient=False, gross=False, state=[1, 0, 1], first=[-1.0] * 3,
+    printed = Slip(contacts=2, fraction=0, front=0, incipient=False, gross=False, state=[1, 0, 1], first=[-1.0] * 3,
                 path=[0.0] * 3, points=[[0, 0], [1e-3, 0], [2e-3, 0]])  # fmt: skip
     sent = Surface(nodes=[0, 2], displacement=np.zeros((2, 3)), stiffness=1, exponent=1, damping=0,
                    rest_indentation=0, previous_indentation=0, pressure=[5.0, 7.0])  # fmt: skip
-    assert pad._pressure(told, sent).tolist() == [5.0, 0.0, 7.0]
-    assert pad._pressure(told, surface()).tolist() == [0.0] * 3 == pad._pressure(told, None).tolist()
+    assert pad._pressure(printed, sent).tolist() == [5.0, 0.0, 7.0]
+    assert pad._pressure(printed, surface()).tolist() == [0.0] * 3 == pad._pressure(printed, None).tolist()
 
 
 def test_the_mean_of_a_ring_leaves_what_is_not_round():
@@ -148,8 +148,8 @@ def test_streams_that_hold_too_little_draw_nothing_and_do_no_harm(tmp_path):
         ({"band": [band] * 2, "c": [press(1e-3)] * 2}, {"force", "compression"}),
     )
     for k, (streams, expected) in enumerate(cases):
-        made, told = drawn(record(tmp_path / "r.mcap", streams), tmp_path / str(k))
-        assert made == expected and told == "", streams
+        made, printed = drawn(record(tmp_path / "r.mcap", streams), tmp_path / str(k))
+        assert made == expected and printed == "", streams
 
 
 def test_a_node_that_cannot_be_made_again_costs_its_picture_only(tmp_path):
@@ -212,10 +212,10 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_a_title_of_its_own(tmp_
     figure = slip.draw(TouchStreams(Recording(file)))
     assert figure.get_suptitle() == title and len(figure.axes) == panels
     if panels == 2:  # relaxed at the end of the hold, not after unloading
-        told = [float(word) for word in _title(figure.axes[0]).split() if word.replace(".", "").isdigit()]
+        printed = [float(word) for word in _title(figure.axes[0]).split() if word.replace(".", "").isdigit()]
         contact = TouchStreams(Recording(file)).contact
         held = contact["force"][np.flatnonzero(contact["compression"] >= contact["compression"].max() * (1 - 1e-9))]
-        assert told == approx([held[0], contact["compression"].max() * 1e3, held[-1]], abs=0.06)
+        assert printed == approx([held[0], contact["compression"].max() * 1e3, held[-1]], abs=0.06)
 
 
 def test_the_pad_is_seen_from_below(slide):

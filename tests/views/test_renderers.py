@@ -88,8 +88,8 @@ def test_each_number_is_where_the_page_says():
     assert frame["indentation"] == pytest.approx([4e-3] * 2)
     assert frame["state"].tolist() == [1 + 2 + 4 + 8 + 16, 8]
     corners, places = np.array([0, 1, 2, 2, 1, 3], "<u4"), np.arange(12, dtype="<f4")
-    told = {"kind": "mesh", "fingers": ["a", "b"], "thickness": 4e-3}
-    mesh = decode(binary(packed(told, corners, places, places)))
+    printed = {"kind": "mesh", "fingers": ["a", "b"], "thickness": 4e-3}
+    mesh = decode(binary(packed(printed, corners, places, places)))
     assert mesh["vertices"].tolist() == places.reshape(-1, 3).tolist()
     assert mesh["corners"].tolist() == [[0, 1, 2], [2, 1, 3]]
     assert (mesh["fingers"], mesh["thickness"]) == (2, pytest.approx(4e-3))
@@ -107,8 +107,8 @@ def test_a_client_sees_the_organ_give_way_and_may_steer_the_hand(server):
             data = client.recv(timeout=WAIT)
             if isinstance(data, str):
                 continue
-            told = decode(data)
-            mesh, frame = (told, frame) if told["magic"] == b"PLPM" else (mesh, told)
+            printed = decode(data)
+            mesh, frame = (printed, frame) if printed["magic"] == b"PLPM" else (mesh, printed)
     np.testing.assert_array_equal(mesh["vertices"].ravel(), shown[2])
     np.testing.assert_array_equal(mesh["corners"].ravel(), shown[1])
     deepest = mesh["vertices"][frame["nodes"][np.linalg.norm(frame["moved"], axis=1).argmax()]]
@@ -160,9 +160,11 @@ def test_the_client_in_c_sharp_compiles_and_reads_frames(server, tmp_path):
     subprocess.run(library, check=True, timeout=WAIT)
     subprocess.run(["mcs", "-define:CONSOLE", f"-out:{program}", str(source)], check=True, timeout=WAIT)
     with listen(server) as client:
-        mesh = next(told for told in map(decode, iter(lambda: binary_of(client), None)) if told["magic"] == b"PLPM")
+        mesh = next(
+            printed for printed in map(decode, iter(lambda: binary_of(client), None)) if printed["magic"] == b"PLPM"
+        )
         client.send(f'{{"point": [1, {list(PRESSED)}, 1]}}')
-        while (told := decode(binary_of(client)))["magic"] != b"PLPF" or told["load"][0] < 0.3:
+        while (printed := decode(binary_of(client)))["magic"] != b"PLPF" or printed["load"][0] < 0.3:
             client.send(f'{{"point": [2, {list(PRESSED)}, 1]}}')
         done = subprocess.run(["mono", program, server.url(), "20"], capture_output=True, text=True, timeout=WAIT)
     assert done.returncode == 0, done.stderr

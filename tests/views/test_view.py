@@ -155,14 +155,14 @@ def test_what_cannot_be_shown_is_told_in_a_line(file, tmp_path, shown):
     empty.write_bytes(b"")
     bare = tmp_path / "bare.mcap"
     execute(find("kidney").but(record=bare, place="fused", overrides=SETS, duration=0.05), leave_out=["tissue"])
-    for files, told in (
+    for files, printed in (
         ([tmp_path / "none.mcap"], "No such file"),
         ([empty], "empty file"),
         ([bare], "no body in it"),
         ([file] * 3, "expected one, or two"),
     ):
         ran = CliRunner().invoke(app, ["view", *map(str, files), "--no-open"])
-        assert ran.exit_code != 0 and told in " ".join(ran.output.split()) and "Traceback" not in ran.output
+        assert ran.exit_code != 0 and printed in " ".join(ran.output.split()) and "Traceback" not in ran.output
     with pytest.raises(PageError, match="port"):
         PageServer(Reels([file]), port=int(shown.address.partition("1:")[2].partition("/")[0]))
     with pytest.raises(RecordingError, match="no body"):

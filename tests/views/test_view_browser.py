@@ -98,13 +98,13 @@ def test_slip_is_shown_where_the_body_tells_it(page):
     page.select_option("#colour", "slip")
     at(page, 0.3)
     assert page.text_content("#what") == "displacement (this body sends no slip)"
-    told = page.evaluate("""async () => {
+    printed = page.evaluate("""async () => {
         const { painted } = await import("/scene.js"), { scene, newest } = palpate.reels[0];
         const slipped = Array.from(newest.nodes, (_, k) => k % 2);
         const { most, what } = painted([[scene, { ...newest, head: { ...newest.head, slipped } }]], "slip");
         return [most, what, Array.from(newest.nodes, (i) => scene.values[i]), slipped];
     }""")
-    assert told[:2] == [1, ""] and told[2] == told[3] and sum(told[2]) > 3 and page.problems == []
+    assert printed[:2] == [1, ""] and printed[2] == printed[3] and sum(printed[2]) > 3 and page.problems == []
 
 
 OVERLAPS = """() => {

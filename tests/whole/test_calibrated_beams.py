@@ -30,12 +30,12 @@ def forces(tmp_path_factory):
     sets = ("scene.hand.begin=[0.012, -0.004, 0.114]", f"scene.hand.path={path}", "scene.surface.vertices=4000")
     launch = find("kidney").but(duration=sum(time for _, time in PARTS.values()), overrides=sets)
     recording = record_touch(launch, tmp_path_factory.mktemp("beams") / "touch.mcap")
-    told = []
+    printed = []
     compare(
         recording, [[BEAMS]], reference=["tissue.use=deformation.ReducedFE"],
-        on_tick=lambda players: told.append([player.last("contact")[0].force for player in players]),
+        on_tick=lambda players: printed.append([player.last("contact")[0].force for player in players]),
     )  # fmt: skip
-    return np.array(told)
+    return np.array(printed)
 
 
 @pytest.mark.long
@@ -56,8 +56,8 @@ def test_presses_holds_and_slides_have_the_force_of_the_reference(forces):
 @pytest.mark.parametrize("graph, node", [("kidney", "tissue"), ("organs", "liver"), ("fingertip", "tissue")])
 def test_a_scene_without_constants_for_the_beams_is_told_whose_they_are(graph, node):
     notes = load(graph, overrides=[f"{node}.use=deformation.BeamBundle"]).notes
-    told = [note for note in notes if "human fingertip" in note and "palpate fit body" in note]
-    assert len(told) == (graph == "fingertip") and all("layers, moduli, relaxations" in note for note in told)
+    printed = [note for note in notes if "human fingertip" in note and "palpate fit body" in note]
+    assert len(printed) == (graph == "fingertip") and all("layers, moduli, relaxations" in note for note in printed)
 
 
 def test_another_tissue_takes_the_constants_of_the_kidney_away():

@@ -293,8 +293,8 @@ def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
     touch = [*python, "run", "kidney", "--fused", "-q", "--no-pictures", "--record", "kidney.mcap"]
     subprocess.run(touch, check=True, capture_output=True)
     asked = [*python, "plan", "kidney", "--ablate", "kidney.mcap", "--json"]
-    told = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)["costs"]
-    proofs = {item["effect"]: item["proof"] for item in told}
+    reported = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)["costs"]
+    proofs = {item["effect"]: item["proof"] for item in reported}
     (block,) = (text for where, _, text in blocks() if where.startswith("docs/effects.md") and "without it:" in text)
     printed = dict(re.findall(r"^(?:on|off) +(\w+)(.*?)(?=^o|\Z)", block, re.MULTILINE | re.DOTALL))
     assert set(printed) == {"friction", "relaxation", "shape", "band"}

@@ -81,7 +81,7 @@ def test_a_worker_on_the_real_clock_keeps_no_memory(tmp_path, node, grows):
     graph = write_graph(tmp_path, f"rate: 1000\n{GRAPH.replace('nodes_for_runs.Spring', f'nodes_for_memory.{node}')}")
     launch, enough = LaunchFile(graph=graph, record=path, clock="real"), until_it_has(spring=("steps", 1500))
     assert execute(launch, patience=30, watch=enough).result.ok
-    told = list(Recording(path).messages("spring"))[500:]
-    per_tick = (told[-1].energy - told[0].energy) / len(told)
+    printed = list(Recording(path).messages("spring"))[500:]
+    per_tick = (printed[-1].energy - printed[0].energy) / len(printed)
     assert per_tick > 0.9 if grows else per_tick < KEPT
-    assert told[-1].force[2] == told[0].force[2]
+    assert printed[-1].force[2] == printed[0].force[2]

@@ -129,9 +129,9 @@ def test_what_would_be_wrong_in_silence_is_refused_with_what_works(tmp_path, lin
     path.write_text(f"extends: palpate-two\nnodes:\n  {line}\n")
     with pytest.raises(GraphError) as error:
         load(path)
-    told = str(error.value).replace("input 'load': input, which", "input 'load', which")
+    printed = str(error.value).replace("input 'load': input, which", "input 'load', which")
     for word in words:
-        assert word in told, told
+        assert word in printed, printed
 
 
 def test_the_surface_under_both_is_recorded_where_both_press(felt):

@@ -55,8 +55,8 @@ def test_the_hands_feel_what_the_body_is_held_with(held):
 
 def test_the_live_view_has_the_force_of_each_finger_and_its_margin_with_its_sign():
     sent = Grip(grip=1.0, load=0.2, ratio=0.1, normal=(1.0, 2.0), tangential=(0.0, 0.5), margin=(-0.1, 1.0))
-    told = _forces(sent)
-    assert told["normal[1]"] == 2.0 and told["margin[0]"] == -0.1 and told["grip"] == 1.0
+    printed = _forces(sent)
+    assert printed["normal[1]"] == 2.0 and printed["margin[0]"] == -0.1 and printed["grip"] == 1.0
     assert _forces(Force(force=(1.0, 2.0, 2.0), state="contact", energy=0.0)) == {"force": 3.0}
 
 

@@ -237,10 +237,10 @@ def test_a_bad_graph_is_told_with_culprit_and_cure(whole, old, new, words):
     whole.write_text(text.replace(old, new, 1))
     with pytest.raises(GraphError) as error:
         load(whole)
-    told = str(error.value)
+    printed = str(error.value)
     for word in words:
-        assert word in told, told
-    assert all(str(fault.place) for fault in error.value.faults), told
+        assert word in printed, printed
+    assert all(str(fault.place) for fault in error.value.faults), printed
 
 
 def test_a_graph_in_another_encoding_is_told_with_place_and_cure(whole):

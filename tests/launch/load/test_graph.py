@@ -178,10 +178,10 @@ def test_a_fault_of_a_class_that_was_put_into_a_line_is_told_where_it_was_put(wh
     own = write("own.yaml", "extends: whole.yaml\nnodes:\n  near: {use: graph_nodes.Rub}\n")
     with pytest.raises(GraphError) as error:
         load(own)
-    told = str(error.value)
-    assert "own.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in told
-    assert "whole.yaml:8)" in told and "To remove it: `in: {pose: null}`." in told
-    assert "own.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in told
+    printed = str(error.value)
+    assert "own.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in printed
+    assert "whole.yaml:8)" in printed and "To remove it: `in: {pose: null}`." in printed
+    assert "own.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in printed
     whole.write_text(whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, count: 2}"))
     with pytest.raises(GraphError, match=r"own\.yaml:3: node 'near', setting 'count': unknown; .*whole\.yaml:8\)"):
         load(own)
@@ -266,7 +266,7 @@ def test_all_faults_are_told_at_once(whole, write):
     )
     with pytest.raises(GraphError) as error:
         load(bad, overrides=["scene.fingr=1", "tisue.x=1", "foo"])
-    told = str(error.value)
+    printed = str(error.value)
     for word in (
         "rates",
         "many",
@@ -281,9 +281,9 @@ def test_all_faults_are_told_at_once(whole, write):
         "tisue",
         "--set foo",
     ):
-        assert word in told
+        assert word in printed
     assert len(error.value.faults) == 12
-    assert len(re.findall(r"bad.yaml:\d+", told)) == 9
+    assert len(re.findall(r"bad.yaml:\d+", printed)) == 9
 
 
 def test_a_required_input_whose_sender_is_off_is_a_fault(whole):
@@ -292,9 +292,9 @@ def test_a_required_input_whose_sender_is_off_is_a_fault(whole):
     load(whole)
     with pytest.raises(GraphError) as error:
         load(whole, overrides=["scene.tissue.friction=false"])
-    told = str(error.value)
-    assert "node 'spread', input 'friction': is not optional, but its sender 'friction' does not run" in told
-    assert "tissue.friction is false" in told and "`friction: Friction | None`" in told
+    printed = str(error.value)
+    assert "node 'spread', input 'friction': is not optional, but its sender 'friction' does not run" in printed
+    assert "tissue.friction is false" in printed and "`friction: Friction | None`" in printed
 
 
 def test_a_driving_input_whose_sender_is_off_is_a_fault(whole):

@@ -41,7 +41,7 @@ def run(folder, name, overrides, wanted=None):
     return Recording(folder / f"{name}.mcap"), {n: h["steps"] - h["asleep"] for n, h in health if n != "log"}
 
 
-def test_what_is_wanted_is_the_same_as_in_the_whole_graph(tmp_path_factory):
+def test_wanted_streams_of_random_graphs_equal_those_of_the_whole_graph(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pruned")
     touched = []
 

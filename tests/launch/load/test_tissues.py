@@ -97,7 +97,7 @@ def test_the_command_lists_them_with_what_was_left_out():
     assert listed.exit_code == 0
     assert "brain-human-cortex" in listed.output
     assert "liver-bovine-fresh" in listed.output
-    told = json.loads(CliRunner().invoke(app, ["list", "tissues", "fat-pig", "--json"]).output)["tissues"]["fat-pig"]
-    assert told["source"].startswith("Sims")
-    assert told["bodies"]["full finite elements"] == "neo_hooke, relaxation left out"
-    assert settings("fat-pig", library.Location())["stiffness"] == told["scene"]["stiffness"]
+    printed = json.loads(CliRunner().invoke(app, ["list", "tissues", "fat-pig", "--json"]).output)["tissues"]["fat-pig"]
+    assert printed["source"].startswith("Sims")
+    assert printed["bodies"]["full finite elements"] == "neo_hooke, relaxation left out"
+    assert settings("fat-pig", library.Location())["stiffness"] == printed["scene"]["stiffness"]

@@ -253,8 +253,8 @@ def test_a_full_disk_ends_the_recording_with_one_line_and_the_run_goes_on_and_is
     assert code == 1, said
     assert "2000 ticks" in said, said
     assert 100 < run.ticks() < 2000
-    told = " ".join(said.split())
-    assert told.count("ends here: the disk is full") == 1 and "can be read" in told
+    reported = " ".join(said.split())
+    assert reported.count("ends here: the disk is full") == 1 and "can be read" in reported
     recording = Recording(run.record)
     assert not recording.complete and verify(recording, plan_of(recording)).ok
 

@@ -13,13 +13,13 @@ from palpate.launch.run.member import WorkerHandle
 from palpate.records.reader import Recording
 
 
-def test_what_the_launcher_was_kept_from_looking_at_is_no_silence():
+def test_time_in_which_the_launcher_did_not_run_is_not_silence():
     member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
     member._checked -= 3600.0
     assert member.silence() < 0.25
 
 
-def test_several_runs_at_once_end_well_and_their_recordings_lack_nothing(tmp_path):
+def test_parallel_runs_succeed_and_their_recordings_are_complete(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Spread,", "nodes_for_runs.Spread, count: 3000,")
     path = os.pathsep.join([str(Path(__file__).parents[2] / "support"), os.environ.get("PYTHONPATH", "")])
     command = ["run", "loop.yaml", "--duration", "0.3", "--record", "run.mcap", "--timeout", "2", "-q", "--no-pictures"]
@@ -37,7 +37,7 @@ def test_several_runs_at_once_end_well_and_their_recordings_lack_nothing(tmp_pat
         assert recording.counts == {name: {"count": 300, "lost": 0} for name in NODES}
 
 
-def test_a_logger_that_is_slower_than_its_senders_gets_all(tmp_path):
+def test_a_slow_logger_receives_all_messages(tmp_path):
     """When the nodes have ended it has most of the messages still before it, for several seconds."""
     text = GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow, pause: 0.002")
     outcome = execute(LaunchFile(graph=write_graph(tmp_path, text), duration=0.3), patience=2.5)

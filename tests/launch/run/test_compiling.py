@@ -11,13 +11,13 @@ from palpate.launch.run.work.compiling import compiling
 
 def test_each_kernel_that_is_compiled_is_counted_and_none_that_is_there_already():
     kernels = [numba.njit(lambda x, k=k: x + k) for k in range(3)]
-    told = []
-    with compiling(told.append):
+    printed = []
+    with compiling(printed.append):
         for kernel in (*kernels, *kernels):
             kernel(1.0)
-    assert told == [1, 2, 3]
+    assert printed == [1, 2, 3]
     numba.njit(lambda x: x)(1.0)
-    assert told == [1, 2, 3]
+    assert printed == [1, 2, 3]
 
 
 @pytest.mark.parametrize("terminal", [False, True])
@@ -27,9 +27,9 @@ def test_the_first_run_says_that_it_compiles_once(terminal):
         for kernels in (0, 1, 0, 2):
             screen._drawn = 0.0
             screen.show(Result(), "starting", {"tissue": "tissue"}, kernels)
-    told = capture.get()
-    assert told.count("compiling the kernels for this processor: once") == 1
-    assert ("2 of about" in told) is terminal  # beside the bar
+    printed = capture.get()
+    assert printed.count("compiling the kernels for this processor: once") == 1
+    assert ("2 of about" in printed) is terminal  # beside the bar
 
 
 def test_a_run_that_loads_its_kernels_says_nothing():

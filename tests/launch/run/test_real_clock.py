@@ -40,11 +40,11 @@ def test_dt_is_the_time_since_the_step_before(tmp_path, groups):
     """Its first step has the nominal one. A replay takes dt from the same times, so it cannot tell."""
     _, recording = live(tmp_path, slow("Drag", "SlowDrag"), groups, drag=("steps", 20))
     steps = list(recording.messages("drag"))
-    told = [message.bristle[1] for message in steps]
+    printed = [message.bristle[1] for message in steps]
     times = [message.time for message in steps]
-    assert told[0] == 1 / RATE
-    assert told[1:] == [(b - a) * 1e-9 for a, b in pairwise(times)]
-    assert any(dt != 1 / RATE for dt in told[1:])
+    assert printed[0] == 1 / RATE
+    assert printed[1:] == [(b - a) * 1e-9 for a, b in pairwise(times)]
+    assert any(dt != 1 / RATE for dt in printed[1:])
 
 
 def test_a_node_waits_for_an_input_of_the_same_tick_up_to_the_end_of_the_period(tmp_path):

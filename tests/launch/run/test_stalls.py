@@ -69,17 +69,17 @@ def test_an_observer_next_to_a_node_takes_what_was_under_way_when_the_machine_st
 
 def test_after_a_death_the_others_get_their_time_to_hear_of_it_when_the_machine_goes_on(time):
     """They are told to quit when they have run for so long, and not at once, with the news of the death unread."""
-    told = []
-    wires = SimpleNamespace(tell=lambda group, order: told.append(order))
+    printed = []
+    wires = SimpleNamespace(tell=lambda group, order: printed.append(order))
     end = ending.Ending({}, wires, None, True, lambda text: None)
     end.quit_after(0.1)
     for passed in (20, 3000, 20, 40):
         time.ns += passed * MS
         end.check(True)
-        assert told == []
+        assert printed == []
     time.ns += 40 * MS
     end.check(True)
-    assert told == [Quit()]
+    assert printed == [Quit()]
 
 
 def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_before(time, monkeypatch):

@@ -63,13 +63,13 @@ def launched():
 
 def test_a_worker_is_told_whom_to_read_when_it_can_hear_it(launched):
     port, launch = launched
-    told: list[Order] = []
+    printed: list[Order] = []
     launcher = launch(NODES)
-    worker = threading.Thread(target=late, args=(port, "a", told, 0.5))
+    worker = threading.Thread(target=late, args=(port, "a", printed, 0.5))
     worker.start()
     launcher.run()
     worker.join()
-    assert told == [Connect((), {"!health": 0, "!end": 0})]
+    assert printed == [Connect((), {"!health": 0, "!end": 0})]
 
 
 @pytest.mark.parametrize("others", [(), (NODES,)], ids=["alone", "when all nodes have ended"])

@@ -49,11 +49,15 @@ def test_a_node_that_takes_too_long_is_in_the_verdict_and_in_the_exit_code_on_wi
     loose, strict = (CliRunner().invoke(app, [*arguments, *more]) for more in ([], ["--strict"]))
     assert (loose.exit_code, strict.exit_code) == (0, 1)
     for answer in (loose, strict):
-        told = json.loads(answer.stdout)
-        assert told["ok"] and not told["verdict"]["kept"] and told["verdict"]["due"] == 500
-        assert told["verdict"]["late"] + told["verdict"]["overdue"] > 100
-    told = CliRunner().invoke(app, [*arguments[:-2], "--no-record", "-q"]).stdout
-    assert "not real time: " in told and "held: steps that reused the previous value" in told and "--place auto" in told
+        printed = json.loads(answer.stdout)
+        assert printed["ok"] and not printed["verdict"]["kept"] and printed["verdict"]["due"] == 500
+        assert printed["verdict"]["late"] + printed["verdict"]["overdue"] > 100
+    printed = CliRunner().invoke(app, [*arguments[:-2], "--no-record", "-q"]).stdout
+    assert (
+        "not real time: " in printed
+        and "held: steps that reused the previous value" in printed
+        and "--place auto" in printed
+    )
 
 
 def test_the_simulated_clock_has_no_verdict(tmp_path):

@@ -53,7 +53,7 @@ def least_determinant(points):
 
 def test_elements_are_told_by_the_sign_of_their_determinant_anywhere():
     rng, straight = np.random.default_rng(3), element(((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)))
-    told = {True: 0, False: 0}
+    printed = {True: 0, False: 0}
     for size in np.linspace(0.02, 0.3, 120):
         points = straight + np.concatenate([np.zeros((4, 3)), size * rng.standard_normal((6, 3))])
         least = least_determinant(points)
@@ -61,8 +61,8 @@ def test_elements_are_told_by_the_sign_of_their_determinant_anywhere():
             continue
         wrong = len(inverted(points, np.arange(10)[None], 0.0)) > 0
         assert wrong == (least < 0.0)
-        told[wrong] += 1
-    assert min(told.values()) > 20
+        printed[wrong] += 1
+    assert min(printed.values()) > 20
 
 
 def test_an_element_that_is_inside_out_between_its_corners_and_points_of_integration_is_refused():

@@ -93,8 +93,8 @@ def test_a_flaw_is_said_and_the_interval_has_the_truth_or_is_withheld(way, flaw,
     assert own.low / (1.0 + margin) <= truth <= own.high * (1.0 + margin)
     if word in ("drifts", "saturated", "no rows before contact"):
         assert own.value == approx(truth, rel=0.05) and not fit.estimate.withheld
-    told = data(fit)
-    assert json.loads(json.dumps(told))["withheld"] == fit.estimate.withheld
+    printed = data(fit)
+    assert json.loads(json.dumps(printed))["withheld"] == fit.estimate.withheld
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
@@ -182,10 +182,10 @@ def test_what_a_damped_press_leaves_open_is_said(tmp_path, seconds, rate):
     sets = ["scene.surface.vertices=200", f"rate={rate}"]
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=seconds).path
     words = ["fit", "tissue", str(file), "--rig", "fingertip", "--law", "power", "-o", str(tmp_path / "fit"), "--json"]
-    told = json.loads(CliRunner().invoke(app, words).output)
+    printed = json.loads(CliRunner().invoke(app, words).output)
     for name, truth in (("stiffness", 3000.0), ("exponent", 1.5)):
-        assert told["parameters"][name]["low"] <= truth <= told["parameters"][name]["high"]
-    assert any("misfits" in note and "--relaxation" in note for note in told["notes"])
+        assert printed["parameters"][name]["low"] <= truth <= printed["parameters"][name]["high"]
+    assert any("misfits" in note and "--relaxation" in note for note in printed["notes"])
 
 
 def saved(folder, **how):

@@ -188,15 +188,15 @@ def test_the_published_band_holds_fewer_than_it_says():
 @pytest.mark.parametrize("together", [0.0, _long(0.5), 0.9])
 def test_the_test_error_is_that_on_new_sessions(together):
     """Root of the mean squares over the data sets; the published protocol's is too small."""
-    told, true, published = [], [], []
+    printed, true, published = [], [], []
     for seed in range(200):
         forces = synthetic_sessions(seed, together=together)
-        told.append(score("quadratic", DEPTHS, forces, make_folds(np.arange(20)))[2] ** 2)
+        printed.append(score("quadratic", DEPTHS, forces, make_folds(np.arange(20)))[2] ** 2)
         published.append(score("quadratic", DEPTHS, forces, make_folds(drop_outliers(forces)[0]), "published")[2] ** 2)
         curve = np.polyfit(np.tile(DEPTHS, 20), forces.ravel(), 2)
         true.append(np.mean((new_sessions(seed, together) - np.polyval(curve, DEPTHS)) ** 2))
-    told, true, published = (np.sqrt(np.mean(e)) for e in (told, true, published))
-    assert told == approx(true, rel=0.03)
+    printed, true, published = (np.sqrt(np.mean(e)) for e in (printed, true, published))
+    assert printed == approx(true, rel=0.03)
     assert published < 0.97 * true
 
 

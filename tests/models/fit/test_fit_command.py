@@ -61,9 +61,9 @@ def test_the_file_it_writes_is_what_the_node_takes(fitted):
     data, out = fitted
     for subject in ("A", "B"):
         node = Probabilistic(model=str(out), subject=subject)
-        told = data["subjects"][subject]
-        assert node.mean == told["mean"]["model"] and node.depth_limit == approx(5e-3)
-        assert node.mean_parameters == approx([p["value"] for p in told["mean"]["parameters"].values()], rel=1e-15)
+        printed = data["subjects"][subject]
+        assert node.mean == printed["mean"]["model"] and node.depth_limit == approx(5e-3)
+        assert node.mean_parameters == approx([p["value"] for p in printed["mean"]["parameters"].values()], rel=1e-15)
         assert list(yaml.safe_load(out.read_text())["subjects"]) == ["A", "B"]
 
 
@@ -113,8 +113,8 @@ def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_pa
     assert [len(data["folds"][0][k]) for k in ("train", "validation", "test")] == [14, 2, 2]
     assert set(data["dropped_sessions"]) == {"smallest", "largest"}
     node = Probabilistic(model=str(out), subject="A")
-    told = [p["value"] for p in data["deviation"]["parameters"].values()]
-    assert node.freedom == 0 and node.deviation_parameters == approx(told, rel=1e-15)
+    printed = [p["value"] for p in data["deviation"]["parameters"].values()]
+    assert node.freedom == 0 and node.deviation_parameters == approx(printed, rel=1e-15)
 
 
 def test_the_node_gives_the_band_that_the_fit_tells(fitted):
@@ -220,8 +220,8 @@ def test_the_example_does_not_write_over_a_file(example):
 def test_programs_get_faults_as_json(example):
     result = run(example, "--subject", "Z", "--json")
     assert result.exit_code == 2 and result.stderr == ""
-    told = json.loads(result.stdout)
-    assert not told["ok"] and "no 'Z'" in told["faults"][0]
+    printed = json.loads(result.stdout)
+    assert not printed["ok"] and "no 'Z'" in printed["faults"][0]
 
 
 def test_the_help_names_every_model():

@@ -145,8 +145,8 @@ def pressed_cylinder(depth):
 
 
 def test_stiffening_that_the_depth_does_not_show_is_said():
-    told = pressed_cylinder(0.6e-3).open_
-    assert any(text.startswith("alpha:") and "the data show no stiffening" in text for text in told)
+    printed = pressed_cylinder(0.6e-3).open_
+    assert any(text.startswith("alpha:") and "the data show no stiffening" in text for text in printed)
     deep = pressed_cylinder(15e-3)
     assert not any(text.startswith("alpha:") for text in deep.open_)
     own = deep.estimate.intervals["alpha"]
@@ -214,14 +214,14 @@ def test_the_command_writes_a_report_and_a_scene_that_runs(tmp_path):
     words = ["fit", "tissue", str(path), "--columns", "time=t,force=F,indentation=d", "--unit", "d=mm", "--rig", "ball"]
     result = CliRunner().invoke(app, [*words, "--radius", "30 mm", "--law", "hertz", "-o", str(out)])
     assert result.exit_code == 0, result.output
-    told = json.loads((out / "report.json").read_text())
-    young = told["parameters"]["young"]
+    printed = json.loads((out / "report.json").read_text())
+    young = printed["parameters"]["young"]
     truth = 10.0 / (1e-4**1.5) * 1e-3 / (16 / 9 * math.sqrt(30e-3))  # 0.01 N at 0.1 mm
     assert young["low"] <= young["value"] <= young["high"]
     assert young["value"] == approx(truth, rel=0.02)
-    assert told["shear_modulus_at_rest"]["value"] == approx(young["value"] / 3)
-    assert told["fixed"]["poisson"] == {"value": 0.5, "unit": "1"}
-    assert told["change_for_fixed"]["radius"] == approx(-0.5, abs=0.1)
+    assert printed["shear_modulus_at_rest"]["value"] == approx(young["value"] / 3)
+    assert printed["fixed"]["poisson"] == {"value": 0.5, "unit": "1"}
+    assert printed["change_for_fixed"]["radius"] == approx(-0.5, abs=0.1)
     assert "a press determines only E/(1 - nu²)" in (out / "report.md").read_text()
     assert {p.name for p in out.iterdir()} == {"scene.yaml", "report.md", "report.json", "fit.png", "profiles.png"}
     scene = yaml.safe_load((out / "scene.yaml").read_text())
@@ -277,8 +277,8 @@ def test_profiles_show_the_interval_and_not_the_whole_search(withheld):
 
 def test_data_of_every_fit_are_plain():
     for fitted in (pressed_cylinder(0.6e-3), fit_tissue([shallow(6e-3)], CYLINDER, "demiray")):
-        told = data(fitted)
-        assert json.loads(json.dumps(told)) == told
+        printed = data(fitted)
+        assert json.loads(json.dumps(printed)) == printed
 
 
 def test_a_recording_of_a_simulated_press_gives_back_the_law_of_its_tissue(tmp_path):

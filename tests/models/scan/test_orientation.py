@@ -252,11 +252,11 @@ def test_the_command_says_how_the_finger_lay_and_whether_left_and_right_are_know
     app = typer.Typer()
     app.command()(fingertip)
     file = write_images(phantom.scan(**SIZE, tilt=np.radians(10)), tmp_path / "i.nii")
-    told = {}
+    printed = {}
     for axes in ("", "hpr"):
         options = ["-o", str(tmp_path / "f.npz"), "--json", "--axes", axes]
         result = CliRunner().invoke(app, [str(file), *options])
         assert result.exit_code == 0, result.output
-        told[axes] = json.loads(result.output)
-        assert told[axes]["tilt_deg"] == approx(10, abs=1)
-    assert told[""]["left_and_right"].startswith("unknown") and told["hpr"]["left_and_right"] == "as stated"
+        printed[axes] = json.loads(result.output)
+        assert printed[axes]["tilt_deg"] == approx(10, abs=1)
+    assert printed[""]["left_and_right"].startswith("unknown") and printed["hpr"]["left_and_right"] == "as stated"

@@ -52,9 +52,9 @@ def node_of(command):
 
 
 def test_every_shipped_basis_is_in_the_index_and_is_the_one_for_its_command():
-    told = basis_store.shipped()
-    assert {path.name for path in basis_store.SHIPPED.glob("*.npz")} == set(told)
-    for name, about in told.items():
+    printed = basis_store.shipped()
+    assert {path.name for path in basis_store.SHIPPED.glob("*.npz")} == set(printed)
+    for name, about in printed.items():
         assert basis_store.about(basis_store.SHIPPED / name) == about
         node = node_of(about["command"])
         assert basis_store.differences(about["inputs"], node.inputs()) == []

@@ -37,9 +37,11 @@ NEAR = Proximity(foot=(0, 0, 0), normal=(0, 0, 1), coordinates=(0, 0), element=0
 def test_a_law_out_of_range_is_refused_with_the_sender_and_the_number(name, value):
     wrong = msgspec.structs.replace(GOOD, **{name: value})
     bus = FakeBus(Series(), body=wrong)
-    with pytest.raises(InputError, match=rf"Surface of 'liver' at tick 4: {name} \[.*found {value}, expected") as told:
+    with pytest.raises(
+        InputError, match=rf"Surface of 'liver' at tick 4: {name} \[.*found {value}, expected"
+    ) as raised:
         bus.publish(NEAR)
-    assert told.value.source == "liver"
+    assert raised.value.source == "liver"
 
 
 @pytest.mark.parametrize(

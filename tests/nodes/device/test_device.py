@@ -283,7 +283,7 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account(coun
         # The force sent a tick ago acted during this one, along the true way and along the one told.
         records.append((after[2], force[2], -previous @ (after - before), -previous @ (place - last), energy, place[2]))
         previous = force
-    z, push, true, heard, seen, told = np.array(records).T
+    z, push, true, heard, seen, printed = np.array(records).T
     true, heard = np.cumsum(true), np.cumsum(heard)
     share = hand / (hand + stiffness) * 0.01
     assert push[290] == approx(stiffness * share, abs=stiffness * 60e-6)
@@ -292,7 +292,7 @@ def test_the_closed_loop_presses_holds_and_releases_with_a_balanced_account(coun
     held = slice(60, 290)
     assert np.abs((heard - heard[40]) - (seen - seen[40]))[held].max() < 2 * 44e-6 * push.max()
     # What no encoder shows: the grip meets the wall at speed, and is told up to 4 counts of 44 um off for milliseconds.
-    off = np.abs(told - z)[held].max()
+    off = np.abs(printed - z)[held].max()
     assert off < (4 * 44e-6 if counts else 1e-9)
     assert true.min() > -0.1e-3 - off * push.max() and seen.min() > -0.1e-3
 

@@ -70,8 +70,8 @@ def test_a_body_that_gives_out_energy_trips_it_and_the_force_is_gone_within_the_
     contact = np.array([m.force for m in recording.messages("contact")])
     assert sizes[:tripped].max() > 0.3 and not sizes[tripped + 102 :].any()
     assert contact[tripped + 102 :].max() > 0.3  # the tissue would still press
-    told = [note for note in result.notes if "above the bound" in note]
-    assert len(told) == 1 and "bound of 2 mJ" in told[0] and f"at {tripped / 1000:.3f} s" in told[0]
+    printed = [note for note in result.notes if "above the bound" in note]
+    assert len(printed) == 1 and "bound of 2 mJ" in printed[0] and f"at {tripped / 1000:.3f} s" in printed[0]
     assert result.health["ledger"]["state"] == "tripped" and result.health["tissue"]["state"] == "ready"
 
 

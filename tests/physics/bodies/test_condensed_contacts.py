@@ -96,9 +96,9 @@ def test_the_law_of_each_says_where_it_goes_under_the_forces_of_all(model):
         laws = many.steps([load(body, p, f) for p, f in zip(places, forces, strict=True)], 1e-3)
     following = forces if model == "nonlinear" else np.array([0.2, 0.6])
     acting = many.own.coupling @ following
-    told = [free + c * a for (c, free, _), a in zip(laws, acting, strict=True)]
+    printed = [free + c * a for (c, free, _), a in zip(laws, acting, strict=True)]
     then = many.steps([load(body, p, f) for p, f in zip(places, following, strict=True)], 1e-3)
-    assert [law[2] for law in then] == approx(told, rel=2e-3 if model == "nonlinear" else 2e-5)
+    assert [law[2] for law in then] == approx(printed, rel=2e-3 if model == "nonlinear" else 2e-5)
 
 
 def test_the_energy_of_a_linear_body_is_half_the_work_of_its_forces_and_no_cycle_makes_any():

@@ -16,19 +16,19 @@ def test_vertices_within_their_own_reach_are_told_in_order_with_the_mean_of_thei
     rows, room = reaches(vertices, within)
     nodes, moved = np.zeros(count, dtype=np.int32), np.zeros((count, 3))
     for _ in range(2):
-        told = interpolated(corners, weights, u, rows, feet, room, nodes, moved)
+        printed = interpolated(corners, weights, u, rows, feet, room, nodes, moved)
     away = np.linalg.norm(vertices[:, None] - feet, axis=2)
     right = np.flatnonzero((away <= within[:, None]).any(axis=1))
-    assert nodes[:told].tolist() == right.tolist()
-    assert moved[:told] == approx(np.einsum("ka,kai->ki", weights[right], u[corners[right]]))
+    assert nodes[:printed].tolist() == right.tolist()
+    assert moved[:printed] == approx(np.einsum("ka,kai->ki", weights[right], u[corners[right]]))
 
 
 def test_pressure_is_the_force_against_the_normal_over_the_area_and_adds_to_what_is_there():
     rng = np.random.default_rng(2)
     pull, patch, areas = rng.normal(size=(12, 3)), rng.choice(60, 12, replace=False).astype(np.int32), rng.random(60)
-    normal, told, push = (0.6, 0.0, 0.8), np.arange(0, 60, 2, dtype=np.int32), np.zeros(60)
-    out = np.full(len(told), 3.0)
-    add_pressure(pull, patch, normal, areas, told, push, out)
+    normal, printed, push = (0.6, 0.0, 0.8), np.arange(0, 60, 2, dtype=np.int32), np.zeros(60)
+    out = np.full(len(printed), 3.0)
+    add_pressure(pull, patch, normal, areas, printed, push, out)
     right = np.full(60, 3.0)
     right[patch] -= (pull @ normal) / areas[patch]
-    assert out == approx(right[told]) and (out != 3.0).any() and not push.any()
+    assert out == approx(right[printed]) and (out != 3.0).any() and not push.any()

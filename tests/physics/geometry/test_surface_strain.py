@@ -53,9 +53,9 @@ def test_any_gradient_has_the_largest_singular_value_in_the_plane():
 def test_a_triangle_without_area_has_none():
     line = np.array([[0.0, 0, 0], [1e-3, 0, 0], [2e-3, 0, 0], [0, 1e-3, 0]])
     triangles = np.array([[0, 1, 2], [0, 0, 1], [0, 1, 3]])
-    told = largest_stretch(line, triangles, 0.5 * line)
-    assert told == pytest.approx([0.0, 0.0, 0.5])
-    mean = at_vertices(told, line, triangles)
+    printed = largest_stretch(line, triangles, 0.5 * line)
+    assert printed == pytest.approx([0.0, 0.0, 0.5])
+    mean = at_vertices(printed, line, triangles)
     assert mean == pytest.approx([0.5, 0.5, 0.0, 0.5])
 
 

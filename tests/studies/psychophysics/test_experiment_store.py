@@ -62,9 +62,9 @@ def test_the_data_dictionary_describes_each_column(filled, tmp_path):
     table = Table(tmp_path, "soft", "01", 1)
     table.describe({"level": {"Units": "m"}})
     table.close()
-    told = json.loads(filled.with_suffix(".json").read_text())
-    assert list(told) == list(COLUMNS) and all(entry["Description"] for entry in told.values())
-    assert told["level"]["Units"] == "m" and told["response_time"]["Units"] == "s"
+    printed = json.loads(filled.with_suffix(".json").read_text())
+    assert list(printed) == list(COLUMNS) and all(entry["Description"] for entry in printed.values())
+    assert printed["level"]["Units"] == "m" and printed["response_time"]["Units"] == "s"
 
 
 def test_participants_are_listed_once_and_columns_are_added(tmp_path):

@@ -188,8 +188,8 @@ def test_the_same_command_again_computes_nothing(steel):
 def test_fe_fingertip_says_what_it_cannot_use(tmp_path, words, text):
     one_line(fingertip("--out", str(tmp_path / "runs"), *words), 2, text)
     assert not (tmp_path / "runs").exists()
-    told = json.loads(fingertip("--out", str(tmp_path / "runs"), *words, "--json").stdout)
-    assert not told["ok"] and text in told["text"]
+    reported = json.loads(fingertip("--out", str(tmp_path / "runs"), *words, "--json").stdout)
+    assert not reported["ok"] and text in reported["text"]
 
 
 def test_a_folder_that_cannot_be_written_is_said_before_the_run(tmp_path):
@@ -274,9 +274,9 @@ def test_a_users_table_is_a_setting_of_the_node(steel, tmp_path):
 @pytest.mark.long
 def test_an_organ_in_modes_says_how_far_it_is_off_where_it_was_not_pressed(tmp_path):
     sets = ["--set", "model=sampled", "--set", "modes=8", "--set", "coarse=50"]
-    told = json.loads(run("build", "basis", *sets, "--out", str(tmp_path), "--json").stdout)
-    unseen = told["unseen"]
+    reported = json.loads(run("build", "basis", *sets, "--out", str(tmp_path), "--json").stdout)
+    unseen = reported["unseen"]
     assert 0.0 < unseen["mean"] < unseen["worst"] < 0.1 and 0.0 < unseen["linear_mean"] < unseen["linear_worst"]
-    assert SampledBasis.load(Path(told["path"])).modes.shape[1] == 8
+    assert SampledBasis.load(Path(reported["path"])).modes.shape[1] == 8
     loose = run("build", "basis", *sets, "--set", "bed=0.01", "--out", str(tmp_path), "--json")
     assert loose.exit_code == 2 and "for 0 touches" in json.loads(loose.stdout)["text"]
