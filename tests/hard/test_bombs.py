@@ -31,7 +31,7 @@ from palpate.physics.errors import PalpateError
 {setup}
 files = sys.argv[1:]
 for path in files:
-    if os.fork():  # each in a process of its own, which has the imports already
+    if os.fork():  # each in a separate process, which has the imports already
         assert os.wait()[1] == 0
         continue
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -109,7 +109,7 @@ def test_a_chunk_of_the_size_that_it_says_is_read(tmp_path, compression):
     "kind", [Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.MESSAGE_INDEX, Opcode.METADATA, Opcode.SCHEMA]
 )
 def test_a_file_that_is_one_hole_is_not_read_into_memory(tmp_path, kind):
-    """A sparse file has the length that its record says and takes no disk."""
+    """A sparse file has the length in its record but needs no disk space."""
     path, length = tmp_path / "hole.mcap", 1 << 33
     path.write_bytes(MAGIC + struct.pack("<BQ", kind, length))
     os.truncate(path, len(MAGIC) + 9 + length)

@@ -394,7 +394,7 @@ def test_archives_run_no_code(tmp_path):
 
 
 def test_a_basis_of_many_vertices_and_few_numbers_reserves_no_matrix(tmp_path):
-    """100 000 vertices would be a matrix of 360 GB; what is there is counted first."""
+    """100 000 vertices would need a matrix of 360 GB; the reader first counts the numbers in the file."""
     path, many, none = tmp_path / "wide.npz", np.zeros((100_000, 3)), np.zeros((6, 2), np.uint8)
     np.savez_compressed(path, vertices=many, triangles=np.zeros((1, 3), int), lower=none, step=1.0)
     with pytest.raises(PalpateError, match="compliances for 100000 vertices"):

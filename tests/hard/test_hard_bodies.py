@@ -68,8 +68,8 @@ def pressed(poisson, cells, plain):
 
 
 def test_linear_tetrahedra_lock_where_the_mixed_element_does_not():
-    """A nearly incompressible block under half of which presses a load. From Poisson's ratio 0.49 to 0.4999 the true
-    answer hardly changes; straight tetrahedra lose most of theirs, since each would have to keep its own volume."""
+    """A nearly incompressible block with a load on half of its top. From Poisson's ratio 0.49 to 0.4999 the true
+    displacement hardly changes; that of linear tetrahedra falls (locking), since each has to keep its volume."""
     usual = [pressed(nu, 4, plain=True) for nu in (0.3, 0.4999)]
     ours = [pressed(nu, 4, plain=False) for nu in (0.3, 0.4999)]
     finer = pressed(0.4999, 6, plain=False)
@@ -131,8 +131,8 @@ NOTHING = (np.zeros(0, np.int32), np.zeros((0, 3)))
 @settings(deadline=None, max_examples=20)
 @given(st.lists(st.tuples(st.floats(0, 30), st.floats(-10, 10)), min_size=1, max_size=6), steps)
 def test_a_body_under_any_load_and_step_stays_within_the_static_answer(pushes, dt):
-    """Loads to 30 N, reversed sideways, steps of 1 us to 10 s: no node goes deeper than the greatest load would press
-    it for good. After the release each comes up without a swing to the other side."""
+    """Loads to 30 N, reversed sideways, steps of 1 us to 10 s: no node is deeper than under the greatest load at rest.
+    After the release each node recovers without overshoot."""
     deepest = (max(p for p, _ in pushes) / 3e3) ** (1 / 1.5)
     body = NodalBody(MESH, 3e3, 1.5, 5.0, 300.0, 3.0)
     for push, aside in pushes:

@@ -75,8 +75,8 @@ def test_a_closed_way_never_returns_more_work_than_it_took(path, dt):
 
 
 def test_an_encoder_that_flips_between_two_counts_makes_no_force_above_the_static_one():
-    """Contact that is made and broken each tick. A spring with a dashpot beside it jumps at each make by b e', here to
-    a hundred times its static force, and pulls at each break."""
+    """Contact begins and ends at alternating ticks. The force of a spring with a parallel dashpot would jump by b e' at
+    each begin, here to 100 times the static force, and pull at each end."""
     count, depth = 60e-6, 1e-4
     e = depth + count * (np.arange(400) % 2 - 1) * 2
     f, _, _ = series_path(e, 1e-3, FINGER, C1, K, N, C2)
@@ -92,7 +92,7 @@ def test_an_encoder_that_flips_between_two_counts_makes_no_force_above_the_stati
 
 
 def rebound(speed, damping, dt, mass=0.1, law=None, explicit_spring=False):
-    """Speed [m/s] of a mass that comes back from a wall, forces held over each step."""
+    """Speed [m/s] of a mass after its rebound from a wall; the force is constant over each step."""
     law = law or power(K, N)
     z, v, f, before = 0.0, speed, 0.0, 0.0
     for _ in range(1_000_000):

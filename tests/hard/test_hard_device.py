@@ -20,8 +20,8 @@ sizes = st.floats(-12, 12).map(lambda e: 10.0**e)
 
 
 def test_torques_clipped_one_by_one_turn_the_force_and_scaled_together_they_do_not():
-    """40 N to the side at a pose off the middle. Each motor held at its own limit, the usual way, turns the force by
-    some ten degrees towards a motor that had torque to spare; scaled as a whole it is weaker and in its direction."""
+    """40 N to the side at a pose off the centre. The usual limit for each motor separately rotates the force by about
+    10 degrees; a common factor only reduces the force and keeps its direction."""
     place, wish = np.add(HOME, (0.02, -0.015, 0.01)), np.array([40.0, 25.0, 5.0])
     whole = dict(zip(("torques", "ok"), torque(wish * 1e-3, place), strict=True))["torques"] * 1e3
     clipped, _ = force(np.clip(whole, -FALCON.limit, FALCON.limit), place)
@@ -90,8 +90,8 @@ def test_a_sampled_spring_gives_out_energy_without_the_controller_and_little_wit
 def test_no_wall_gives_out_more_than_a_leak_behind_delay_dropouts_and_jitter(
     stiffness, delay, mass, lost, jitter, seed
 ):
-    """10 N/m to 1 GN/m, 0 to 5 samples of delay, up to a tenth of the samples lost, steps of 0.79 to 1.14 ms. The force
-    is within 9 N, changes within the slew limit, and the energy given out stays below 5 mJ."""
+    """10 N/m to 1 GN/m, 0 to 5 samples of delay, up to 10 % lost samples, steps of 0.79 to 1.14 ms. The force is at
+    most 9 N, its rate within the slew limit, and the generated energy below 5 mJ."""
     z, f, out = loop(10.0**stiffness, True, delay, mass, seconds=1.0, lost=lost, seed=seed,
                      period=(lambda rng: rng.uniform(0.79e-3, 1.14e-3)) if jitter else None)  # fmt: skip
     assert np.isfinite(z).all() and np.abs(f).max() <= 9.0 + 1e-9

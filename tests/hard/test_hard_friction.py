@@ -100,8 +100,8 @@ def test_bristles_without_the_viscous_bound_give_out_energy():
     assert law.viscous < passive_viscous(law.mu_slide, law.mu_static, law.bristle_damping)
 
     def gain(law):
-        """Energy [J] given out by bristles that were charged in a creep, where friction is high, in a fast short slip:
-        what they lose beside what the hand had to do."""
+        """Energy [J] generated in a fast short slip by bristles that were loaded during creep, where friction is high:
+        loss of stored energy plus work on the hand."""
         slip = np.concatenate([np.full(400, 1e-3), np.full(20, 1.0)])[:, None] * (1, 0, 0)
         dt = np.concatenate([np.full(400, 1e-3), np.full(20, 1e-6)])
         force, z, _ = bristle_path(law, slip, 1.0, dt)
@@ -114,8 +114,8 @@ def test_bristles_without_the_viscous_bound_give_out_energy():
 
 
 def test_the_sign_function_chatters_at_rest_where_the_elastic_stick_stands_still():
-    """A block that a push below friction cannot move. Coulomb's law as mu f_n sign(v) swings it to and fro by its own
-    force each step, forever; tanh(v/v0) lets it creep. The elastic stick comes to rest."""
+    """A block under a push below the friction limit. With Coulomb's law as mu f_n sign(v) it oscillates at every step
+    without end; with tanh(v/v0) it creeps. With elastic stick it comes to rest."""
     mass, push, mu, dt = 0.01, 0.2, 0.5, 1e-3
 
     def block(friction, count=4000):
@@ -137,7 +137,7 @@ def test_the_sign_function_chatters_at_rest_where_the_elastic_stick_stands_still
 
     def elastic(v, state):
         state, force, _ = bristle.step(kernel, state or bristle.Bristles(), (0.0, 0.0, 1.0), (v, 0.0, 0.0), 1.0, dt)
-        return force[0] + 2.0 * v, state  # a little drag ends the swing on the spring
+        return force[0] + 2.0 * v, state  # a little drag damps the oscillation on the spring
 
     x, v, _ = block(elastic)
     assert x[-1] == approx(push / law.stiffness, rel=1e-3) and abs(v[-1]) < 1e-6
@@ -210,9 +210,9 @@ def test_the_force_across_the_sliding_direction_is_a_transient_of_turns(seed):
 
 
 def test_stick_slip_at_low_speed_holds_the_friction_between_its_two_coefficients():
-    """A block drawn by a spring at 0.5 mm/s. Static friction is above sliding friction, so it sticks and slips. The
-    peak of the spring's pull is static friction, at 0.2 ms and at 0.1 ms alike; explicit bristles of the
-    law diverge in a fast slip."""
+    """A block pulled by a spring at 0.5 mm/s. Static friction is above sliding friction, so it sticks and slips. The
+    peak force of the spring is static friction, at steps of both 0.2 ms and 0.1 ms; explicit bristles of the same law
+    diverge in a fast slip."""
     law = bristle.kernel_form(LAW._replace(bristle_stiffness=2e5, stribeck=2e-3, viscous=0.0, bristle_damping=0.2))
 
     def pull(dt):

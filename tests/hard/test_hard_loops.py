@@ -1,5 +1,6 @@
-"""Hard cases of the closed loop: soft bodies under the encoder of a hand's device, deep presses, fingers that close on
-each other. In each the force keeps to its limits, and the display gives out no energy to speak of."""
+"""Hard cases of the closed loop: soft bodies with an encoder, deep presses, fingers that pinch a body.
+
+In each the force stays within its limits, and the energy that the display generates is negligible."""
 
 import numpy as np
 import pytest

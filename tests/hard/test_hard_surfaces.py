@@ -105,7 +105,7 @@ def test_the_nearest_point_jumps_across_a_fold_and_the_foot_that_is_followed_doe
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.tuples(*[st.floats(-0.03, 0.03)] * 3), min_size=2, max_size=5), st.integers(0, 2**31))
 def test_over_edges_and_corners_the_gap_changes_no_faster_than_the_finger_moves(points, seed):
-    """Any way round, into and through a box with sharp edges, in the frame of the box and in a turned one alike."""
+    """Any path around, into and through a box with sharp edges, in the frame of the box and in a rotated one."""
     points = np.array(points)
     path = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(points)])
     mesh = slab(0.03, 0.02)
@@ -148,8 +148,8 @@ def test_across_the_pole_the_proxy_follows_a_finger_inside():
 @settings(deadline=None, max_examples=40)
 @given(st.lists(st.floats(-15, 0), min_size=1, max_size=8), st.integers(0, 2**31))
 def test_worthless_triangles_change_nothing(sizes, seed):
-    """Slivers, needles and triangles of one point, strewn over the faces of a box. The normal of such a triangle by the
-    usual cross product is 0/0; here the distance is that of the clean box, and each normal is one."""
+    """Slivers, needles and triangles of one point on the faces of a box. The usual cross product gives the normal 0/0;
+    here the distance is that of the box without these triangles, and each normal has length 1."""
     rng, mesh = np.random.default_rng(seed), slab(0.03, 0.02)
     points, extra = [*mesh.vertices], []
     for size in sizes:

@@ -1,5 +1,5 @@
-"""Messages of any stream lost, delayed, duplicated and reordered, by the rules of the real clock: the hand does not
-feel a jump, and the force comes back.
+"""Lost, delayed, duplicated and reordered messages of any stream, by the rules of the real clock: the force on the hand
+does not jump, and it recovers.
 
 A touch in which a finger presses, strokes and lifts off. Whatever is lost, the force on the hand changes by no more
 than the controller's slew from one tick to the next, the display gives out no energy beyond 1 mJ, and the contact's
@@ -69,8 +69,8 @@ def test_a_debt_of_energy_after_an_outage_is_not_paid_in_one_blow(chain):
 
 @pytest.mark.parametrize(("begin", "length"), [(310, 30), (500, 100), (600, 10), (720, 5)])
 def test_a_loop_that_stands_still_does_not_jump_in_the_hand(chain, begin, length):
-    """A machine stalls, and all nodes with it: the simulated hand stands still as well, and the viscous part of the
-    force ends with its motion."""
+    """The machine and all nodes stall: the simulated hand also stops, and the viscous part of the force ends with its
+    motion."""
     run = chain(find("kidney").but(overrides=TOUCH))
     base, felt = feel(run, nothing), feel(run, nothing, lambda tick, felt: run.stall(length if tick == begin else 0))
     assert felt.contact < 1.02 * base.contact and felt.change < base.change + 0.2 and felt.energy >= -ENERGY
@@ -234,7 +234,10 @@ def correlated(run: Chain, random_: random.Random, alike: bool) -> tuple[str, Lo
             return False
         return bursts[(tick - begin) // burst] != ((stream, reader) == other and not alike)
 
-    return f"{one} and {other} {'' if alike else 'not '}alike, {begin}..{begin + length}, {chance:g} by {burst}", lost
+    return (
+        f"{one} and {other} lose {'the same' if alike else 'opposite'} ticks, {begin} + {length}, {chance:g} by {burst}",
+        lost,
+    )
 
 
 def check_correlated(run: Chain, count: int, seed: int, alike: bool) -> None:

@@ -1,5 +1,5 @@
-"""Faults drawn at random and put into whole runs: every process ends, nothing is left behind, the culprit is told, the
-recording can be read, and no force beyond the limit is in it.
+"""Random faults in whole runs: every process ends, no file or process remains, the faulty node is reported, the
+recording can be read, and it contains no force beyond the limit.
 
 One that fails is run again by `python tests/support/random_faults.py SEED`.
 """
@@ -20,7 +20,7 @@ from palpate.launch.run.execute import execute
 
 @pytest.fixture(scope="module", autouse=True)
 def compiled():
-    """The kernels are there: a run that compiles is not at the moment that a fault is meant for."""
+    """Compile the kernels first, because compilation would shift the time of a fault within a run."""
     sets = ("scene.surface.vertices=1000",)
     assert execute(find("kidney").but(place="fused", duration=0.01, overrides=sets)).result.ok
 

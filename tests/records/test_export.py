@@ -1,4 +1,4 @@
-"""Exports open in the formats' own tools and hold the values of the recording, exactly."""
+"""Exports can be opened with the standard tools of the formats and contain the exact values of the recording."""
 
 import csv
 import json

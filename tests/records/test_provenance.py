@@ -1,4 +1,4 @@
-"""The commit that a recording names is that of palpate's own source, or none."""
+"""The commit in a recording is that of palpate's source, or none."""
 
 import shutil
 import subprocess

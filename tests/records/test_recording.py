@@ -196,7 +196,7 @@ def test_a_node_that_begins_anew_is_marked_at_its_place(tmp_path):
 
 
 def test_word_of_a_beginning_that_comes_late_marks_no_other_place(tmp_path):
-    """Beside nodes a logger hears messages and health by two ways, in any order."""
+    """A logger receives messages and health of nodes on two paths, so in any order."""
     node = logger(tmp_path / "a.mcap")
     for tick in range(5):
         node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
@@ -205,17 +205,17 @@ def test_word_of_a_beginning_that_comes_late_marks_no_other_place(tmp_path):
     for tick in range(40, 44):
         node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
     node.health(health("device", 0, since=39))
-    node.health(health("device", 6))  # the dead one's, late
+    node.health(health("device", 6))  # late, of the dead predecessor
     node.health(health("device", 5, since=39))
     node.stop()
     recording = Recording(tmp_path / "a.mcap")
     assert recording.restarted == {"device": [39]}
-    assert recording.counts["device"] == {"count": 9, "lost": 1}, "of the new life; what the dead one sent nobody knows"
+    assert recording.counts["device"] == {"count": 9, "lost": 1}, "the restarted node only"
 
 
 @pytest.mark.parametrize(("first", "since", "marked"), [(0, 1500, {"device": [1500]}), (7, 7, {}), (2000, 1500, {})])
 def test_the_first_word_of_a_node_may_be_that_of_its_second_life(tmp_path, first, since, marked):
-    """What it said when it first began was lost, or it died before: messages from before that beginning tell."""
+    """Its first health was lost, or it died before it: messages from before the restart show that it ran before."""
     node = logger(tmp_path / "a.mcap")
     for tick in range(first, 3500):
         node.observe("device", tick, pack(DeviceState(tick=tick, time=tick)))
@@ -373,11 +373,11 @@ def everything(recording: Recording) -> tuple[object, ...]:
 
 @pytest.mark.parametrize("seeds", [range(90), pytest.param(range(90, 600), marks=pytest.mark.long)])
 def test_a_flipped_bit_anywhere_is_told_or_harmless(small, tmp_path, seeds):
-    """Nothing is read that was not written; what cannot be read is told with its place."""
+    """No message is read that was not written; unreadable parts are reported with their position."""
     for seed in seeds:
         data = bytearray(small.read_bytes())
         draw = random.Random(seed)
-        # Two of three lie before the messages or behind them, where schemas, channels, metadata and the index stand.
+        # two of three are before or after the messages, in schemas, channels, metadata and the index
         ends = [*range(8, 6000), *range(len(data) - 6000, len(data))]
         at = draw.choice(ends) if seed % 3 else draw.randrange(len(data))
         data[at] ^= 1 << draw.randrange(8)
@@ -408,7 +408,7 @@ def test_a_record_of_another_kind_or_length_is_told(small, tmp_path):
 
 @functools.cache
 def read(path: Path) -> tuple[Recording, list[tuple]]:
-    """A recording that nobody changes, and all that is in it."""
+    """A recording and all its messages."""
     recording = Recording(path)
     return recording, list(recording.raw())
 

@@ -52,7 +52,7 @@ def record(folder: Path, text: str = GRAPH, ticks: int = 200, **more) -> Path:
 
 
 def record_live(folder: Path, steps: int, **more) -> Path:
-    """A bad day on the real clock, until all nodes have made so many steps, or a third of it, however late they are."""
+    """Record a disturbed run on the real clock until the nodes have made `steps` steps (`sum`: a third)."""
     enough = until_it_has(source=("steps", steps), drag=("steps", steps), sum=("steps", steps // 3))
     return record(folder, BAD_DAY, ticks=600_000, clock="real", watch=enough, **more)
 
@@ -478,7 +478,7 @@ def test_wrong_options_are_told(touch):
 
 
 def test_the_device_of_a_recording_is_a_node_like_any_other(kidney, tmp_path):
-    """device.Replayed in a graph of the user's own: the same states, one a tick, fused and as processes."""
+    """device.Replayed in a custom graph: the same states, one per tick, fused and with one process per node."""
     recorded = [m.joints for m in Recording(kidney).messages("device")]
     graph = tmp_path / "mine.yaml"
     graph.write_text(
@@ -499,7 +499,7 @@ def test_the_device_of_a_recording_is_a_node_like_any_other(kidney, tmp_path):
 # -- other ticks ----------------------------------------------------------------------------------------------------
 
 STEADY = GRAPH.replace("nodes_for_runs.Source,", "nodes_for_runs.Source, gain: 0,")
-"""Its source does not feel the others, so it moves alike whatever they are."""
+"""The motion of its source is independent of the other nodes."""
 
 
 @pytest.mark.parametrize(("then", "now"), [(1, 3), (3, 1), (2, 6)])

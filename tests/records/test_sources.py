@@ -1,4 +1,4 @@
-"""Recordings of sources: byte for byte what a recording of everything holds, whoever reads; what is told otherwise."""
+"""Recordings of sources: every reader gets the bytes of a full recording; differences are reported."""
 
 import json
 import random
@@ -47,7 +47,7 @@ def record(folder: Path, text: str = GRAPH, only: str | None = "sources", place:
 
 
 def record_live(folder: Path, text: str = GRAPH) -> Path:
-    """On the real clock, until its last node has made so many steps, however late it is."""
+    """Record on the real clock until the last node has made 300 steps, late or not."""
     return record(folder, text, clock="real", place=None, ticks=600_000, watch=until_it_has(sum=("steps", 300)))
 
 
@@ -85,7 +85,7 @@ def test_a_run_on_the_real_clock_comes_again_exactly(tmp_path):
 
 
 def test_the_kidney_computes_nothing_for_the_recording_and_the_recording_has_it_all_the_same(tmp_path):
-    """`nodes` and `displacement` of the tissue are read by nobody but the logger: the run leaves them out."""
+    """Only the logger would read `nodes` and `displacement` of the tissue, so the run does not compute them."""
     path = {}
     for only in ("sources", "all"):
         path[only] = tmp_path / f"{only}.mcap"
@@ -251,7 +251,7 @@ def test_a_logger_next_to_a_node_hears_the_others_to_their_end_on_the_real_clock
         drag = [row for row in rows(path, stored=True) if row[0] == "drag"]
         used = {tick for row in drag for tick in head_of(row[3]).used}
         assert drag and {("source", tick) for tick in used if tick >= 0} <= there
-        assert {row[:2] for row in rows(path)} >= there  # computes the others, and tells what is missing
+        assert {row[:2] for row in rows(path)} >= there  # computes the other streams, and reports missing messages
 
 
 def test_a_source_that_lacks_a_message_is_told(tmp_path):

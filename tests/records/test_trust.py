@@ -1,4 +1,4 @@
-"""A recording is data: opening it imports palpate's own modules and those that the user trusts, and no others."""
+"""A recording is data: opening it imports only modules of palpate and those that the user trusts."""
 
 import os
 import sys
@@ -31,10 +31,10 @@ class Grip(Message):
     force: Annotated[float, "N"]
 
 class Organ(Rigid):
-    \"\"\"A body of the user's own.\"\"\"
+    \"\"\"A custom body.\"\"\"
 
 class Holder(Node):
-    \"\"\"A node of the user's own.\"\"\"
+    \"\"\"A custom node.\"\"\"
     def step(self, contact: Contact) -> Grip:
         return Grip(force=contact.force)
 """

@@ -34,7 +34,7 @@ def test_forces_are_the_slope_of_the_energy_and_the_tangent_is_theirs(mixed):
 
 
 def test_the_load_steps_and_the_reduction_see_the_same_body():
-    """Where the solver comes to rest the body's own forces are in balance with the load."""
+    """In the solver's equilibrium the forces of the body balance the load."""
     mesh, laws, bed, _ = made()
     fixed = np.zeros(mesh.points.shape, dtype=bool)
     push = np.zeros_like(fixed, dtype=float)

@@ -275,7 +275,7 @@ def test_a_step_that_cannot_converge_says_where_and_keeps_the_last_state(tmp_pat
     again, _ = squeezed()
     again.resume(tmp_path / "state.npz")
     assert again.load == body.load and (again.displacement == body.displacement).all()
-    again.advance(0.2)  # and goes on from there, here back
+    again.advance(0.2)  # and continues from there, here to a smaller load
     assert again.displacement[up, 2] == approx(-0.2)
 
 

@@ -256,7 +256,7 @@ def hertz(poisson, faces, ball=False):
 
 
 def pressure_errors(faces):
-    """Errors of the pressure in L2 over Hertz's own: of the tractions at the points, and of the linear field."""
+    """L2 errors of the pressure relative to Hertz: of the tractions at the points, and of the linear field."""
     touch, body, force, a = pressed(0.3, faces)
     nodes, field = touch.pressure(body.displacement)
     whole = np.zeros(len(body.mesh.points))

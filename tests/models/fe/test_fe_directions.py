@@ -1,4 +1,4 @@
-"""Newton's direction by a factor of single precision, kept from one iteration to the next, against dense solutions."""
+"""Newton's direction with a factorization in single precision, reused in later iterations, against dense solutions."""
 
 import numpy as np
 import pytest

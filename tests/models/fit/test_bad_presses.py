@@ -1,4 +1,4 @@
-"""Presses with a flaw, of a known modulus: the fit says what is wrong; its interval has the truth or is withheld."""
+"""Presses with a flaw and a known modulus: the fit reports the flaw, and its interval is valid or withheld."""
 
 import json
 import math
@@ -178,7 +178,7 @@ def test_hertz_says_how_thick_the_tissue_must_be():
     ("seconds", "rate"), [("0.9 s", 1000), pytest.param("1.8 s", 500, marks=pytest.mark.long)]
 )  # fmt: skip
 def test_what_a_damped_press_leaves_open_is_said(tmp_path, seconds, rate):
-    """The shipped kidney is damped: its loading alone belongs to its rate. Truth: 3000 N/m^1.5, 1.5."""
+    """The shipped kidney is damped, so its loading curve depends on the rate. True law: 3000 N/m^1.5, exponent 1.5."""
     sets = ["scene.surface.vertices=200", f"rate={rate}"]
     file = palpate.run("kidney", record=tmp_path / "press.mcap", sets=sets, duration=seconds).path
     words = ["fit", "tissue", str(file), "--rig", "fingertip", "--law", "power", "-o", str(tmp_path / "fit"), "--json"]

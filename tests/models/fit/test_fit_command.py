@@ -42,7 +42,7 @@ def example(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def fitted(example):
-    """What is told of the example, and the file it goes into."""
+    """The JSON output for the example, and the path of the file that is written."""
     out = example.parent / "model.yaml"
     return json.loads(run(example, "--json", "--out", out).stdout), out
 
@@ -118,7 +118,7 @@ def test_the_published_protocol_drops_two_and_gives_a_normal_law(example, tmp_pa
 
 
 def test_the_node_gives_the_band_that_the_fit_tells(fitted):
-    """Quantiles of the file's law at 3 mm, from the fit's own numbers."""
+    """Quantiles of the law in the file at 3 mm, from the numbers of the fit."""
     data, out = fitted[0]["subjects"]["B"], fitted[1]
     mean, scatter = (
         float(MODELS[data[k]["model"]](3e-3, [p["value"] for p in data[k]["parameters"].values()]))

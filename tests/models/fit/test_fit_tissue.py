@@ -1,4 +1,4 @@
-"""Parameters of tissue from presses: the truth is found and bracketed, and what the data cannot tell is said."""
+"""Parameters of tissue from presses: intervals contain the true values, and undetermined parameters are reported."""
 
 import json
 import math

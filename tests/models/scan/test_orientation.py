@@ -32,7 +32,7 @@ LARGEST = 1.2 / phantom.FULL
 
 
 def long_but(short, cases):
-    """These cases, long but for those with these numbers: each axis, direction and turn is among them."""
+    """The cases, marked long except those with the numbers `short`, which include each axis, direction and rotation."""
     return [pytest.param(*case, marks=() if k in short else pytest.mark.long) for k, case in enumerate(cases)]
 
 

@@ -92,7 +92,7 @@ def test_volumes_of_a_strain_that_varies_in_the_elements_converge_to_second_orde
 
 
 def test_volumes_agree_with_counting_many_points_in_each_element():
-    """A bent and bulged block: shares of 2925 points an element, each weighed by its own volume."""
+    """A bent and bulged block: shares of 2925 points per element, weighted with the volume of each element."""
     mesh = block((2, 2, 2))
     x, y, z = mesh.points.T
     u = np.stack([0.4 * x * z, 0.2 * y * x, -0.3 * x * x + 0.3 * z * y], axis=1)
