@@ -235,7 +235,7 @@ def correlated(run: Chain, random_: random.Random, alike: bool) -> tuple[str, Lo
         return bursts[(tick - begin) // burst] != ((stream, reader) == other and not alike)
 
     return (
-        f"{one} and {other} lose {'the same' if alike else 'opposite'} ticks, {begin} + {length}, {chance:g} by {burst}",
+        f"{one} and {other} lose {'equal' if alike else 'opposite'} ticks, {begin} + {length}, {chance:g} by {burst}",
         lost,
     )
 
