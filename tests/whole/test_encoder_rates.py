@@ -35,19 +35,27 @@ def long(*case):
 
 
 @pytest.mark.parametrize(
-    ("rate", "point", "stroke", "worn"),
+    ("rate", "point", "stroke", "worn", "body"),
     [
-        *((rate, POINT, None, 0.0) for rate in (500, 1000, 2000, 5000, 10_000)),
-        (1000, FAR, None, 1.0),
-        (1000, LIGHT, STROKE, 1.0),
-        *(long(rate, FAR, None, 1.0) for rate in (500, 5000, 10_000)),
-        *(long(rate, point, STROKE, 1.0) for rate in (500, 5000, 10_000) for point in (LIGHT, POINT)),
+        *((rate, POINT, None, 0.0, "MassSpring") for rate in (500, 1000, 2000, 5000, 10_000)),
+        (1000, FAR, None, 1.0, "MassSpring"),
+        (1000, LIGHT, STROKE, 1.0, "MassSpring"),
+        (5000, POINT, None, 1.0, "ReducedFE"),
+        (500, POINT, None, 1.0, "BeamBundle"),
+        *(long(rate, FAR, None, 1.0, "MassSpring") for rate in (500, 5000, 10_000)),
+        *(
+            long(rate, point, stroke, 1.0, body)
+            for body in ("MassSpring", "BeamBundle", "ReducedFE")
+            for rate in (500, 1000, 5000, 10_000)
+            for point, stroke in ((LIGHT, STROKE), (POINT, STROKE), (POINT, None))
+        ),
     ],
 )
-def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate, point, stroke, worn):
+def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate, point, stroke, worn, body):
     """worn: counts of path by which friction may seem to have slid farther."""
-    force, rubbed = press(tmp_path, rate, point, stroke)
-    exact, rubs = press(tmp_path, rate, point, stroke, "device.resolution=0", "finger.resolution=0")
+    use = f"tissue.use=deformation.{body}"
+    force, rubbed = press(tmp_path, rate, point, stroke, use)
+    exact, rubs = press(tmp_path, rate, point, stroke, use, "device.resolution=0", "finger.resolution=0")
     peak = np.linalg.norm(exact, axis=1).max()
     assert abs(np.linalg.norm(force, axis=1).max() - peak) < 0.02 * peak
     last = round(0.2 * rate)
