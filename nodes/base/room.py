@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import cache
 
 from palpate.nodes.base.node import Node
 from palpate.registry import classes, find
@@ -13,6 +14,7 @@ def room(name: str) -> tuple[Callable[[str], type[Node]], Callable[[], list[str]
     `__getattr__` imports the file of a class at its first use, so that a graph imports only the devices that it uses.
     """
 
+    @cache
     def get(wanted: str) -> type[Node]:
         kind = find(sys.modules[name], wanted, Node) if wanted[:1].isupper() else None
         if kind is None:

@@ -15,6 +15,7 @@ PhD thesis, University of Maryland, 1997.
 
 import math
 from dataclasses import astuple, dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,7 +50,7 @@ class FalconGeometry:
     count: float = 2.0 * math.pi / 1280.0 * 0.01425 / 0.110
     limit: float = 0.4096
 
-    @property
+    @cached_property
     def geometry(self) -> np.ndarray:
         """The constants as one array (15) for the kernels."""
         a, b, c, d, e, f, r, s, phi, zero, count, limit = astuple(self)

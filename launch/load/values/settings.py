@@ -233,10 +233,16 @@ def _closest(key: str, cls: type[Node]) -> str:
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
     """The settings of all node classes in a class's module or folder, and whether all of them could be imported."""
+    return _shipped_family(cls) if cls.__module__.startswith(SHIPPED) else _read_family(cls, [cls.__module__])
+
+
+@cache
+def _shipped_family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
+    return _read_family(cls, [cls.__module__, ".".join(cls.__module__.split(".")[:3])])
+
+
+def _read_family(cls: type[Node], modules: list[str]) -> tuple[dict[str, Setting], bool]:
     names = dict(settings(cls))
-    modules = [cls.__module__]
-    if cls.__module__.startswith(SHIPPED):
-        modules.append(".".join(cls.__module__.split(".")[:3]))
     seen = True
     for module in modules:
         try:

@@ -7,9 +7,11 @@ keys, merge keys and tags are errors.
 from __future__ import annotations
 
 import contextlib
+import copy
 import math
 import re
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +84,12 @@ def read(path: Path) -> YamlSource:
 
 def parse(text: str | bytes, file: str) -> YamlSource:
     """The data of a YAML text with places; `file`: its name in the places."""
+    parsed = _parse(text, file)
+    return YamlSource(copy.deepcopy(parsed.data), dict(parsed.places))
+
+
+@lru_cache(maxsize=32)
+def _parse(text: str | bytes, file: str) -> YamlSource:
     try:
         root = _compose(text)
         source = YamlSource(None, {(): Location(file, 1, 1)})
