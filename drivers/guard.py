@@ -2,8 +2,9 @@
 
 A gain between 0 and 1 multiplies the command. It ramps up to 1 within the ramp time, and down to 0 within FALL on any
 of these conditions: the device is not homed, answers are missing, the command is stale, the dead-man button is not
-held, the grip is too fast or outside its box. Then the command is limited to the largest command and the largest power
-by one factor, which keeps its direction.
+held, the grip is too fast or outside its box. If commands return before it is 0, the difference from the new command
+falls to 0 within FALL, too, so that the force does not jump. Then the command is limited to the largest command and
+the largest power by one factor, which keeps its direction.
 """
 
 import math
@@ -54,6 +55,9 @@ class Guard:
 
     def reset(self) -> None:
         self.gain, self.missed, self._then = 0.0, 0, 0
+        self._stopped, self._share = True, 0.0
+        self._sent: tuple[float, ...] = ()
+        self._rest: tuple[float, ...] = ()
         self._samples: deque[DeviceSample] = deque(maxlen=HISTORY + 1)
 
     def saw(self, sample: DeviceSample | None) -> None:
@@ -90,21 +94,34 @@ class Guard:
         """The limited command for `now` [ns]; `given` [ns]: when the command was given."""
         elapsed = (now - self._then) * 1e-9 if self._then else 0.0
         self._then = now
-        if self.why(now, given):
+        stopped, wanted = bool(self.why(now, given)), self._limited(command)
+        if self._stopped and not stopped and self._sent:
+            self._share = 1.0
+            self._rest = tuple(s - self.gain * w for s, w in zip(self._sent, wanted, strict=True))
+        self._stopped = stopped
+        if stopped:
             self.gain = max(0.0, self.gain - elapsed / FALL)
         else:
             self.gain = min(1.0, self.gain + elapsed / self.ramp) if self.ramp > 0.0 else 1.0
-        zero = (0.0,) * len(command)
-        if self.gain == 0.0 or not all(map(math.isfinite, command)):
-            return zero
-        largest = max(map(abs, command), default=0.0)
-        if largest == 0.0:
-            return zero
-        length = 1.0 if self.limits.each else math.hypot(*(c / largest for c in command))
-        scale = self.gain * min(1.0, self.limits.command / length / largest)  # this order avoids overflow
-        power = scale * self._power(command)
+        self._share = max(0.0, self._share - elapsed / FALL)
+        if self._share > 0.0:
+            both = zip(wanted, self._rest, strict=True)
+            sent = self._limited(tuple(self.gain * w + self._share * r for w, r in both))
+        else:
+            sent = tuple(self.gain * w for w in wanted)
+        power = self._power(sent)
         if power > self.limits.power:
-            scale *= self.limits.power / power
+            sent = tuple(self.limits.power / power * c for c in sent)
+        self._sent = sent
+        return sent
+
+    def _limited(self, command: tuple[float, ...]) -> tuple[float, ...]:
+        """The command, at most the largest; 0 if a value is not finite."""
+        largest = max(map(abs, command), default=0.0)
+        if largest == 0.0 or not all(map(math.isfinite, command)):
+            return (0.0,) * len(command)
+        length = 1.0 if self.limits.each else math.hypot(*(c / largest for c in command))
+        scale = min(1.0, self.limits.command / length / largest)  # this order avoids overflow
         return tuple(scale * c for c in command)
 
     def rates(self) -> tuple[tuple[float, ...], tuple[float, ...]]:

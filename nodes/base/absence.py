@@ -17,8 +17,11 @@ PACE = {"usual": (), "last": ()}
 """[s] The shorter of the last two steps of a node, and the last one."""
 GAIN = {"value": (), "fall": (), "rise": ()}
 """[1] A gain from 0 to 1 that falls to 0 within `fall` [s] while an input is missing, and rises within `rise` [s]."""
-FADED = {"gain": GAIN, "last": (3,)}
-"""A force or a command (3) whose last value fades out when messages stop, and fades in when they return."""
+FADED = {"gain": GAIN, "last": (3,), "rest": (3,), "share": (), "missing": bool}
+"""A force or a command (3) whose last value fades out when messages stop, and fades in when they return.
+
+When they return before it is zero, the difference `rest` from the new value fades out, too, with the factor `share`.
+"""
 
 
 def begin(gain: Any, fall: float, rise: float) -> None:
@@ -50,10 +53,18 @@ def faded(state, there, value, dt):
     """The faded value (3) in a step of dt [s]; `there`: whether the current value is available."""
     if there:
         for i in range(3):
+            if state.missing:
+                state.rest[i] = state.gain.value * (state.last[i] - value[i]) + state.share * state.rest[i]
             state.last[i] = value[i]
-        if state.gain.value == 1.0:
+        if state.missing:
+            state.share = 1.0
+        elif state.gain.value == 1.0 and state.share == 0.0:
             return value[0], value[1], value[2]
+    state.missing = not there
     gain = shared(state.gain, there, dt)
-    if gain == 1.0:
+    state.share = max(state.share - dt / state.gain.fall, 0.0)
+    if gain == 1.0 and state.share == 0.0:
         return state.last[0], state.last[1], state.last[2]
-    return gain * state.last[0], gain * state.last[1], gain * state.last[2]
+    x, y, z = state.last[0], state.last[1], state.last[2]
+    a, b, c = state.rest[0], state.rest[1], state.rest[2]
+    return gain * x + state.share * a, gain * y + state.share * b, gain * z + state.share * c

@@ -57,6 +57,19 @@ def test_trouble_takes_the_force_away_within_20_ms(name, spoil):
     assert run(guard, 150, start=500)[-1] == (1.0, 0.0, 0.0), "it comes in again when all is well"
 
 
+@pytest.mark.parametrize("without", range(12, 30, 3))
+@pytest.mark.parametrize("after", [0.0, -1.0, 3.0])
+def test_the_command_never_jumps_around_an_outage(without, after):
+    """Also if another command comes while the last one still falls to 0."""
+    guard = Guard(WIDE)
+    run(guard, 300)
+    old = [guard.apply((1.0, 0.0, 0.0), (300 + k) * MS, 300 * MS) for k in range(1, without)]
+    guard.saw(DeviceSample((299 + without) * MS, position=(0.0, 0.0, 0.0)))
+    x = np.array([c[0] for c in [*old, *run(guard, 200, (after, 0.0, 0.0), 300 + without)]])
+    assert x[0] == 1.0 and x[-1] == after
+    assert max(abs(np.diff(x))) <= (1.0 + abs(1.0 - after)) * 1e-3 / FALL + abs(after) * 1e-3 / WIDE.ramp + 1e-12
+
+
 def test_a_late_cycle_falls_as_far_as_time_has_passed():
     guard = Guard(WIDE)
     run(guard, 300)

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from palpate.launch.testing import FakeBus
 from palpate.messages import Contact, Torque
 from palpate.nodes.base import SettingError
+from palpate.nodes.base.absence import FALL
 from palpate.nodes.controller import Haptic
 from palpate.nodes.device import Segment, Simulated
 from palpate.nodes.kinematics import FalconKinematics, FalconStatics
@@ -151,6 +152,21 @@ def test_without_a_torque_nothing_pushes():
     assert bus.run(50)[-1].joints != first.joints
     bus.kill("torque")
     assert bus.run(2000)[-1].joints == first.joints
+
+
+@pytest.mark.parametrize("without", range(1, 8))
+@pytest.mark.parametrize("after", [0.0, 0.1, -0.2])
+def test_the_applied_torque_never_jumps_around_an_outage(without, after):
+    """Also if the sender returns with another command while the last one still falls: each tick changes the torque by
+    at most the fraction T / FALL of the two commands."""
+    node = Simulated()
+    node.start()
+    applied = []
+    for command in [0.2] * 3 + [None] * without + [after] * 8:
+        node.step(None if command is None else Torque(torques=(command,) * 3), dt=T)
+        applied.append(float(node.own["applied"][0]))
+    assert applied[2] == 0.2 and applied[-1] == after
+    assert max(abs(np.diff(applied[2:]))) <= (0.2 + abs(after) + abs(0.2 - after)) * T / FALL + 1e-12
 
 
 def test_motors_saturate_as_a_whole():
