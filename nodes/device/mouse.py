@@ -21,7 +21,7 @@ FARTHEST = 1e3  # [m] from the world's origin that a sample may be
 
 
 class PointerSample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True):
-    """What a program sends to a `device.Pointer`, as a msgpack array: number, place [m, world], buttons."""
+    """A sample for a `device.Pointer`, sent as a msgpack array: number, position [m, world], buttons."""
 
     number: int
     place: Vector3
@@ -31,11 +31,11 @@ class PointerSample(msgspec.Struct, array_like=True, frozen=True, forbid_unknown
 class Pointer(Node):
     """Target position of the fingertip from a pointer of another program: the newest sample on a local datagram socket.
 
-    A sample is a msgpack array [number, [x, y, z], buttons] in metres of the world. One that is not is dropped and
-    counted. Its messages are recorded, so that what a hand made of them can be computed again. Settings:
+    A sample is a msgpack array [number, [x, y, z], buttons] in metres of the world. Other datagrams are dropped and
+    counted. The messages of this node are recorded, so that the motion of the hand can be recomputed. Settings:
 
     socket  path of the socket, made at the start; only this user can send to it
-    begin   where the pointer is before its first sample, world frame
+    begin   position of the pointer before its first sample, world frame
     """
 
     paced = True
@@ -45,7 +45,7 @@ class Pointer(Node):
     socket: Annotated[str, "1"]
     begin: Annotated[Vector3, "m"] = HOME
 
-    foreign = told = 0
+    foreign = reported = 0
 
     def start(self) -> None:
         self.stop()
@@ -84,7 +84,7 @@ class Pointer(Node):
         return Pointed(position=self.last.place, buttons=self.last.buttons, sample=self.last.number)
 
     def notes(self) -> list[str]:
-        """Dropped samples: the first ones when they come, the number of all at the end."""
+        """Number of dropped samples: at the first ones, and in total at the end."""
         going = "_inlet" in self.__dict__
         if self.foreign == self.reported or (going and self.reported):
             return []
@@ -107,10 +107,11 @@ class Mouse(Follower):
 
         p' = (q - p)/lag,  |p'| <= speed
 
-    so that a pointer that jumps, sixty times a second or by a hand's breadth, moves as a hand moves. Settings, with
-    those of the hand:
+    so that the steps of a pointer (60 per second, or large jumps) become the smooth motion of a hand. Settings, in
+    addition to those of the hand:
 
-    lag     [s] and speed [m/s] with which the goal follows the pointer, assumed
+    lag     [s] time constant with which the goal follows the pointer, assumed
+    speed   [m/s] largest speed of the goal, assumed
     """
 
     lag: Annotated[float, "s", msgspec.Meta(gt=0, le=1)] = 0.03
