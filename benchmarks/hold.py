@@ -44,7 +44,7 @@ EXACT = {  # nodes with a setting for the encoder
 SECONDS = 0.2
 APART = 0.2  # [s] of contact in a run with one process per node
 BODIES = ("MassSpring", "BeamBundle", "ReducedFE", "Rigid")
-BEYOND = "beyond"  # of the note of a contact whose forces are not valid
+INVALID = "meaningless"  # in the note of a contact whose forces are not valid
 
 
 def holds(path) -> list[tuple[float, float]]:
@@ -120,7 +120,7 @@ def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = Fal
             other, _ = record("apart", begin + APART)
             parts = [(other.columns(name)["force"], force) for name, force in forces.items()]
             difference = max(float(np.abs(short - long[: len(short)]).max()) for short, long in parts)
-        return Run(holds_, difference, [note for note in notes if BEYOND in note])
+        return Run(holds_, difference, [note for note in notes if INVALID in note])
 
 
 def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tuple[str, list[str]]:
@@ -141,8 +141,8 @@ def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tu
             cell.append(form.format(scale * max(values)))
     if notes:
         cells[-1] = ["(contact beyond its law)"]
-    words = [", ".join(cell) for cell in cells]
-    return "| " + " | ".join([f"`{graph}`", f"`{body}`", *words, f"{most:.2g}"]) + " |", notes
+    words = [*(", ".join(cell) for cell in cells), f"{most:.2g}" if apart else ""]
+    return "| " + " | ".join([f"`{graph}`", f"`{body}`", *words]) + " |", notes
 
 
 def main() -> None:
