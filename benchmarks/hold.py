@@ -103,7 +103,9 @@ def run(graph: str, body: str, rate: int, exact: bool = False, apart: bool = Fal
             given = {"duration": duration} if duration else {}
             result = execute(launch.but(record=file, place=place, **given)).result
             if not result.ok:
-                raise RunError(f"failed: {result.deaths or result.notes}")
+                raise RunError(
+                    "; ".join(f"{death.node}: {death.text}" for death in result.deaths[:1]) or str(result.notes)
+                )
             return Recording(file), tuple(result.notes)
 
         launch = find(graph).but(overrides=sets, wanted=wanted)
@@ -131,7 +133,8 @@ def row(graph: str, body: str, rates: list[int], exact: bool, apart: bool) -> tu
         try:
             found = run(graph, body, rate, exact, apart)
         except PalpateError as error:
-            cells[0].append(f"refused at {rate} Hz: {str(error).splitlines()[0]}")
+            what = "failed" if isinstance(error, RunError) else "refused"
+            cells[0].append(f"{what} at {rate} Hz: {str(error).splitlines()[0]}")
             continue
         most, notes = max(most, found.apart), found.notes or notes
         for cell, form, scale, values in zip(
