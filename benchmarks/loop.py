@@ -2,7 +2,7 @@
 
     python benchmarks/loop.py [--seconds S] [--json]
 
-Rates are the best and the median of three alternating runs without recording; other programs can only slow a run down.
+Rates are the best and the median of three alternating runs, recorded only where the row says so; other programs can only slow a run down.
 The latency is the time from a tick to its torque. In parallel with each run on the real clock, a process only sleeps
 until each tick; the machine causes the ticks that this process misses.
 """
@@ -39,18 +39,33 @@ from palpate.physics.geometry.mesh import write_ply
 from palpate.records.times import step_times
 
 VERTICES = (10_000, 550_000)  # of the kidney as a mesh file: 20 000 and 1.1 million triangles
-PLACES = {"fused": "fused", "processes": None}
+REDUCED = ("tissue.use=deformation.ReducedFE",)
+CASES: dict[str, tuple[str | None, bool, tuple[str, ...]]] = {
+    "fused": ("fused", False, ()),
+    "fused, all recorded": ("fused", True, ()),
+    "fused, ReducedFE": ("fused", False, REDUCED),
+    "fused, ReducedFE, all recorded": ("fused", True, REDUCED),
+    "processes": (None, False, ()),
+}
+"""Placement, whether it is recorded, and overrides of each measured rate."""
 REAL = ((APART, 1000.0), (AUTO, 1000.0), (AUTO, 5000.0))
 """Placements and rates [Hz] on the real clock."""
 
 
 def run(
-    place: str | None, clock: str, seconds: float, rate: float = 1000.0, watch: Callable[[Launcher], None] | None = None
+    place: str | None,
+    clock: str,
+    seconds: float,
+    rate: float = 1000.0,
+    watch: Callable[[Launcher], None] | None = None,
+    record: Path | None = None,
+    overrides: tuple[str, ...] = (),
 ) -> Result:
-    """One run of the kidney graph without a recording."""
-    launch = find("kidney").but(place=place, clock=clock, duration=seconds, overrides=(f"rate={rate}",))
+    """One run of the kidney graph."""
+    launch = find("kidney").but(place=place, clock=clock, duration=seconds, overrides=(f"rate={rate}", *overrides))
+    launch = dataclasses.replace(launch, record=record)
     times = lambda planned: step_times(planned, None)[0]  # noqa: E731
-    result = execute(_unrecorded(launch), step_times=times, watch=watch or (lambda _: None)).result
+    result = execute(launch, step_times=times, watch=watch or (lambda _: None)).result
     if not result.ok:
         raise SystemExit(str(result.deaths[0]))
     return result
@@ -62,10 +77,12 @@ def _unrecorded(launch: LaunchFile) -> LaunchFile:
 
 def rates(seconds: float) -> dict[str, dict[str, float]]:
     """Rates [Hz] on simulated time, as fast as the machine allows."""
-    runs: dict[str, list[Result]] = {name: [] for name in PLACES}
-    for _ in track(range(3), "rates", transient=True):
-        for name, place in PLACES.items():
-            runs[name].append(run(place, "simulated", seconds))
+    runs: dict[str, list[Result]] = {name: [] for name in CASES}
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in track(range(3), "rates", transient=True):
+            for name, (place, recorded, over) in CASES.items():
+                record = Path(folder) / "touch.mcap" if recorded else None
+                runs[name].append(run(place, "simulated", seconds, record=record, overrides=over))
     answer = {}
     for name, results in runs.items():
         hertz = [result.ticks / result.wall for result in results]
@@ -188,7 +205,7 @@ def main() -> None:
         return
     out = Console()
     rows = []
-    for name in PLACES:
+    for name in CASES:
         row = figures["rates"][name]
         times = {f"{key} [us]": 1e6 * row[key] for key in ("p50", "p99", "p999")}
         rows.append({"": name, "best [Hz]": row["best"], "median [Hz]": row["median"], **times})
