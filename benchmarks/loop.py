@@ -2,9 +2,9 @@
 
     python benchmarks/loop.py [--seconds S] [--json]
 
-Rates are the best and the median of three alternating runs, recorded only where the row says so; other programs can only slow a run down.
-The latency is the time from a tick to its torque. In parallel with each run on the real clock, a process only sleeps
-until each tick; the machine causes the ticks that this process misses.
+Rates are the best and the median of three alternating runs, recorded only where the row says so; other programs can
+only slow a run down. The latency is the time from a tick to its torque. In parallel with each run on the real clock, a
+process only sleeps until each tick; the machine causes the ticks that this process misses.
 """
 
 from __future__ import annotations

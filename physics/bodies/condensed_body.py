@@ -34,12 +34,12 @@ from palpate.physics.bodies.condensed_step import (
     NUMBERS,
     OWN,
     PRESS,
-    RADIUS,
     TILT,
     TOTAL,
     CondensedModel,
     add_others,
     fixed_part,
+    stretched_radius,
     take_load,
 )
 from palpate.physics.bodies.large_displacement import stored_energy
@@ -199,7 +199,7 @@ def stored(body):
     its part of the effective force. For a linear body this is f.C f/2. The energy of tangential loads and of former
     patches is not included."""
     if len(body.bears) == 1 and len(body.model.area.forces) == 0:
-        return _stored_under(body.numbers[0], body.model.rho)
+        return _stored_under(body.model, body.numbers[0])
     total = 0.0
     for i in range(len(body.bears)):
         acting = body.bears[i] + row_times(body.cross[i], body.bears) / max(body.numbers[i, OWN], 1e-300)
@@ -209,16 +209,17 @@ def stored(body):
             total += 0.5 * linear * press + approach(body.model.area.table, press)[2]
             continue
         share = body.bears[i] / acting if acting > 0.0 else 0.0
-        total += share * _stored_under(body.numbers[i], body.model.rho)
+        total += share * _stored_under(body.model, body.numbers[i])
     return total
 
 
 @kernel(error_model="numpy")
-def _stored_under(numbers, rho):
-    now, compliance, radius = numbers[NOW], numbers[OWN], numbers[RADIUS]
+def _stored_under(model, numbers):
+    now, compliance = numbers[NOW], numbers[OWN]
     if not (now > 0.0 and compliance > 0.0):
         return 0.0
-    return radius * radius / compliance * stored_energy(now / radius, rho)
+    radius = stretched_radius(model, numbers)[0]
+    return radius * radius / compliance * stored_energy(now / radius, model.rho)
 
 
 @kernel(error_model="numpy")
@@ -226,9 +227,10 @@ def slope(body, contact):
     """Fill the tangential energy gradient `gradient` [N] (3) at the force of the last step, and the shape operator
     `shape` [1/m] (3,3): see `physics.bodies.place_energy`."""
     fields, numbers, n = body.fields[contact], body.numbers[contact], body.normals[contact]
+    radius, power = stretched_radius(body.model, numbers)
     along(
         body.ground, body.marks[contact, 2], body.counts[contact, 1], fields[TILT], (n[0], n[1], n[2]),
-        numbers[RADIUS], numbers[OWN], numbers[TOTAL], body.gradient, body.shape,
+        radius, power, numbers[OWN], numbers[TOTAL], body.gradient, body.shape,
     )  # fmt: skip
     if len(body.counts) > 1:
         for i in range(3):

@@ -5,7 +5,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from palpate.physics.bodies.half_space_range import FLAT, LIGHT, NEAR_WIDTH, ground_under
-from palpate.physics.bodies.large_displacement import DEEPEST, large_depth
+from palpate.physics.bodies.large_displacement import DEEPEST, NARROWEST, large_depth
 from palpate.physics.bodies.patch import load_radius, normal_force, patch_radius, share_of
 from palpate.physics.bodies.true_patch import MEAN, TruePatch, narrow_load, patch_compliance
 from palpate.physics.contact.area import WIDTH, AreaLaw, approach, radius_at
@@ -210,11 +210,11 @@ def add_others(model, dt, numbers, aside, others):
         return
     if len(rho) == 0 or not self_compliance > 0.0:
         return
-    radius, now, free = numbers[RADIUS], numbers[NOW], numbers[FREE]
+    radius, now, free = stretched_radius(model, numbers)[0], numbers[NOW], numbers[FREE]
     force = max(numbers[TOTAL] + others, LEAST_FORCE)
     numbers[NOW] = radius * large_depth(now / radius, rho)[0]
     numbers[FREE] = radius * large_depth(free / radius, rho)[0]
-    numbers[DEEP] = max(numbers[NOW] / (radius * DEEPEST) - 1.0, 0.0)
+    numbers[DEEP] = max(numbers[NOW] / (min(radius, numbers[RADIUS]) * DEEPEST) - 1.0, 0.0)
     then, slope = large_depth((free + take * self_compliance * force) / radius, rho)
     numbers[COMPLIANCE] = (radius * then - numbers[FREE]) / force
     # the tangent of a convex s(f), so that the contact approaches its force from above without oscillation; s_free at
@@ -227,12 +227,26 @@ def add_others(model, dt, numbers, aside, others):
 
 
 @kernel
+def half_space(model, numbers):
+    """Compliance [m/N] of a half-space under the patch."""
+    return (1.0 - model.true.held) * model.true.normal * MEAN / (numbers[RADIUS] * model.young)
+
+
+@kernel
+def stretched_radius(model, numbers):
+    """Radius R (c/c_R)² [m] of the law of large displacement on a finite organ, and d ln R/d ln c [1]. With a nodule or
+    capsule c does not measure the extent of the organ, and the radius is R."""
+    if len(model.rho) == 0 or len(model.true.table) == 0 or len(model.true.apart) > 0:
+        return numbers[RADIUS], 0.0
+    square = (numbers[OWN] / half_space(model, numbers)) ** 2
+    return numbers[RADIUS] * max(square, NARROWEST), 2.0 if square > NARROWEST else 0.0
+
+
+@kernel
 def fixed_part(model, numbers):
     """Compliance [m/N] of the half-space in that of the fixed patch: what the approach of a growing contact replaces,
     limited so that the indentation rises with the force."""
-    table, true = model.area.table, model.true
-    local = (1.0 - true.held) * true.normal * MEAN / (numbers[RADIUS] * model.young)
-    return min(local, numbers[OWN] + 0.5 * approach(table, model.area.forces[-1])[1])
+    return min(half_space(model, numbers), numbers[OWN] + 0.5 * approach(model.area.table, model.area.forces[-1])[1])
 
 
 @kernel

@@ -11,10 +11,13 @@ Its derivative is a force along the surface, towards softer places:
 Over a convex surface the bone edge x = p - e n moves less than p: with dn = S dp, dx = (1 - e S) dp, so that the force
 on the hand is (1 - e S)^-1 g. Its work along a closed path is zero (negative with viscosity).
 
-V is R²/c times the integral of x over s/R (`large_displacement`), in which only c depends on the place. Its derivative
-is computed from the compliance c = g.Cg/E of the linear organ under a patch round each coarse vertex: the gradient of
-this field, averaged over the patch. The gradient under the load itself would be a small difference of both sides of the
-indentation, of the order of the discretization error.
+V is R²/c times the integral of x over s/R (`large_displacement`), in which c and R depend on the place:
+
+    g = (V + k (f s - 2 V)) d ln c/dp,    k = d ln R/d ln c
+
+d ln c/dp is computed from the compliance c = g.Cg/E of the linear organ under a patch round each coarse vertex: the
+gradient of this field, averaged over the patch. The gradient under the load itself would be a small difference of both
+sides of the indentation, of the order of the discretization error.
 """
 
 from typing import Annotated, Any, NamedTuple
@@ -95,12 +98,13 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def along(ground, nodes, touched, tilt, normal, radius, compliance, force, gradient, shape):
+def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force, gradient, shape):
     """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, under a load.
 
     nodes, touched   coarse vertices of the patch, and their number
     tilt             [1/m] (V,3) derivatives of their shares along the surface
-    normal [1] (3);  radius [m] and compliance [m/N] of the linear organ under the patch;  force [N] along the normal
+    normal [1] (3);  radius [m] of the law of large displacement, and k [1];  compliance [m/N] of the linear organ under
+    the patch;  force [N] along the normal
     """
     gradient[:] = 0.0
     shape[:] = 0.0
@@ -117,6 +121,7 @@ def along(ground, nodes, touched, tilt, normal, radius, compliance, force, gradi
                 shape[j, i] += grad * ground.normals[v, j]
     depth, _ = large_depth(compliance * force / radius, ground.rho)
     energy = radius * radius / compliance * stored_energy(depth, ground.rho)
+    energy += power * (force * radius * depth - 2.0 * energy)
     for i in range(3):
         gradient[i] = energy * softer[i]
     # without the part along the normal, which is work of the normal force
