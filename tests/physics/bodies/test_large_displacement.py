@@ -115,7 +115,10 @@ def test_on_a_half_space_it_is_the_full_solution(poisson):
 )
 def test_on_a_slab_the_radius_follows_the_compliance(radius, poisson, plain):
     """Force error up to s = R: 1.3, 0.3 and 1.0 % of the force; `plain` with the radius of the patch."""
-    press, depths = RoundPress(poisson, 0.04 / radius, 0.056 / radius, 6, BED * radius), np.array([0.1, 0.35, 0.7, 1.0])
+    press, depths = (
+        RoundPress(poisson, 0.04 / radius, 0.056 / radius, 6, BED * radius),
+        np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0]),
+    )
     full = 1.0 + press.excess(depths)
     wide, rho = (press.compliance / half_space(poisson)) ** 2, nonlinearity(poisson)
 
