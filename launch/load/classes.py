@@ -4,6 +4,7 @@ import importlib
 import importlib.util
 import os
 import traceback
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType, UnionType
@@ -42,15 +43,17 @@ class Entry:
     cls: type[Node]
 
 
-def find_class(use: str) -> type[Node]:
+def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
     """The node class that `use:` names: a shipped one such as `contact.Series`, or a full dotted name.
+
+    sends  message types that the graph expects from it: the error lists classes that send them
 
     ClassError: no such module or class, not a node, a package is missing, or the class is malformed.
     """
     module_name, _, name = use.rpartition(".")
     if not module_name or not all(part.isidentifier() for part in use.split(".")):
-        raise ClassError(f"use: found {use!r}, expected module.Class such as contact.Series", _similar(use))
-    module = _module(use, module_name)
+        raise ClassError(f"use: found {use!r}, expected module.Class such as contact.Series", _fitting(use, sends))
+    module = _module(use, module_name, sends)
     try:
         cls = getattr(module, name, None)
     except ImportError as error:
@@ -58,11 +61,11 @@ def find_class(use: str) -> type[Node]:
     if cls is None:
         known = [c.__name__ for c in classes(module)]
         close = choices(f"{module_name} has", name, known)
-        more = "" if close.startswith("Did you mean") else _similar(use)
+        more = "" if close.startswith("Did you mean") and not sends else _fitting(use, sends)
         raise ClassError(f"use: {module_name!r} has no class {name!r}", f"{close} {more}".strip())
     if not (isinstance(cls, type) and issubclass(cls, Node)):
         what = f"the class {cls.__name__}" if isinstance(cls, type) else f"a {type(cls).__name__}"
-        raise ClassError(f"use: {use!r} is {what}, expected a subclass of palpate.nodes.Node", _similar(use))
+        raise ClassError(f"use: {use!r} is {what}, expected a subclass of palpate.nodes.Node", _fitting(use, sends))
     _check(use, cls)
     return cls
 
@@ -72,7 +75,7 @@ def is_shipped(module: str) -> bool:
     return importlib.util.find_spec(f"{SHIPPED}.{module.partition('.')[0]}") is not None
 
 
-def _module(use: str, name: str) -> ModuleType:
+def _module(use: str, name: str, sends: Iterable[type[Message]]) -> ModuleType:
     shipped = is_shipped(name)
     here = os.getcwd() if shipped else search_here()
     full = f"{SHIPPED}.{name}" if shipped else name
@@ -85,7 +88,7 @@ def _module(use: str, name: str) -> ModuleType:
             known = choices("Modules of palpate", name.partition(".")[0], modules)
             cure = f"{known} Looked in {here} and the Python path, too."
             text = f"use: {use!r}: module {name!r} not found"
-            raise ClassError(text, f"{cure} {_similar(use)}".strip()) from None
+            raise ClassError(text, f"{cure} {_fitting(use, sends)}".strip()) from None
         raise _missing(use, error) from None
     except ImportError as error:
         raise _missing(use, error) from None
@@ -194,10 +197,13 @@ def takers(kind: type[Message], cls: type[Node]) -> list[str]:
     return [use for use in several if outputs(found[use]) == outputs(cls)] or several
 
 
-def _similar(use: str) -> str:
-    """The shipped classes with similar names, as a suggestion."""
-    close = nearest(use, [e.use for e in catalogue()[0]])
-    return f"Did you mean {' or '.join(close)}?" if close else ""
+def _fitting(use: str, sends: Iterable[type[Message]]) -> str:
+    """Suggestions: the shipped classes that send the wanted types; without wanted types, those with similar names."""
+    kinds = list(sends)
+    if not kinds:
+        close = nearest(use, [e.use for e in catalogue()[0]])
+        return f"Did you mean {' or '.join(close)}?" if close else ""
+    return " ".join(f"Classes that send {k.__name__}: {', '.join(senders(k)) or 'none'}." for k in kinds)
 
 
 def describe(use: str, cls: type[Node]) -> dict[str, Any]:

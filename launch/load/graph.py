@@ -26,7 +26,8 @@ from palpate.launch.load.values.lines import fill, quantity
 from palpate.launch.load.values.settings import Offer, check_offers, check_taken, resolve, uncalibrated
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.wiring import Kinds, Wire, close_loops, find_streams, wires
-from palpate.nodes.base import Node, settings
+from palpate.messages import Message
+from palpate.nodes.base import Node, Observer, inputs, settings
 from palpate.nodes.base.carrier import Carrier
 
 RESERVED = ("scene", "rate", "wanted", EFFECTS, "all")
@@ -219,10 +220,43 @@ def _drafts(given: dict[str, Any], source: YamlSource, faults: Faults) -> tuple[
             cls = find_class(line_keys.use)
         except ClassError as error:
             unclear.add(name)
-            faults.add(str(error), error.cure, source.place("nodes", name, "use"), node=name)
+            _report_class(name, line_keys.use, error, source, faults)
             continue
         drafts[name] = _Draft(line, line_keys, cls, [key for key in line.data if key not in LINE])
     return drafts, unclear
+
+
+def _report_class(name: str, use: str, error: ClassError, source: YamlSource, faults: Faults) -> None:
+    """A fault for a class that is not found, with the classes that send what the graph expects of the node."""
+    cure = error.cure
+    kinds = _expected(name, source.data["nodes"])
+    if kinds:
+        try:
+            find_class(use, kinds)
+        except ClassError as again:
+            cure = again.cure
+    faults.add(str(error), cure, source.place("nodes", name, "use"), node=name)
+
+
+def _expected(name: str, nodes: dict[str, Any]) -> list[type[Message]]:
+    """The message types that other nodes expect of a node."""
+    expected: dict[type[Message], None] = {}
+    for line in nodes.values():
+        given = line.get("in") if isinstance(line, dict) else None
+        if not (isinstance(given, dict) and isinstance(line.get("use"), str)):
+            continue
+        for port_name, value in given.items():
+            several = value if isinstance(value, list) else [value]
+            named = [one.get("from") if isinstance(one, dict) else one for one in several]
+            if name not in [str(sender).partition(".")[0] for sender in named]:
+                continue
+            try:
+                cls = find_class(line["use"])
+            except ClassError:
+                continue
+            ports = () if issubclass(cls, Observer) else inputs(cls)
+            expected |= {p.type: None for p in ports if p.name == port_name}
+    return list(expected)
 
 
 def _node(name: str, draft: _Draft, scene: Scene, offers: list[Offer], faults: Faults) -> NodeSpec:

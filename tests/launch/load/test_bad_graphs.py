@@ -63,7 +63,7 @@ BAD = {
     "no use": ("use: graph_nodes.Rub, ", "", ["node 'friction'", "use: found None", "module.Class"]),
     "use without module": ("graph_nodes.Rub", "Rub", ["use: found 'Rub'", "module.Class"]),
     "unknown module": ("graph_nodes.Rub", "graph_noodles.Rub", ["module 'graph_noodles' not found", "Looked in"]),
-    "unknown class": ("graph_nodes.Rub", "graph_nodes.Rob", ["no class 'Rob'", "Did you mean 'Rub'"]),
+    "unknown class": ("graph_nodes.Rub", "graph_nodes.Rob", ["no class 'Rob'", "Did you mean 'Rub'", "send Friction"]),
     "not a node": ("graph_nodes.Rub", "graph_nodes.Stray", ["'graph_nodes.Stray' is the class Stray", "subclass of"]),
     "no step": ("graph_nodes.Rub", "graph_nodes.NoStep", ["not well formed", "NoStep has no step"]),
     "setting without unit": ("graph_nodes.Rub", "graph_nodes.NoUnit", ["not well formed", "NoUnit.mass", "unit"]),
@@ -265,7 +265,7 @@ SETS = {
     "tissue.stiffness=[1": ["not YAML"],
     "scene.tissue.cells=9": ["'tissue.cells' of the scene reaches no node", "Settings of 'tissue' (Spring): stiffness"],
     "scene.tissue={friction: on, cells: 9}": ["'tissue.cells' of the scene reaches no node"],
-    "tissue.use=graph_nodes.Spirng": ["no class 'Spirng'", "Did you mean 'Spring'"],
+    "tissue.use=graph_nodes.Spirng": ["no class 'Spirng'", "Did you mean 'Spring'", "Classes that send Surface"],
 }
 
 
