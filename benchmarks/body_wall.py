@@ -13,7 +13,7 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from tables import parser, tell
+from tables import parser, print_tables
 
 from palpate.launch.load.classes import find_class
 from palpate.messages import Contact, Load, Pose, Proximity, Surface
@@ -191,7 +191,7 @@ def main() -> None:
     device = WallDevice(given.mass, given.drag, given.coulomb, given.resolution)
     cases = product(given.body, given.rate, given.delay)
     rows = [{"body": name, **row(device, find_class(name), rate, delay)} for name, rate, delay in cases]
-    tell({"stiffest tissue model, N/m at a push of 0.1 N": rows}, given.json)
+    print_tables({"stiffest tissue model, N/m at a push of 0.1 N": rows}, given.json)
 
 
 if __name__ == "__main__":

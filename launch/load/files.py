@@ -37,8 +37,9 @@ def find_file(
             return path.resolve()
     shipped = [*words, *(p.stem for p in sorted(folder.glob("*.yaml")))]
     cure = f"{choices('Shipped', given.stem, shipped)} Or give the path of a file."
-    found = "is a folder" if os.path.isdir(tried[0]) else f"not found, looked in {short(str(base or Path.cwd()))}"
-    raise GraphError([Fault(f"{what} {name!r} {found}", cure, place)])
+    if name and os.path.isdir(tried[0]):
+        raise GraphError([Fault(f"{what} {name!r} is a folder", cure, place)])
+    raise GraphError([Fault(f"{what} {name!r} not found, looked in {short(str(base or Path.cwd()))}", cure, place)])
 
 
 def read_extended(path: Path, folder: Path, inside: tuple[Path, ...] = ()) -> YamlSource:

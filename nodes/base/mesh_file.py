@@ -135,8 +135,8 @@ def flaws(path: str) -> list[str]:
     elif through := crossing(vertices, triangles):
         x, y, z = through[2]
         lines.append(
-            f"{path} intersects itself, first at ({x:.4g}, {y:.4g}, {z:.4g}) in the file's unit. The finger may rest "
-            f"on a part that is inside. {REPAIR.format(path)} repairs it."
+            f"{path} intersects itself, first seen at ({x:.4g}, {y:.4g}, {z:.4g}) in the file's unit. The finger may "
+            f"rest on a part that is inside. {REPAIR.format(path)} repairs it."
         )
     return lines
 

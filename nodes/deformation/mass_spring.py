@@ -73,7 +73,7 @@ class MassSpring(CompiledNode, WithNodule):
     def start(self) -> None:
         super().start()
         if self.area != "fixed":
-            self._notes.append("MassSpring: scene.surface.area changes only its surface, not its force law K s^n")
+            self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
         self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
         if self._hardness is not None:
             self.hold("hard", self._hardness)

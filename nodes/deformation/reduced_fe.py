@@ -265,7 +265,7 @@ class ReducedFE(CompiledNode, WithNodule):
         away = basis_store.off(basis.vertices, self.coarse_mesh())
         if away > basis_store.NEAR:
             raise SettingError(
-                f"{path}: its vertices are up to {away:.2g} of the extent away from surface {self.surface!r}; "
+                f"{path}: its vertices are up to {away:.2g} of the surface's extent off surface {self.surface!r}; "
                 f"expected the same surface at the same position. Rebuild it: {self.command()} --force"
             )
         return basis

@@ -1,4 +1,4 @@
-"""Recording: every stream as a channel of an MCAP file, the wire bytes as they are."""
+"""Recording: every stream is a channel of an MCAP file with the unchanged wire bytes."""
 
 import contextlib
 import errno
@@ -20,7 +20,7 @@ from palpate.nodes.base.block import MARGIN
 from palpate.records.format.head import PROFILE, SCHEMA_VERSION, head_alone
 from palpate.records.format.mcap_writer import CHUNK_SIZE, HEAD, Compression, McapWriter
 
-LATEST = 1024  # ticks of a stream by which a node's new life is told from the one before
+LATEST = 1024  # stored ticks of a stream, which separate the messages of a restarted node from earlier ones
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -30,59 +30,64 @@ class _Time(msgspec.Struct, gc=False):
 
 _TIME = msgspec.msgpack.Decoder(_Time)
 HEAD_LENGTH = HEAD.itemsize - 9  # [B] of a head, without kind and length of its record
-CHECK = 0.2  # [s] between the messages that are kept of a stream that can be computed again
+CHECK = 0.2  # [s] between the recorded messages of a stream that can be recomputed
 
 
 class _Recorded:
     """One recorded stream.
 
-    channel  its number in the file
-    every    ticks between two messages that are to come
-    keep     ticks between two that are written
-    skip     ticks between two that it takes, on the simulated clock; 1: it takes each
-    heads    of messages that are not kept their heads are written
-    next     tick at which its next message is expected; due: from which on one is written
-    first    tick of its first message
-    heard    messages that came; count: that were written; gaps: that are missing between those that came
-    last     ticks of the last ones
+    channel   its number in the file
+    every     ticks between expected messages
+    keep      ticks between written messages
+    skip      ticks between received messages on the simulated clock; 1: all
+    heads     whether to write the heads of the other messages
+    next      tick of the next expected message
+    due       tick from which on a message is written
+    first     tick of its first message
+    received  number of received messages
+    count     number of written messages
+    gaps      number of missing messages between received ones
+    last      ticks of the last messages
     """
 
-    __slots__ = ("channel", "count", "due", "every", "first", "gaps", "heads", "heard", "keep", "last", "next", "skip")
+    __slots__ = (
+        "channel", "count", "due", "every", "first", "gaps", "heads", "keep", "last", "next", "received", "skip",
+    )  # fmt: skip
 
     def __init__(self, channel: int, every: int, thin: int, simulated: bool, heads: bool) -> None:
         self.channel, self.heads = channel, heads
         self.keep = every * thin if thin > 1 else 1
         self.skip = self.keep if simulated else 1
         self.every = every * thin if simulated else every
-        self.next = self.due = self.first = self.heard = self.count = self.gaps = 0
+        self.next = self.due = self.first = self.received = self.count = self.gaps = 0
         self.last: deque[int] = deque(maxlen=LATEST)
 
     def take(self, ticks: np.ndarray) -> np.ndarray:
         """Count messages of these ascending ticks, as `Mcap.observe` counts one. Returns which of them to write."""
-        heard = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
-        ticks = ticks[heard]
+        taken = np.full(len(ticks), True) if self.skip == 1 else ticks % self.skip == 0
+        ticks = ticks[taken]
         if not len(ticks):
-            return heard
+            return taken
         expected = np.concatenate(([self.next], ticks[:-1] + self.every))
         self.gaps += int(np.maximum(0, (ticks - expected) // self.every).sum())
         self.next = int(ticks[-1]) + self.every
-        self.first = self.first if self.heard else int(ticks[0])
-        self.heard += len(ticks)
+        self.first = self.first if self.received else int(ticks[0])
+        self.received += len(ticks)
         self.last.extend(ticks[-LATEST:].tolist())
         if self.keep > 1:
             period = ticks // self.keep
-            heard[heard] = period > np.concatenate(([self.due // self.keep - 1], period[:-1]))
+            taken[taken] = period > np.concatenate(([self.due // self.keep - 1], period[:-1]))
             self.due = max(self.due, int(period[-1] + 1) * self.keep)
-        self.count += int(heard.sum())
-        return heard
+        self.count += int(taken.sum())
+        return taken
 
 
 class Mcap(Observer):
     """Writes the streams to an MCAP file: channels with units in their schemas, and the run's provenance.
 
-    What it did not get is counted in the file, per stream: messages that their node sent and that did not come. A full
-    disk ends the recording with one line and leaves a file that opens up to its last chunk; the run goes on. A run that
-    is killed leaves such a file, too.
+    The file contains the number of lost messages per stream: those that the node sent but the logger did not receive.
+    If the disk is full, the recording ends with a note, and the run continues; the file can be read up to its last
+    chunk. The same is true of the file of a killed run.
     """
 
     effect = "recording"
@@ -90,16 +95,16 @@ class Mcap(Observer):
     path: Annotated[str, "1"] = "palpate.mcap"
     thin: Annotated[dict[str, int], "1"] = {}  # Streams to thin out: name and n, to keep each n-th message
     leave_out: Annotated[tuple[str, ...], "1"] = ()
-    """Streams not to record; those of nodes that do not run are not there anyway."""
+    """Streams that are not recorded."""
     within: Annotated[float, "s", msgspec.Meta(ge=0.0, le=60.0)] = 0.2
-    """What has come is in the file after this time at the latest. A kill of everything costs that, and what was still
-    under way to the logger: 0.7 to 1.3 s in all were measured where simulated time is paced."""
+    """Longest time until a received message is in the file. If all processes are killed, messages of this time and
+    those on the way to the logger are lost: 0.7 to 1.3 s in measurements with paced simulated time."""
     fields: Annotated[tuple[str, ...] | typing.Literal["all"], "1"] = ()
-    """Of a stream that other nodes read too: fields to compute for the recording, beside those that are read."""
+    """Fields to compute for the recording in addition to those that other nodes read."""
     compression: Annotated[Compression, "1"] = "zstd"
     sources: Annotated[tuple[str, ...], "1"] = ()
-    """Streams from which all others can be computed again: of the others one message is kept every 0.2 s, as a check,
-    and on the real clock the heads of all, which say what each step used. () keeps all messages."""
+    """Streams from which all others can be recomputed. Of the others, one message per 0.2 s is recorded as a check, and
+    on the real clock the heads of all, which contain the inputs of each step. (): record all messages."""
 
     def start(self) -> None:
         for name, keep in self.thin.items():
@@ -139,31 +144,31 @@ class Mcap(Observer):
         self._live = not simulated
 
     def period(self, stream: str) -> int:
-        own = self._recorded.get(stream)
-        return own.skip if own is not None else 0
+        recorded = self._recorded.get(stream)
+        return recorded.skip if recorded is not None else 0
 
     def observe(self, stream: str, tick: int, payload: bytes) -> None:
-        own = self._recorded.get(stream)
-        if own is None or (own.skip > 1 and tick % own.skip) or self._behind():
+        recorded = self._recorded.get(stream)
+        if recorded is None or (recorded.skip > 1 and tick % recorded.skip) or self._behind():
             return
-        if tick != own.next:
-            own.gaps += max(0, (tick - own.next) // own.every)
-        own.next = tick + own.every
-        own.heard += 1
-        if own.heard == 1:
-            own.first = tick
-        own.last.append(tick)
-        if own.keep > 1:
-            if tick >= own.due:
-                own.due = tick - tick % own.keep + own.keep  # also where the clock left out the very tick
-            elif own.heads:
+        if tick != recorded.next:
+            recorded.gaps += max(0, (tick - recorded.next) // recorded.every)
+        recorded.next = tick + recorded.every
+        recorded.received += 1
+        if recorded.received == 1:
+            recorded.first = tick
+        recorded.last.append(tick)
+        if recorded.keep > 1:
+            if tick >= recorded.due:
+                recorded.due = tick - tick % recorded.keep + recorded.keep  # also if the clock skipped the tick `due`
+            elif recorded.heads:
                 payload = head_alone(payload)
             else:
                 return
         at = _TIME.decode(payload).time
         try:
-            self._writer.add_message(own.channel, tick, at if at > 0 else 0, payload)
-            own.count += 1
+            self._writer.add_message(recorded.channel, tick, at if at > 0 else 0, payload)
+            recorded.count += 1
             if time.monotonic() > self._due:
                 self._on_time()
         except OSError as error:
@@ -171,20 +176,20 @@ class Mcap(Observer):
 
     def observe_block(self, block: Block) -> None:
         recorded = [self._recorded.get(stream) for stream in block.streams]
-        if type(self).observe is not Mcap.observe or any(own is not None and own.heads for own in recorded):
+        if type(self).observe is not Mcap.observe or any(one is not None and one.heads for one in recorded):
             super().observe_block(block)
             return
         if self._behind():
             return
         # Select the messages to write and fill in their heads.
         number, kept = block.entries["number"], np.zeros(len(block.entries), bool)
-        for place, own in enumerate(recorded):
-            if own is not None and len(rows := np.flatnonzero(number == place)):
-                kept[rows] = own.take(block.entries["tick"][rows])
+        for place, one in enumerate(recorded):
+            if one is not None and len(rows := np.flatnonzero(number == place)):
+                kept[rows] = one.take(block.entries["tick"][rows])
         entries = block.entries[kept]
         heads = np.zeros(len(entries), HEAD)
         heads["kind"], heads["length"] = Opcode.MESSAGE, entries["end"] - entries["begin"] + HEAD_LENGTH
-        heads["channel"] = np.array([own.channel if own else 0 for own in recorded])[entries["number"]]
+        heads["channel"] = np.array([one.channel if one else 0 for one in recorded])[entries["number"]]
         heads["tick"] = entries["tick"]
         heads["time"] = heads["at"] = np.maximum(entries["time"], 0)
         place = entries["begin"][:, None] - MARGIN + np.arange(MARGIN)
@@ -207,7 +212,7 @@ class Mcap(Observer):
         return self._live and self._writer.full
 
     def _on_time(self) -> None:
-        """What has come goes into the file; with no time to wait it is there at once."""
+        """Write the received messages to the file; with `within` = 0 also flush it."""
         self._writer.close_chunk()
         if not self.within:
             self._writer.flush()
@@ -217,53 +222,59 @@ class Mcap(Observer):
         node = message.source
         since = self._since.get(node, 0)
         if message.since < since:
-            return  # a late word of one that is dead
+            return  # a late message of a dead predecessor
         if message.since > since:
             self._since[node] = message.since
-            self._begun_anew(node, message.since, message.steps)
+            self._restarted(node, message.since, message.steps)
         self._steps[node] = message.steps
-        if message.median > 0.0:  # a replay tells none
+        if message.median > 0.0:  # not in a replay
             self._times[node] = {"steps": message.steps, "median": message.median, "p99": message.p99}
 
-    def _begun_anew(self, node: str, since: int, steps: int) -> None:
-        """A node has begun anew, with a new state: a replay has to do so at the same place. Messages of its new life
-        may have come before the word of it, which takes another way: `steps` of them where more came than are
-        remembered."""
+    def _restarted(self, node: str, since: int, steps: int) -> None:
+        """Record the tick `since` at which a node restarted with a new state, so that a replay restarts it there.
+
+        Messages of the restarted node may arrive before its health, which takes another path. Their number is counted
+        by the stored ticks or, if these do not reach back to `since`, is `steps`.
+        """
         streams = [stream.name for stream in self.streams if stream.producer == node]
         known = [self._recorded[name] for name in streams if name in self._recorded]
-        known = [own for own in known if own.heard and own.first < since]  # else its first life, of a late beginning
-        heard = (
-            max(1, own.heard - steps) if own.last[0] >= since else own.heard - sum(tick >= since for tick in own.last)
-            for own in known
+        known = [one for one in known if one.received and one.first < since]  # others had no predecessor
+        received = (
+            max(1, one.received - steps)
+            if one.last[0] >= since
+            else one.received - sum(tick >= since for tick in one.last)
+            for one in known
         )
-        before = max(heard, default=0)
+        before = max(received, default=0)
         if self._file is None or before <= self._before.get(node, 0):
             return
-        self._before[node] = before  # what the dead one sent last and did not arrive nobody knows
+        self._before[node] = before  # the last lost messages of the predecessor cannot be counted
         try:
             self._writer.add_metadata("palpate.restarted", {"node": node, "tick": str(since)})
         except OSError as error:
             self._give_up(error)
 
     def lost(self, stream: Stream) -> int:
-        """How many messages of a stream were sent and did not come. Where the sender did not tell how many it sent,
-        the ticks without a message count."""
+        """Number of messages of a stream that were sent but not received.
+
+        If the sender has not reported its number of steps, this is the number of ticks without a message.
+        """
         steps = self._steps.get(stream.producer)
         if steps is None:
             return self._recorded[stream.name].gaps
-        own, since = self._recorded[stream.name], self._since.get(stream.producer, 0)
-        if own.skip > 1:  # of the steps since then those at its own ticks
-            steps = -(-(since + steps * stream.every) // own.skip) + (-since // own.skip)
-        return max(0, self._before.get(stream.producer, 0) + steps - own.heard)
+        recorded, since = self._recorded[stream.name], self._since.get(stream.producer, 0)
+        if recorded.skip > 1:  # number of the steps since then at ticks that the logger receives
+            steps = -(-(since + steps * stream.every) // recorded.skip) + (-since // recorded.skip)
+        return max(0, self._before.get(stream.producer, 0) + steps - recorded.received)
 
     def _give_up(self, error: OSError) -> None:
         file, self._file = self._file, None
         assert file is not None
-        self._recorded = {}  # nothing more is taken
+        self._recorded = {}  # no further messages
         why = "the disk is full" if error.errno in _FULL else error.strerror
-        self._notes.append(f"recording {self.path} ends here: {why}; what was written before can be read")
+        self._notes.append(f"recording {self.path} ends here: {why}; the messages before it can be read")
         self._writer.close()
-        with contextlib.suppress(OSError):  # what is in its buffer cannot be written either
+        with contextlib.suppress(OSError):  # its buffer cannot be written either
             file.close()
 
     def stop(self) -> None:

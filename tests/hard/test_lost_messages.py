@@ -78,7 +78,7 @@ def test_a_loop_that_stands_still_does_not_jump_in_the_hand(chain, begin, length
 
 @pytest.mark.parametrize("length", [3, 5, 7, 8])
 def test_a_stall_shorter_than_the_device_holds_its_command_is_not_felt(chain, length):
-    """The hand goes on meanwhile: it presses, then rests. With the lag of the late step as that of the loop, the force
+    """The hand keeps moving: it presses, then rests. With the lag of the late step as that of the loop, the force
     fell by 0.13 N."""
     run = chain(find("kidney").but(overrides=TOUCH))
     base = feel(run, nothing).change

@@ -233,7 +233,9 @@ def _closest(key: str, cls: type[Node]) -> str:
 
 def _family(cls: type[Node]) -> tuple[dict[str, Setting], bool]:
     """The settings of all node classes in a class's module or folder, and whether all of them could be imported."""
-    return _shipped_family(cls) if cls.__module__.startswith(SHIPPED) else _read_family(cls, [cls.__module__])
+    if cls.__module__.startswith(SHIPPED):
+        return _shipped_family(cls)  # type: ignore[arg-type]
+    return _read_family(cls, [cls.__module__])
 
 
 @cache

@@ -20,7 +20,7 @@ from palpate.launch.run.wire.bus import HEALTH, Bus, frame
 from palpate.launch.run.wire.inlet import LONGEST_MESSAGE
 from palpate.launch.run.work.ages import permitted
 from palpate.launch.run.work.compiling import compiling
-from palpate.messages import pack
+from palpate.messages import MessageError, pack, unpack
 from palpate.nodes.base import Block, Node
 
 BURST = 16  # ticks between two bursts to the observers
@@ -241,10 +241,12 @@ class Worker:
     def _deliver(self, feed: RemoteStream, payload: bytes) -> None:
         try:
             message = feed.decode(payload)
-        except Exception as error:  # not of the stream's type
+        except Exception:  # not of the stream's type; on the real clock it counts as lost
             if not self._real:  # a node would wait for this message forever
-                text = f"a message that is no {feed.kind.__name__}: {error}"
-                raise NodeError(feed.producer, f"stream {feed.stream!r}", text) from error
+                try:
+                    unpack(payload, feed.kind)
+                except MessageError as error:
+                    raise NodeError(feed.producer, f"stream {feed.stream!r}", error) from error
             return
         for port in feed.ports:
             port.put(message)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.models.fe.element.mesh import TetMesh
+from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
 from palpate.models.fe.progress import Report, unheard
 from palpate.models.fe.study.pressing import Pressing
 from palpate.physics.archive import replacing
@@ -204,3 +205,16 @@ def check_pair(runs: dict[str, PressRun], scaled: bool = False) -> float:
     if other is not None:
         raise ArgumentError(f"{other[0]} is {other[1]} on steel, {other[2]} on silicone; expected the same in both")
     return ratio
+
+
+def numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
+    """The record as plain data, with the points of the paper."""
+    divisor, bone = divisor_and_bone(material)
+    return {
+        "plate": plate, "material": material, "divisor": divisor, "bone": bone,
+        **{name: values.tolist() for name, values in vars(record).items()},
+        "paper": [
+            {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
+            for f, d in PAPER[plate]
+        ],
+    }  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -33,7 +33,7 @@ def fingertip(
     as_json: Json = False,
 ) -> None:
     """Press the layered fingertip on a plate: force, area, volumes."""
-    from palpate.models.fe.study.press_record import PressRun, run_name
+    from palpate.models.fe.study.press_record import PressRun, numbers, run_name
     from palpate.physics.extras import missing
     from palpate.physics.writable import check_folder
 
@@ -48,7 +48,7 @@ def fingertip(
     except ModuleNotFoundError as error:
         say(missing(f"no {fields.name}", error.name, "mesh"), err=True)
     if as_json:
-        print_json({"ok": True} | _numbers(plate, material, record) | {"folder": str(place)})
+        print_json({"ok": True} | numbers(plate, material, record) | {"folder": str(place)})
         return
     _print(plate, material, record)
     if fields.exists():
@@ -108,18 +108,3 @@ def _print(plate: str, material: str, record: Record) -> None:
     for force, depth in PAPER[plate]:
         found = f"{1e3 * record.at(force)[0]:.2f} mm" if force <= record.force[-1] else "not reached"
         typer.echo(f"{force} N: {found} (paper: {1e3 * depth:.2f} mm)")
-
-
-def _numbers(plate: str, material: str, record: Record) -> dict[str, Any]:
-    """The record as plain data, with the points of the paper."""
-    from palpate.models.fe.meshing.fingertip import PAPER, divisor_and_bone
-
-    divisor, bone = divisor_and_bone(material)
-    return {
-        "plate": plate, "material": material, "divisor": divisor, "bone": bone,
-        **{name: values.tolist() for name, values in vars(record).items()},
-        "paper": [
-            {"force": f, "indentation": d, "found": record.at(f)[0] if f <= record.force[-1] else None}
-            for f, d in PAPER[plate]
-        ],
-    }  # fmt: skip
