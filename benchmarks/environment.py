@@ -14,10 +14,10 @@ from time import perf_counter, process_time
 
 import gymnasium
 import numpy as np
-from scripted import Approach, Policy, Search, score
 from tables import parser, print_tables
 
 import palpate.gym  # noqa: F401  registers the environments
+from palpate.gym.scripted import Approach, Policy, Search, score
 from palpate.gym.touch import Touch
 
 STEPS = 4000

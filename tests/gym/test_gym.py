@@ -13,9 +13,9 @@ gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed 
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv  # noqa: E402
-from scripted import Approach, Search, score  # noqa: E402
 
 from palpate.gym import FindNodule, Press, Touch  # noqa: E402
+from palpate.gym.scripted import Approach, Search, score  # noqa: E402
 from palpate.gym.side_view import FINGER, FORCE  # noqa: E402
 from palpate.gym.touch import ROOM, SPEED  # noqa: E402
 from palpate.gym.vector import VectorTouch  # noqa: E402
