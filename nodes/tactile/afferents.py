@@ -58,7 +58,7 @@ class Afferents(CompiledNode):
                 )
         self.population = made = self.made()
         n = len(made.kind)
-        rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson)
+        rows, gain = fibre.rows(made.fits, made.at[:, 2], self.poisson, made.kind)
         since = np.full(n, 1000, np.int64)
         room = n * (math.ceil(LONGEST * RATE) // fibre.REFRACTORY + 2)
         held = {

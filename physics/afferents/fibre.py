@@ -6,9 +6,11 @@ The stimulus is the stress of a bar with the same strain energy density W, which
 
 times chi = sigma_z/q under the probe of the experiments, so that this probe gives the input of the published fits. A
 third-order Butterworth low-pass filter gives s [MPa]; d = D ds/dt represents the speed of the skin under the probe; k
-is the sample. The current I changes the membrane potential V,
+is the sample. A fibre that adapts subtracts a share g of its low-pass filtered compression m: r = s - g m, where that
+is positive or s is negative, and otherwise 0. The current I changes the membrane potential V,
 
-    I = w(s; 1, 2) + w(d; 3, 4) + w(d_k - d_(k-1); 5, 6) + noise,   w(x; i, j) = w_i x for x >= 0, else -w_j x
+    m <- m + (s - m) T/tau_m
+    I = w(r; 1, 2) + w(d; 3, 4) + w(d_k - d_(k-1); 5, 6) + noise,   w(x; i, j) = w_i x for x >= 0, else -w_j x
     I <- S I/(S + |I|),   V <- V - V/tau + I + a_1 b_1(t) + a_2 b_2(t)
 
 with the time t since the last spike. If V > 1 the fibre fires, at most once in 1.2 ms, and V becomes 0.
@@ -18,11 +20,11 @@ import math
 
 import numpy as np
 
-from palpate.physics.afferents.published import PROBE, RATE
+from palpate.physics.afferents.published import ADAPTATION, PROBE, RATE
 from palpate.physics.exact import log
 from palpate.physics.kernel import kernel
 
-STATE = 8  # State of a fibre: filter (3), s, d, V, last input, smoothed rate [1/s]
+STATE = 8  # State of a fibre: filter (3), s, d, V, last input, m
 REFRACTORY = 6  # Minimum number of samples between spikes
 
 
@@ -51,9 +53,10 @@ def probe_gains(depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarr
     return normal / np.sqrt(energy), math.pi * (1e3 * PROBE) / (normal * (1e3 * depth) ** 2)
 
 
-def rows(fits: np.ndarray, depth: np.ndarray, poisson: float) -> tuple[np.ndarray, np.ndarray]:
-    """Constants (n,19) of fibres with these fits (n,12) and depths [m] (n), for `advance`: filter b (4), a (3), weights
-    (6), D, saturation, noise, 1/tau, a_1, a_2. And the factor (n) from q [Pa] to the input [MPa]."""
+def rows(fits: np.ndarray, depth: np.ndarray, poisson: float, kind: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Constants (n,21) of fibres with these fits (n,12), depths [m] (n) and types (n), for `advance`: filter b (4),
+    a (3), weights (6), D, saturation, noise, 1/tau, a_1, a_2, T/tau_m, g. And the factor (n) from q [Pa] to the input
+    [MPa]."""
     chi, dynamic = probe_gains(depth, poisson)
     angle = math.pi * fits[:, 0] * 10.0 / RATE
     k = np.sin(angle) / np.cos(angle)  # prewarped bilinear transform of 1/((s + 1)(s² + s + 1))
@@ -61,7 +64,9 @@ def rows(fits: np.ndarray, depth: np.ndarray, poisson: float) -> tuple[np.ndarra
     a = [sum(first[i] * second[j] for i in range(2) for j in range(3) if i + j == n) for n in range(4)]
     b = [weight * k * k * k / a[0] for weight in (1.0, 3.0, 3.0, 1.0)]
     out = [*b, *(each / a[0] for each in a[1:]), *fits[:, 1:7].T, dynamic, fits[:, 7], fits[:, 8], 1.0 / fits[:, 9]]
-    return np.ascontiguousarray(np.stack([*out, fits[:, 10], fits[:, 11]], axis=1)), 1e-6 * chi
+    slow, share = np.array(ADAPTATION)[kind].T
+    out += [fits[:, 10], fits[:, 11], 1.0 / (slow * RATE), share]
+    return np.ascontiguousarray(np.stack(out, axis=1)), 1e-6 * chi
 
 
 @kernel
@@ -90,7 +95,7 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target)
     first        position of the first sample between the last input (0) and `target` (1);  stride: between samples
     """
     fired, before, step = 0, state[6], target - state[6]
-    z0, z1, z2, s, d, v = state[0], state[1], state[2], state[3], state[4], state[5]
+    z0, z1, z2, s, d, v, m = state[0], state[1], state[2], state[3], state[4], state[5], state[7]
     passed = since
     for k in range(count):
         x = before + step * (first + k * stride)
@@ -99,7 +104,11 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target)
         z1 = row[2] * x - row[5] * y + z2
         z2 = row[3] * x - row[6] * y
         speed = row[13] * (y - s) * RATE
-        current = _weighed(y, row[7], row[8]) + _weighed(speed, row[9], row[10]) + _weighed(speed - d, row[11], row[12])
+        m += row[19] * (y - m)
+        static = max(y - row[20] * m, min(y, 0.0))
+        current = (
+            _weighed(static, row[7], row[8]) + _weighed(speed, row[9], row[10]) + _weighed(speed - d, row[11], row[12])
+        )
         s, d = y, speed
         current += row[15] * _noise(key, sample + k)
         if row[14] > 0.0:
@@ -111,5 +120,5 @@ def advance(row, state, since, basis, key, sample, count, first, stride, target)
         if v > 1.0 and passed >= REFRACTORY:
             fired |= 1 << k
             v, passed = 0.0, 0
-    state[0], state[1], state[2], state[3], state[4], state[5] = z0, z1, z2, s, d, v
+    state[0], state[1], state[2], state[3], state[4], state[5], state[7] = z0, z1, z2, s, d, v, m
     return fired, passed

@@ -16,6 +16,11 @@ RATE = 5000.0
 """[Hz] Sampling rate for which the fits are valid."""
 PROBE = 0.5e-3
 """[m] Radius of the flat probe of the experiments, and in the stress of the fits."""
+ADAPTATION = ((1.7446, 0.55), (1.0, 0.0), (1.0, 0.0))
+"""Of each type: time constant [s] and share [1] of its slow adaptation. SA1: the time constant is that of the slowest
+current in a model of Merkel afferents of mice (G. J. Gerling et al., PLoS Comput. Biol. 14 (2018) e1006264); the share
+is fitted to the decline of the rate of 21 fibres of macaques, 38 and 36 % in 12 s of steady indentation (J. Mei et al.,
+J. Neurosci. 3 (1983) 2652). RA1 and PC: none."""
 
 # Cut-off [10 Hz], weights of the input and of its first and second difference, each where positive and where negative,
 # saturation (0: none), standard deviation of the noise, time constant [samples], amplitudes of the two post-spike

@@ -8,21 +8,24 @@ from pytest import approx
 from scipy import signal
 
 from palpate.physics.afferents import fibre, population
-from palpate.physics.afferents.published import DENSITIES, DEPTHS, FITS, PROBE, RATE
+from palpate.physics.afferents.published import ADAPTATION, DENSITIES, DEPTHS, FITS, PROBE, RATE
 from palpate.physics.contact.subsurface import PAIRS, point_stress
 
 EVERY = [(kind, which) for kind, fits in enumerate(FITS) for which in range(len(fits))]
 
 
-def reference(fit, depth, s):
+def reference(kind, fit, s):
     """Spikes (samples) of a fibre without noise on its input s [MPa] (n), with scipy's filter and no shared code."""
     b, a = signal.butter(3, fit[0] * 10.0 / (RATE / 2))
     s = signal.lfilter(b, a, s)
-    z, radius = 1e3 * depth, 1e3 * PROBE
+    z, radius = 1e3 * DEPTHS[kind], 1e3 * PROBE
     shape = (1 + 3 * (z / radius) ** 2) / (1 + (z / radius) ** 2) ** 2
     d = np.diff(s, prepend=0.0) * RATE * math.pi * radius / (shape * z * z)
     second = np.diff(d, prepend=0.0)
-    current = np.where(s >= 0, fit[1] * s, -fit[2] * s) + np.where(d >= 0, fit[3] * d, -fit[4] * d)
+    slow, share = ADAPTATION[kind]
+    share = share * signal.lfilter([1 / (slow * RATE)], [1, 1 / (slow * RATE) - 1], s)
+    static = np.where(s > share, s - share, np.where(s < 0, s, 0.0))
+    current = np.where(static >= 0, fit[1] * static, -fit[2] * static) + np.where(d >= 0, fit[3] * d, -fit[4] * d)
     current = current + np.where(second >= 0, fit[5] * second, -fit[6] * second)
     if fit[7]:
         current = fit[7] * current / (fit[7] + abs(current))
@@ -39,9 +42,9 @@ def reference(fit, depth, s):
     return spikes
 
 
-def spikes_of(fit, depth, s, noise=False, block=1, key=5):
+def spikes_of(kind, fit, s, noise=False, block=1, key=5):
     """The same with the kernel, for an input s [MPa] (n) that is linear within blocks of samples."""
-    rows, _ = fibre.rows(fit[None], np.array([depth]), 0.45)
+    rows, _ = fibre.rows(fit[None], np.array([DEPTHS[kind]]), 0.45, np.array([kind]))
     if not noise:
         rows[:, 15] = 0.0
     state, since, basis, out = np.zeros(fibre.STATE), 1000, fibre.post_spike(), []
@@ -59,15 +62,15 @@ def test_each_fibre_fires_as_the_equations_say(kind, which):
     t = np.arange(3000) / RATE
     u = 0.5 * np.clip(t / 0.05, 0, 1) + np.where(t > 0.2, 0.1 * np.sin(2 * np.pi * 60 * t), 0.0)  # [mm]
     s = 0.04 * u
-    right = reference(FITS[kind][which], DEPTHS[kind], s)
-    assert right and spikes_of(FITS[kind][which], DEPTHS[kind], s) == right
+    right = reference(kind, FITS[kind][which], s)
+    assert right and spikes_of(kind, FITS[kind][which], s) == right
 
 
 def test_the_input_within_a_message_is_linear_whatever_the_block():
     s = np.repeat(np.linspace(0, 0.03, 60), 10)
     line = np.interp(np.arange(600), np.arange(-1, 600, 10), np.r_[0.0, s[9::10]])
     fit = FITS[0][0]
-    assert spikes_of(fit, DEPTHS[0], line, block=10) == spikes_of(fit, DEPTHS[0], line, block=1)
+    assert spikes_of(0, fit, line, block=10) == spikes_of(0, fit, line, block=1)
 
 
 def test_noise_is_white_and_depends_on_fibre_and_sample_alone():
@@ -77,8 +80,8 @@ def test_noise_is_white_and_depends_on_fibre_and_sample_alone():
     assert abs(np.corrcoef(numbers[:, :-1].ravel(), numbers[:, 1:].ravel())[0, 1]) < 0.04
     s = np.full(1200, 0.02)
     fit = FITS[0][0]
-    assert spikes_of(fit, DEPTHS[0], s, noise=True) == spikes_of(fit, DEPTHS[0], s, noise=True)
-    assert spikes_of(fit, DEPTHS[0], s, noise=True) != spikes_of(fit, DEPTHS[0], s, noise=True, key=6)
+    assert spikes_of(0, fit, s, noise=True) == spikes_of(0, fit, s, noise=True)
+    assert spikes_of(0, fit, s, noise=True) != spikes_of(0, fit, s, noise=True, key=6)
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
