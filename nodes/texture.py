@@ -171,18 +171,24 @@ class Spectral(_Texture):
         """Highest speed [m/s] at which it is sampled without aliasing."""
         return 0.5 * self.sampling / self.finest
 
-    def start(self) -> None:
-        super().start()
+    def period(self) -> tuple[np.ndarray, float]:
+        """One period (n) [1] of the fluctuation over the normal force, and its spacing [m].
+
+        SettingError: the profile or the spectrum cannot be used.
+        """
         try:
             if self.profile:
-                table, spacing = surface.profile(Path(self.profile), self.roughness, self.shortest)
-            elif self.wavelength:
-                table, spacing = surface.grating(self.wavelength, self.roughness)
-            else:
-                table, spacing = surface.random_surface(np.array(self.spectrum), self.roughness, self.seed)
+                return surface.profile(Path(self.profile), self.roughness, self.shortest)
+            if self.wavelength:
+                return surface.grating(self.wavelength, self.roughness)
+            return surface.random_surface(np.array(self.spectrum), self.roughness, self.seed)
         except (OSError, ValueError) as error:
             name = "profile" if self.profile else "spectrum"
             raise SettingError(f"setting {name!r}: {self.profile or self.spectrum}: {error}") from None
+
+    def start(self) -> None:
+        super().start()
+        table, spacing = self.period()
         self.room(self.sampling)
         self.hold("table", table)
         self.own["spacing"], self.own["fastest"] = spacing, self.fit

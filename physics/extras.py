@@ -15,7 +15,7 @@ EXTRAS = {
     "film": {"pyvista": "pyvista", "matplotlib": "matplotlib", "imageio-ffmpeg": "imageio_ffmpeg", "pillow": "PIL"},
     "mesh": {"meshio": "meshio", "trimesh": "trimesh"},
     "study": {"matplotlib": "matplotlib"} | {name: name for name in ["SALib", "xarray", "zarr", "pyarrow", "pandas"]},
-    "feel": {"sounddevice": "sounddevice"},
+    "feel": {"sounddevice": "sounddevice", "pynwb": "pynwb"},
     "bench": {"felupe": "felupe", "matplotlib": "matplotlib", "mujoco": "mujoco"},
 }
 """Extra -> package on the index -> name under which it is imported."""

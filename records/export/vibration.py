@@ -12,6 +12,7 @@ import numpy as np
 from palpate.messages.vibration import Vibration
 from palpate.physics.archive import replacing
 from palpate.physics.texture.surface import third_octaves
+from palpate.records.export.single import check_target, source
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
@@ -24,13 +25,11 @@ def samples(recording: Recording, streams: Sequence[str] = ()) -> tuple[np.ndarr
 
     RecordingError: there is none, or nothing slid.
     """
-    found = [name for name in streams or recording.streams if recording.known(name).type is Vibration]
-    if not found:
-        raise RecordingError(f"{recording.path}: no stream of Vibration; `palpate run texture` records one")
-    blocks = cast(list[Vibration], list(recording.messages(found[0])))
+    found = source(recording, Vibration, streams, "`palpate run texture` records one")
+    blocks = cast(list[Vibration], list(recording.messages(found)))
     force = np.concatenate([np.zeros(0), *(block.lateral for block in blocks)])
     if not np.any(force):
-        raise RecordingError(f"{recording.path}: nothing slid, so {found[0]!r} is silent; expected a finger that "
+        raise RecordingError(f"{recording.path}: nothing slid, so {found!r} is silent; expected a finger that "
                              "presses on the surface and moves along it")  # fmt: skip
     return force, blocks[0].sampling, np.repeat([b.speed for b in blocks], [len(b.lateral) for b in blocks])
 
@@ -55,10 +54,7 @@ def write_hjif(recording: Recording, target: Path, streams: tuple[str, ...], eve
 
 
 def _all(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None) -> Any:
-    if every:
-        raise RecordingError("--every: sound needs every message; leave it out")
-    if target.exists() and target.samefile(recording.path):
-        raise RecordingError(f"{target} is the recording itself; name another file with --out")
+    check_target(recording, target, every)
     return samples(recording, streams)
 
 

@@ -81,7 +81,7 @@ def test_wrong_input_has_exit_code_2_in_every_command(words):
         (("fit", "record", "x.csv", "--subject", "A", "--session", "1", "--duration", "3 kg"), "expected a time"),
         (("fit", "record", "x.csv", "--subject", "A", "--session", "1", "--duration", "0.1"), "0.5 s to 1 h"),
         (("fit", "tissue", "x.csv", "--rig", "ball", "--radius", "8 kg", "--law", "hertz"), "--radius: found '8 kg'"),
-        (("export", GOLDEN, "--to", "xls"), "hjif or mcap"),
+        (("export", GOLDEN, "--to", "xls"), "gltf or mcap"),
         (("check", "mystudy.yaml"), "palpate study mystudy.yaml"),
         (("check", "myexperiment.yaml"), "palpate experiment myexperiment.yaml"),
     ],

@@ -49,6 +49,10 @@ PURPOSE = {
         "palpate bench accuracy --quick --touch indent -o bench --method FElupe",
         "palpate bench accuracy --quick --touch indent -o bench --method MuJoCo",
     ],
+    "feel": [
+        "palpate run nodule --scene afferents --fused -q --no-pictures --duration 0.4 --record felt.mcap "
+        "&& palpate export felt.mcap --to nwb",
+    ],
     # The first run compiles, which the time limit of a point is not made for.
     "study": ["palpate run kidney --fused -q --no-record --duration 0.01 && palpate study kidney-stiffness"],
     "all": ["palpate doctor"],

@@ -15,10 +15,13 @@ MCAP = "mcap"
 
 def export(
     file: File,
-    to: Annotated[str, typer.Option(help="foxglove, parquet, csv; wav, hjif: a texture; mcap: a complete recording.")],
-    out: Annotated[
-        Path | None, out_option("File (foxglove, wav, hjif, mcap) or folder; default: next to FILE.")
-    ] = None,
+    to: Annotated[
+        str,
+        typer.Option(
+            help="foxglove, parquet, csv; wav, hjif: a texture; nwb: spikes; gltf: organ; mcap: a complete recording."
+        ),
+    ],
+    out: Annotated[Path | None, out_option("Folder (parquet, csv) or file; default: next to FILE.")] = None,
     stream: Annotated[list[str] | None, typer.Option(help="Only this stream; may be repeated.")] = None,
     every: Annotated[
         int | None,
@@ -33,7 +36,8 @@ def export(
     """Write a recording for other tools, or repair a truncated one.
 
     As MCAP with JSON (Foxglove, PlotJuggler), as Parquet or CSV; the vibration of a texture as sound (WAV) or as MPEG
-    haptics (.hjif, ISO/IEC 23090-31). With --to mcap: a complete recording from the
+    haptics (.hjif, ISO/IEC 23090-31); the spikes of afferents as NWB; the organ's surface with its stiffness, friction
+    and texture as glTF (MPEG_haptic_material). With --to mcap: a complete recording from the
     readable part of a truncated or damaged one. Exit code 1 if a message that --full computes differs from the
     recorded one; the messages before it are written.
     """

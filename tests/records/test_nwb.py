@@ -1,0 +1,63 @@
+"""Spikes of afferents as NWB, read with pynwb."""
+
+import sys
+
+import numpy as np
+import pytest
+from pytest import approx
+from test_export import TOUCH
+
+from palpate.launch.load.launchfile import find
+from palpate.launch.run.execute import execute
+from palpate.physics.afferents.published import TYPES
+from palpate.records.export import export
+from palpate.records.player import plan_of
+from palpate.records.reader import Recording
+from palpate.records.stored import RecordingError
+
+
+@pytest.fixture(scope="module")
+def felt(tmp_path_factory):
+    path = tmp_path_factory.mktemp("nwb") / "felt.mcap"
+    sparse = "afferents.densities=[0.2e6, 0.3e6, 0.05e6]"
+    assert execute(
+        find("nodule").but(scene="afferents", duration=0.5, record=path, place="fused", overrides=(sparse,))
+    ).result.ok
+    return Recording(path)
+
+
+def test_pynwb_reads_times_types_and_positions_of_the_units(felt, tmp_path):
+    pynwb = pytest.importorskip("pynwb")
+    (path,) = export(felt, "nwb", tmp_path / "a.nwb")
+    assert not pynwb.validate(path=str(path))
+    made = plan_of(felt).make("afferents").made()
+    sent = list(felt.messages("afferents"))
+    unit, moment = (np.concatenate([getattr(each, name) for each in sent]) for name in ("unit", "moment"))
+    assert len(unit) > 50 and len(set(unit)) < len(made.kind)  # some are silent
+    with pynwb.NWBHDF5IO(str(path), "r") as file:
+        read = file.read()
+        units = read.units
+        assert len(units) == len(made.kind) and "electrodes" not in units.colnames and read.electrodes is None
+        for n in range(len(units)):
+            assert np.array_equal(units.get_unit_spike_times(n), moment[unit == n])
+            assert units["afferent_type"][n] == TYPES[made.kind[n]]
+            assert [units[name][n] for name in ("x", "y", "depth")] == approx(made.at[n])
+            assert units.get_unit_obs_intervals(n)[0] == approx([sent[0].time * 1e-9, sent[-1].time * 1e-9])
+        assert read.session_start_time.isoformat() == felt.about["date"]
+
+
+def test_bad_input_is_refused(felt):
+    pytest.importorskip("pynwb")
+    for recording, given, says in (
+        (Recording(TOUCH), {}, "no stream of Spikes; `palpate run nodule"),
+        (felt, {"out": felt.path}, "is the recording itself"),
+        (felt, {"every": 2}, "needs every message"),
+    ):
+        with pytest.raises(RecordingError, match=says):
+            export(recording, "nwb", **given)
+
+
+def test_a_missing_package_is_named_with_what_to_install(felt, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pynwb", None)
+    with pytest.raises(RecordingError, match=r'pynwb is not installed; pip install "palpate\[feel\]"'):
+        export(felt, "nwb")
