@@ -6,6 +6,7 @@ import os
 import signal
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from palpate.cli.__main__ import app
@@ -46,6 +47,17 @@ def rows(folder, who="01", session=1):
     (file,) = folder.glob(f"sub-{who}/ses-{session:02d}/beh/*_beh.tsv")
     head, *lines = file.read_text().splitlines()
     return [dict(zip(head.split("\t"), line.split("\t"), strict=True)) for line in lines]
+
+
+@pytest.mark.long
+def test_an_observer_of_spikes_finds_a_shallow_nodule(mine, tmp_path):
+    """The experiment that ships, at one of its depths, with the noise of the spikes alone."""
+    shipped = yaml.safe_load((EXPERIMENTS / "nodule-spikes.yaml").read_text(encoding="utf-8"))
+    shipped["blocks"]["main"] |= {"levels": ["5 mm"], "repeats": 4}
+    shipped["observer"] |= {"noise": 0.1, "lapse": 0.0}
+    done = call(mine(yaml.safe_dump(shipped)), "--simulate", "-o", "out")
+    assert done.exit_code == 0, done.output
+    assert [row["hit"] for row in rows(tmp_path / "out")] == ["1"] * 4
 
 
 def test_an_observer_without_noise_finds_the_stiffer_kidney_and_replay_reproduces_the_trials(mine, tmp_path):
