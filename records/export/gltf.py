@@ -45,11 +45,12 @@ def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], eve
     except (AttributeError, ValueError, OSError) as error:
         raise RecordingError(f"{recording.path}: the mesh of node {sender!r} is not known here: {error}") from None
     law = recording.columns(stream)
-    exponent = float(np.median(law["exponent"])) if len(law["exponent"]) else 1.0
+    valid = np.isfinite(law["stiffness"]) & (law["stiffness"] > 0.0)
     maps: dict[str, tuple[np.ndarray, dict[str, Any]]] = {}
-    if len(law["stiffness"]) and np.median(law["stiffness"]) > 0.0:
-        unit = {"unit": "N/m" if exponent == 1.0 else f"N/m^{exponent:g}", "exponent": exponent}
-        maps["stiffness"] = np.array([np.median(law["stiffness"])]), unit
+    if valid.any():
+        exponent = float(np.median(law["exponent"][valid]))
+        unit = "N/m" if exponent == 1.0 else f"N/m^{exponent:g}"
+        maps["stiffness"] = np.median(law["stiffness"][valid], keepdims=True), {"unit": unit, "exponent": exponent}
     nodes = [planned.graph.nodes[name].settings for name in planned.order]
     sliding = [each.get("mu_slide", each.get("mu")) for each in nodes if {"mu_slide", "mu"} & set(each)]
     if sliding:

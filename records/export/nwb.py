@@ -14,7 +14,7 @@ from palpate.physics.extras import missing
 from palpate.records.export.single import check_target, source
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
-from palpate.records.stored import RecordingError
+from palpate.records.stored import RecordingError, damaged
 
 COLUMNS = {
     "afferent_type": "type of the afferent: SA1, RA1 or PC",
@@ -38,13 +38,14 @@ def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], ever
     check_target(recording, target, every)
     stream = source(recording, Spikes, streams, "`palpate run nodule --scene afferents` records one")
     made, unit, moment, span = _units(recording, stream)
-    file = NWBFile(
-        session_description=f"Simulated tactile afferents, stream {stream!r} of {recording.path.name}",
-        identifier=f"{recording.path.stem}/{stream}",
-        session_start_time=datetime.fromisoformat(recording.about["date"]),
-        source_script=f"palpate {recording.about['versions']['palpate']}",
-        source_script_file_name="palpate export",
-    )
+    with damaged(recording.path, "the date or the versions"):
+        file = NWBFile(
+            session_description=f"Simulated tactile afferents, stream {stream!r} of {recording.path.name}",
+            identifier=f"{recording.path.stem}/{stream}",
+            session_start_time=datetime.fromisoformat(recording.about["date"]),
+            source_script=f"palpate {recording.about['versions']['palpate']}",
+            source_script_file_name="palpate export",
+        )
     for name, text in COLUMNS.items():
         file.add_unit_column(name, text)
     order = np.argsort(unit, kind="stable")

@@ -13,7 +13,7 @@ from test_export import TOUCH
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
 from palpate.nodes.texture import Spectral
-from palpate.records.export import export
+from palpate.records.export import export, gltf
 from palpate.records.player import plan_of
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
@@ -96,6 +96,16 @@ def test_the_texture_is_a_period_of_the_fluctuation(stroked, tmp_path):
 def test_bad_input_is_refused(what, says):
     with pytest.raises(RecordingError, match=says):
         export(Recording(TOUCH), "gltf", **what)
+
+
+def test_a_texture_that_does_not_fit_an_image_is_refused(stroked, tmp_path, monkeypatch):
+    monkeypatch.setattr(gltf, "WIDEST", 100)
+    with pytest.raises(RecordingError, match="expected at most 400, with a narrower range"):
+        export(stroked, "gltf", tmp_path / "a.gltf")
+    monkeypatch.delattr(Spectral, "period")  # as texture.Autoregressive, which has no place on the surface
+    with pytest.raises(RecordingError, match=r"no pattern over the surface .* expected texture.Spectral"):
+        export(stroked, "gltf", tmp_path / "a.gltf")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_schema_violation_is_found(tmp_path):
