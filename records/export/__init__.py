@@ -1,12 +1,22 @@
 """Exports recordings to formats of other tools."""
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-FORMATS = ("foxglove", "parquet", "csv", "wav", "hjif", "nwb", "gltf")
+FORMATS = {
+    "foxglove": ("foxglove", ".foxglove.mcap"),
+    "parquet": ("tables", "-parquet"),
+    "csv": ("tables", "-csv"),
+    "wav": ("vibration", ".wav"),
+    "hjif": ("vibration", ".hjif"),
+    "nwb": ("nwb", ".nwb"),
+    "gltf": ("gltf", ".gltf"),
+}
+"""Format -> the module with its function `write_FORMAT`, and the ending of the file or folder."""
 
 
 def export(
@@ -31,25 +41,8 @@ def export(
         raise RecordingError(f"--to: found {to!r}, expected one of {', '.join(FORMATS)}")
     for name in streams:
         recording.known(name)
-    ending = {"foxglove": ".foxglove.mcap", "parquet": "-parquet", "csv": "-csv"}.get(to, f".{to}")
+    module, ending = FORMATS[to]
+    write = getattr(import_module(f"{__name__}.{module}"), f"write_{to}")
     target = out or recording.path.with_name(recording.path.stem + ending)
-    what = recording, target, tuple(streams) or tuple(recording.streams), every
-    if to == "foxglove":
-        from palpate.records.export.foxglove import write_foxglove
-
-        return write_foxglove(*what)
-    if to in ("wav", "hjif"):
-        from palpate.records.export.vibration import write_hjif, write_wav
-
-        return (write_wav if to == "wav" else write_hjif)(*what)
-    if to == "nwb":
-        from palpate.records.export.nwb import write_nwb
-
-        return write_nwb(*what)
-    if to == "gltf":
-        from palpate.records.export.gltf import write_gltf
-
-        return write_gltf(*what)
-    from palpate.records.export.tables import write_csv, write_parquet
-
-    return (write_csv if to == "csv" else write_parquet)(*what)
+    files: list[Path] = write(recording, target, tuple(streams) or tuple(recording.streams), every)
+    return files
