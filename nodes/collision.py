@@ -1,8 +1,8 @@
 """Where the finger is relative to the undeformed surface: foot point, normal, gap, approach, slip.
 
-With p the bone edge of the fingertip, S the nearest point of the surface and n its outward normal, the gap is the
-signed distance d = (p - S).n, and the approach is e = <h0 - d> for a fingertip with tissue of thickness h0 before the
-bone: contact begins at d = h0. Once p has gone in, S is a proxy: it stays on the side where it did.
+Let p be the bone edge of the fingertip, S the nearest point of the surface and n its outward normal. The gap is the
+signed distance d = (p - S).n. For a fingertip with tissue of thickness h0 in front of the bone, the approach is
+e = <h0 - d>: contact begins at d = h0. Once p is inside, S is a proxy: it stays on the side where p entered.
 """
 
 from typing import Annotated
@@ -22,17 +22,17 @@ from palpate.physics.records import floats, integers, longs, put, vector
 
 
 class _Nearest(Placed, CompiledNode):
-    """Settings of both."""
+    """Settings of both nodes."""
 
     thickness: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.05)] = 4e-3
     """Fingertip tissue in front of the bone edge, h0."""
     hysteresis: Annotated[float, "m", msgspec.Meta(ge=0.0, le=0.01)] = 1e-4
-    """Where two parts of the surface are equally near, the foot point stays until the other is nearer by this."""
+    """The foot point jumps to another part of the surface when that part is nearer by this distance."""
 
 
 @kernel
 def send(own, foot, element, pose, out):
-    """The message of a result: foot (3), normal (3), coordinates (2), signed distance."""
+    """Fill the message from a result: foot (3) [m], normal (3) [1], coordinates (2), signed distance [m]."""
     n0, n1, n2, depth = foot[3], foot[4], foot[5], own.thickness - foot[8]
     v = pose.velocity
     away = v[0] * n0 + v[1] * n1 + v[2] * n2
@@ -50,7 +50,7 @@ class Nurbs(_Nearest):
         "data": ARRAY, "layout": ARRAY, "seeds": ARRAY, "index": ARRAY,  # of the patch and its samples
         "found": ARRAY, "work": ARRAY, "derivatives": array_handle(3), "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
-    """As `physics.geometry.proxy.follow` takes them."""
+    """Arguments of `physics.geometry.proxy.follow`."""
     shared = ("data", "layout", "seeds", "index")
 
     def start(self) -> None:
@@ -78,7 +78,7 @@ class Mesh(_Nearest, OnSurface):
         "points": TABLE, "cells": TABLE, "discs": TABLE, "star_at": ARRAY, "star": ARRAY,  # of the mesh
         "work": ARRAY, "foot": ARRAY, "memory": ARRAY,
     }  # fmt: skip
-    """As `physics.geometry.proxy.follow_mesh` takes them."""
+    """Arguments of `physics.geometry.proxy.follow_mesh`."""
     shared = ("points", "cells", "discs", "star_at", "star")
 
     def start(self) -> None:
@@ -94,7 +94,7 @@ class Mesh(_Nearest, OnSurface):
         for name, array in zip(self.State, arrays, strict=True):
             self.hold(name, array)
         if self.surface not in SURFACES:
-            from palpate.nodes.base.mesh_file import flaws  # its package is an extra
+            from palpate.nodes.base.mesh_file import flaws  # needs an optional package
 
             self._notes = flaws(self.surface)
 

@@ -1,4 +1,4 @@
-"""Friction of the fingertip on the tissue (docs/equations/friction.md): a node for each law in physics/friction."""
+"""Friction of the fingertip on the tissue (docs/equations/friction.md): one node per law in physics/friction."""
 
 import typing
 from typing import Annotated, Any, ClassVar
@@ -17,18 +17,18 @@ SIGNS = {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}
 
 
 class _Sliding(CompiledNode):
-    """Shared by all laws: the state and the form of the output."""
+    """State and output that all laws share."""
 
     effect = "friction"
     law: ClassVar[Any]
     energy = Part(
         "energy",
         "stored",
-        about="The energy that the bristles hold and that a rising load may give back; none of a law without `stored`.",
+        about="Energy stored in the bristles, plus what a rising load may return; 0 for a law without `stored`.",
     )
     State = {"z": (3,), "normal": (3,), "load": (), "slack": (3,), "spare": ()}
-    """Deflection [m], and normal [1] and normal force [N] that it was found under; the finger's place from the point
-    that it drags [m]; energy that a falling load took from the bristles [J]."""
+    """Bristle deflection [m] with its normal [1] and normal force [N]; offset of the finger from the point that it
+    drags [m]; energy that a falling load took from the bristles [J]."""
 
     def start(self) -> None:
         super().start()
@@ -77,9 +77,9 @@ def _untold(law, z, load):
 
 
 def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
-    """The node class of a bristle law; its settings are the fields of the law.
+    """Make the node class of a bristle law; its settings are the fields of the law.
 
-    The node classes of the shipped laws exist already. A module of another package with the law `Dahl` defines
+    Shipped laws already have node classes. A module of another package with the law `Dahl` defines
     `Sliding = node_of(Dahl, "Sliding", __name__)`.
     """
     settings = {name: _setting(hint) for name, hint in typing.get_type_hints(law, include_extras=True).items()}
@@ -89,7 +89,7 @@ def node_of(law: type, name: str = "", module: str = __name__) -> type[Node]:
 
 
 def _setting(hint: Any) -> Any:
-    """`Annotated[float, unit, "> 0"]` with the limit as `msgspec.Meta`, as in settings."""
+    """Turn `Annotated[float, unit, "> 0"]` into a setting, whose limit is a `msgspec.Meta`."""
     kind, unit, *limits = typing.get_args(hint)
     bounds: dict[str, Any] = {SIGNS[sign]: float(bound) for sign, bound in (limit.split() for limit in limits)}
     return Annotated[kind, unit, msgspec.Meta(**bounds)] if bounds else hint

@@ -26,10 +26,10 @@ Positive, Share = msgspec.Meta(gt=0), msgspec.Meta(ge=0, le=1)
 
 @kernel(error_model="numpy")
 def slide(own, friction, contact, proximity, dt):
-    """Speed of sliding [m/s], bound of the fluctuation [N], and direction [1] (3) in this step.
+    """Sliding speed [m/s], bound of the fluctuation [N], and sliding direction (3) [1] in this step.
 
-    The bound is a share of the dissipative force of friction, (f.v T - dV)/|v T| <= |f|, so friction and fluctuation
-    together dissipate for every texture.
+    With friction f, slip velocity v, time step T and bristle energy V, the bound is a share of the dissipative part of
+    friction, (f.v T - dV)/|v T| <= |f|. Friction plus fluctuation therefore dissipates for every texture.
     """
     v, z, f = vector(proximity.slip), vector(friction.bristle), vector(friction.force)
     stored = friction.stored.values[0] if friction.stored.count > 0 else 0.0
@@ -48,7 +48,7 @@ def slide(own, friction, contact, proximity, dt):
 
 @kernel(error_model="numpy")
 def block(own, dt):
-    """How many samples end in this step, and the time [s] of the first one from its beginning."""
+    """Number of samples that end in this step, and the time [s] of the first one from the start of the step."""
     before, due = own.begun, own.begun + dt * own.sampling
     count = int(due + 1e-6)
     own.begun = due - count if due - count > 1e-6 else 0.0
@@ -57,7 +57,7 @@ def block(own, dt):
 
 @kernel(error_model="numpy")
 def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, out, vibration):
-    """Scale the samples, bound them and send them; their mean is added to the friction."""
+    """Scale, limit and send the samples; add their mean to the friction."""
     samples, upright, total, before = floats(own.samples), floats(own.upright), 0.0, own.amplitude
     for i in range(count):
         scale = before + (amplitude - before) * min((first + i / own.sampling) / dt, 1.0)
@@ -76,12 +76,11 @@ def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, 
 
 
 class _Texture(CompiledNode):
-    """Settings of all textures. Friction passes through, with the mean of each block added.
+    """Settings of all textures. The output is the friction plus the mean of each block.
 
-    share   of the friction to which the fluctuation is limited
-    normal  fluctuation of the normal force over that of the lateral force; felt by what reads `Vibration`, not by the
-            hand
-    onset   sliding speed from which on the fluctuation is full; it grows with speed below
+    share   the fluctuation is limited to this share of the friction
+    normal  ratio of the fluctuations of normal and lateral force; only readers of `Vibration` feel it, not the hand
+    onset   the fluctuation grows with the sliding speed up to this speed
     """
 
     share: Annotated[float, "1", Share] = 0.9
@@ -89,7 +88,8 @@ class _Texture(CompiledNode):
     onset: Annotated[float, "m/s", Positive] = 2e-3
 
     State = {"samples": ARRAY, "upright": ARRAY, "bristle": (3,), "stored": (), "begun": (), "amplitude": ()}
-    """A block; bristles and their energy at the last step; part of a sample that has passed; [N] the last amplitude."""
+    """One block of samples, lateral and normal [N]; bristle deflection [m] and energy [J] of the last step; elapsed
+    fraction of the current sample; last amplitude [N]."""
 
     @kernel
     def idle(own, friction, contact, proximity, out, vibration, dt):
@@ -100,7 +100,7 @@ class _Texture(CompiledNode):
         return same and vector(out.force) == vector(friction.force)
 
     def room(self, sampling: float) -> None:
-        """Hold blocks at this rate [Hz]."""
+        """Allocate blocks for this sampling rate [Hz]."""
         for name in ("samples", "upright"):
             self.hold(name, np.zeros(math.ceil(LONGEST * sampling) + 1))
 
@@ -108,17 +108,18 @@ class _Texture(CompiledNode):
 class Spectral(_Texture):
     """A surface texture by its spatial spectrum, its wavelength or a measured profile.
 
-    The fluctuation is phi(s) f_n over the path s of slip: a spatial frequency k is felt at k times the sliding speed.
-    Between steps of the graph it is sampled at `sampling`.
+    The fluctuation is phi(s) f_n, with the slip path s and the normal force f_n: a spatial frequency k is felt at k
+    times the sliding speed. Between the steps of the graph it is sampled at the rate `sampling`.
 
-    spectrum        points of (spatial frequency [1/m], relative power density), power laws between them
-    wavelength      of a sinusoidal grating in place of the spectrum; 0: none
-    profile         CSV with s,height [m] in place of the spectrum: the fluctuation is its slope
-    shortest        wavelength of a profile that is resolved
+    spectrum        points of (spatial frequency [1/m], relative power density), with power laws between them
+    wavelength      wavelength of a sinusoidal grating, instead of the spectrum; 0: no grating
+    profile         CSV file with s,height [m], instead of the spectrum: the fluctuation is the slope of the profile
+    shortest        shortest wavelength of the profile that is resolved
     roughness       rms of the fluctuation over the normal force at 1 N and 0.1 m/s; 0 with a profile: as measured
-    force_exponent, speed_exponent  powers of normal force and sliding speed by which it grows
-    direction       along which the path is measured, so that a stroke back feels the same surface; zero: along the slip
-    speed           highest sliding speed that is expected
+    force_exponent, speed_exponent  exponents of the normal force and the sliding speed in the amplitude
+    direction       direction in which the path is measured, so that the way back passes the same surface; zero: the
+                    path is the accumulated slip
+    speed           highest expected sliding speed
     """
 
     spectrum: Annotated[tuple[tuple[float, float], ...], "1/m, 1"] = ((50.0, 1.0), (200.0, 1.0), (2000.0, 0.01))
@@ -134,7 +135,8 @@ class Spectral(_Texture):
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
     State = _Texture.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool}
-    """One period [1] and its spacing [m]; place in it [m]; speed [m/s] beyond which nothing is felt; unit direction."""
+    """One period [1] and its spacing [m]; position in it [m]; highest speed [m/s], above which the texture is silent;
+    unit direction."""
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
@@ -168,7 +170,7 @@ class Spectral(_Texture):
 
     @property
     def fit(self) -> float:
-        """Highest speed [m/s] at which it is sampled without aliasing."""
+        """Highest sliding speed [m/s] without aliasing."""
         return 0.5 * self.sampling / self.finest
 
     def period(self) -> tuple[np.ndarray, float]:
@@ -212,17 +214,20 @@ class Spectral(_Texture):
         sliding, bound, d = slide(own, friction, contact, proximity, dt)
         count, first = block(own, dt)
         samples, table = floats(own.samples), floats(own.table)
-        x, way = own.axis, sliding
+        # Speed along the profile: its component along the axis of the texture, if it has one.
+        x, along = own.axis, sliding
         if x[0] != 0.0 or x[1] != 0.0 or x[2] != 0.0:
-            way = sliding * (x[0] * d[0] + x[1] * d[1] + x[2] * d[2])
+            along = sliding * (x[0] * d[0] + x[1] * d[1] + x[2] * d[2])
+        # Sample the periodic profile by linear interpolation, and advance the position in it.
         n = len(table)
         for i in range(count):
-            place = (own.place + way * (first + i / own.sampling)) / own.spacing
+            place = (own.place + along * (first + i / own.sampling)) / own.spacing
             whole = math.floor(place)
             k = int(whole) % n
             samples[i] = table[k] + (place - whole) * (table[k + 1 if k + 1 < n else 0] - table[k])
-        own.place += way * dt
+        own.place += along * dt
         own.place -= math.floor(own.place / (n * own.spacing)) * (n * own.spacing)
+        # Amplitude A = f_n^p (v/0.1)^q min(v/onset, 1).
         own.late = own.late or sliding > own.fastest
         amplitude = contact.force * min(sliding / own.onset, 1.0) if sliding <= own.fastest else 0.0
         if own.force_exponent != 1.0 and amplitude > 0.0:
@@ -236,11 +241,11 @@ class Autoregressive(_Texture):
     """A texture by models of recorded vibrations over sliding speed and normal force.
 
     model   file of `palpate fit texture`, or a model set (.xml) of the Penn Haptic Texture Toolkit
-    mass    [kg] by which an acceleration becomes a force
-    seed    of the noise that the models filter
+    mass    [kg] that turns a recorded acceleration into a force
+    seed    seed of the noise that the models filter
 
-    Between models line spectral frequencies and rms are interpolated; outside of them the nearest ones are taken, and
-    below their least speed and force the fluctuation falls in proportion.
+    Line spectral frequencies and rms are interpolated between the models. Outside their range the nearest model is
+    used; below its lowest speed or force the fluctuation falls in proportion.
     """
 
     model: Annotated[str, "1"]
@@ -251,7 +256,7 @@ class Autoregressive(_Texture):
         "sampling": (), "unit": (), "speeds": ARRAY, "forces": ARRAY, "table": array_handle(3), "row": ARRAY,
         "a": ARRAY, "work": TABLE, "past": ARRAY, "newest": int, "random": random_numbers.STATE,
     }  # fmt: skip
-    """Of the model file; LSF and rms at the last step; coefficients; the last samples in a ring; its noise."""
+    """Data of the model file; interpolated LSF and rms; coefficients; ring buffer of past samples; noise generator."""
 
     def start(self) -> None:
         super().start()
@@ -279,6 +284,7 @@ class Autoregressive(_Texture):
         count, first = block(own, dt)
         samples, row, amplitude = floats(own.samples), floats(own.row), 0.0
         if sliding > 0.0:
+            # Interpolate line spectral frequencies and rms bilinearly over speed and force.
             speeds, forces, table = floats(own.speeds), floats(own.forces), floats(own.table)
             i, u = cell(speeds, sliding)
             j, w = cell(forces, contact.force)
@@ -287,6 +293,7 @@ class Autoregressive(_Texture):
                 low = table[i, j, k] + u * (table[i1, j, k] - table[i, j, k])
                 high = table[i, j1, k] + u * (table[i1, j1, k] - table[i, j1, k])
                 row[k] = low + w * (high - low)
+            # Turn them into filter coefficients, and filter white noise of unit output variance.
             a, work, past = floats(own.a), floats(own.work), floats(own.past)
             coefficients(row[: len(a)], work[0], work[1], a)
             gain = innovation(a, work[0])
@@ -300,7 +307,7 @@ class Autoregressive(_Texture):
 
 @kernel(error_model="numpy")
 def cell(line, x):
-    """Place of a number in a rising, even row (n), and the part [1] of its cell that lies before it."""
+    """Cell of x in an ascending, evenly spaced row (n), and the fraction [1] of the cell below x."""
     n = len(line)
     if n < 2:
         return 0, 0.0

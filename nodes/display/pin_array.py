@@ -1,10 +1,10 @@
-"""What pins under a fingerpad have to show."""
+"""Heights of a pin array that renders a contact to the fingerpad."""
 
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
-import scipy  # its parts are slow to import, and are when they are used
+import scipy  # loads its subpackages on first use, because they are slow to import
 
 from palpate.messages import Contact, Pins, Surface, Vector3
 from palpate.nodes.base import SettingError, Wants
@@ -81,12 +81,12 @@ class PinArray(OnThinnedSurface):
             self.tree = scipy.spatial.cKDTree(self.points)
 
     def theory(self, force: np.ndarray | float, modulus: np.ndarray | float | None = None) -> pads.PadContact:
-        """States of the fingerpad under forces [N] on tissue of this modulus [Pa]; default: that of the node."""
+        """States of the fingerpad under forces [N] on tissue of this modulus [Pa]; default: the setting `modulus`."""
         curved = np.inf if self.curvature == 0.0 else 1.0 / self.curvature
         return pads.pad_contact(force, self.modulus if modulus is None else modulus, self.poisson, curved, self.finger)
 
     def theory_profile(self, distance: np.ndarray, force: float) -> np.ndarray:
-        """Deformation of the fingerpad [m] at these distances [m] from the axis, under a force [N]."""
+        """Deformation of the fingerpad [m] at these distances from the axis [m], for a force [N]."""
         return pads.pad_displacement(distance, self.theory(force))
 
     def step(
@@ -161,7 +161,7 @@ class PinArray(OnThinnedSurface):
 
 
 def tangent_frame(normal: Vector3) -> np.ndarray:
-    """Rows (3,3): the direction of a row of pins, that of a column, and the unit normal; right-handed."""
+    """Right-handed frame (3, 3): directions of the rows and of the columns of pins, and the unit normal."""
     n = np.asarray(normal, float)
     row = np.array([0.0, 1.0, 0.0] if abs(n[0]) > 0.9 else [1.0, 0.0, 0.0])
     row -= np.sum(row * n) * n

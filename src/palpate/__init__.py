@@ -1,17 +1,16 @@
-"""What a fingertip feels on soft tissue, from Python.
+"""Haptics on soft tissue: run graphs, and read and compare recordings from Python.
 
     import palpate
 
     run = palpate.run("kidney", tissue="deformation.ReducedFE", duration=2.0)
-    run.contact.force.max()                    # [N]; a numpy array that knows its unit and its times
+    run.contact.force.max()                    # [N]; a numpy array with its unit and times
     for tick in palpate.steps("kidney"): ...   # the same, tick by tick
     palpate.open("run.mcap").plot("contact.force", "tissue.indentation")
-    palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs, on many cores
-    palpate.Ensemble("kidney", 256, {"tissue.stiffness": stiffness}).run()      # many runs at once in this process
+    palpate.Study("kidney", over={"tissue.stiffness": [2e3, 4e3]}).run("out/").table()      # many runs on all cores
+    palpate.Ensemble("kidney", 256, {"tissue.stiffness": stiffness}).run()      # many runs in parallel in this process
 
-Public are the names in `__all__` here, and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite
-elements), `palpate.messages` and `palpate.nodes` (for nodes of one's own). This file imports nothing before it is
-needed.
+The public API is `__all__` and the packages `palpate.physics` (formulas), `palpate.models.fe` (finite elements),
+`palpate.messages` and `palpate.nodes` (for custom nodes). Each name is imported on first use.
 """
 
 from __future__ import annotations
@@ -56,16 +55,16 @@ def steps(
     sets: Sequence[str] = (),
     **nodes: str | Mapping[str, Any],
 ) -> Iterator[Tick]:
-    """Run a graph tick by tick in this process, on simulated time; what it takes is what `run` takes.
+    """Run a graph tick by tick in this process on simulated time. The arguments are those of `run`.
 
     for tick in palpate.steps("kidney"):
-        if tick.contact.force > 1.0:                  # [N] the last message of a node, by its name
-            tick.set("tissue", stiffness=1e3)   # the node is started anew with other settings
+        if tick.contact.force > 1.0:            # [N]; field of the last message of node `contact`
+            tick.set("tissue", stiffness=1e3)   # restarts the node with the new setting
             break
 
     Nothing is recorded. `break` ends the run.
 
-    PalpateError: what is wrong with the graph, or which node failed.
+    PalpateError: the graph is invalid, or a node failed.
     """
     from palpate.calling import described
     from palpate.stepping import Stepper, ticks
@@ -74,18 +73,18 @@ def steps(
 
 
 def compare(file: str | Path | Run, *variants: Any, reference: Any = None) -> Comparison:
-    """Compute a recorded touch again with other models or settings: `compare("run.mcap", {"tissue":
-    "deformation.Rigid"}, "tissue.stiffness=2e3")`. See `Run.compare`."""
+    """Recompute a recording with other models or settings: `compare("run.mcap", {"tissue": "deformation.Rigid"},
+    "tissue.stiffness=2e3")`. See `Run.compare`."""
     from palpate.views.run import Run
 
     return (file if isinstance(file, Run) else Run(file)).compare(*variants, reference=reference)
 
 
 def open(file: str | Path, *, trust: Sequence[str] = ()) -> Run:
-    """Open a recording. A file is data: besides palpate's classes it may use those that this program has imported,
-    and modules of the packages in `trust`, which are imported.
+    """Open a recording. Files are untrusted: one may use palpate's classes, classes that this program has imported, and
+    modules of the packages in `trust`, which are imported.
 
-    PalpateError: it is none, or there is no such file.
+    PalpateError: the file is missing or is not a recording.
     """
     from palpate.engine import imports
     from palpate.views.run import Run

@@ -1,4 +1,4 @@
-"""A run that Python code asks for: from keywords to its opened recording."""
+"""`palpate.run`: run a graph with keyword arguments and open its recording."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def run(
 ) -> Run:
     """Run a graph to its end and open its recording; `palpate run` does the same from the shell.
 
-    graph     launch file or graph: one that ships, or a path
-    record    file of the recording; left out: a new one below runs/
-    duration  [s] of the graph's clock, or a text with a unit
-    scene     in place of the graph's own
-    clock     simulated or real
-    place     "fused", or a placement file; left out: on simulated time this process runs all nodes, which gives the
-              same bytes as any other placement, else each node is a process of its own
-    sets      single values as after `--set`: "tissue.stiffness=2e3"
-    nodes     what a node is: a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
+    graph     name of a shipped launch file or graph, or a path
+    record    file of the recording; default: a new file below runs/
+    duration  [s] on the graph's clock, or a text with a unit
+    scene     replaces the scene of the graph
+    clock     "simulated" or "real"
+    place     "fused", or a placement file. Default: on simulated time all nodes run in this process, which gives the
+              same bytes as any other placement; on real time each node runs in a separate process
+    sets      single values in the form of `--set`: "tissue.stiffness=2e3"
+    nodes     a model, tissue="deformation.ReducedFE", or settings, tissue={"stiffness": 2e3}
 
-    PalpateError: what is wrong with the graph, or which node failed. OSError: the recording cannot be written.
-    KeyboardInterrupt: Ctrl-C; what was recorded before stays in the file.
+    PalpateError: the graph is invalid, or a node failed. OSError: the recording cannot be written. KeyboardInterrupt:
+    Ctrl-C; the file keeps everything recorded before it.
     """
     if clock not in (None, "simulated", "real"):
         raise ArgumentError(f"clock: found {clock!r}, expected 'simulated' or 'real'")
@@ -52,7 +52,7 @@ def run(
         raise ArgumentError(f"{graph}: the graph has no duration, so the run would never end; pass duration=2.0 [s]")
     may_fuse = launch.place is None and launch.clock != "real"
     if may_fuse and not any(spec.cls.hardware for spec in launch.load().nodes.values()):
-        launch = launch.but(place=FUSED)  # the answer is the same, and no process has to start
+        launch = launch.but(place=FUSED)  # same result, without starting processes
     outcome = execute(launch)
     outcome.signalled()
     if not outcome.result.ok:
@@ -72,7 +72,7 @@ def described(
     sets: Sequence[str],
     nodes: Mapping[str, str | Mapping[str, Any]],
 ) -> LaunchFile:
-    """The run that these arguments of `palpate.run` describe. GraphError, ArgumentError: what is wrong with them."""
+    """The run that these arguments of `palpate.run` describe. GraphError, ArgumentError: they are invalid."""
     if isinstance(sets, str):
         raise ArgumentError(f"sets: found the text {sets!r}, expected a list of texts, [{sets!r}]")
     return find(str(graph)).but(
@@ -83,7 +83,7 @@ def described(
 
 
 def _fresh(name: str) -> Path:
-    """The file of a new recording, as `palpate run` names it; a number follows where there is one already."""
+    """File of a new recording, named as by `palpate run`, with a number if that folder already exists."""
     folder = Path("runs") / f"{name}-{datetime.datetime.now():%Y%m%d-%H%M%S}"
     number, free = 1, folder
     while free.exists():

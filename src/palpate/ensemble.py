@@ -1,4 +1,4 @@
-"""Many touches of one graph at once: `palpate.Ensemble` (docs/ensembles.md)."""
+"""`palpate.Ensemble`: many runs of one graph in parallel (docs/ensembles.md)."""
 
 import os
 import sys
@@ -20,22 +20,22 @@ from palpate.messages.record import layout
 from palpate.physics.errors import ArgumentError, RunError
 from palpate.records.samples import Samples
 
-SHOWN = 3  # failures that a warning names
+SHOWN = 3  # number of failed lanes that a warning lists
 
 
 class Ensemble:
-    """One graph run many times at once, each lane with its own settings; a lane computes the bits of its single run.
+    """One graph run many times in parallel. Each lane has its settings and computes the same bits as a single run.
 
-    graph      one that ships, or a launch file or graph; its nodes are compiled ones
-    lanes      how many
-    over       what differs: paths as after `--set`, "tissue.stiffness", and for each an array or a list with a value
-               for each lane, or one value for all
+    graph      name of a shipped launch file or graph, or a path; all its nodes are compiled
+    lanes      number of runs
+    over       settings that differ: a path in the form of `--set`, "tissue.stiffness", with an array or list of one
+               value per lane, or one value for all lanes
     keep       fields that `run` returns, "stream.field"
-    every      of how many ticks one is kept
-    scene, duration, sets, nodes  as of `palpate.run`
-    threads    None: one for each core
+    every      keep one of this many ticks
+    scene, duration, sets, nodes  see `palpate.run`
+    threads    number of threads; None: one per core
 
-    GraphError, ArgumentError: what is wrong, before anything runs.
+    GraphError, ArgumentError: invalid arguments; raised before anything runs.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class Ensemble:
         if not self._keep:
             raise ArgumentError("keep: found nothing, expected a list such as ['contact.force']")
         self.rate = base.rate
-        """[Hz] of ticks."""
+        """Rate of ticks [Hz]."""
         self.ticks = max(1, round(launch.duration * self.rate))
         rows = -(-self.ticks // every)
         size = lanes * rows * sum(layout(base.streams[s])[f.name].itemsize for s, f in self._keep)
@@ -86,15 +86,17 @@ class Ensemble:
                 )
 
     def settings(self, lane: int) -> str:
-        """What a lane has of its own, in words."""
+        """The settings of a lane that differ from the graph, as text."""
         return ", ".join(f"{path}={values[lane]}" for path, values in self.over.items()) or "the settings of the graph"
 
     def run(self, *, quiet: bool = False) -> Any:
-        """Run all lanes from their beginning. An xarray Dataset with dimensions `lane` and `time` [s], and `axis` for
-        vectors; where xarray is missing a dictionary of numpy arrays that know their unit. What is varied is a
-        coordinate of `lane`. A stream that is sent less often than each tick keeps its last value.
+        """Run all lanes from the start.
 
-        A lane that fails has NaN from there on, and what happened in `error`; a warning says so.
+        Returns an xarray Dataset with the dimensions `lane` and `time` [s], and `axis` for vectors. Without xarray it
+        is a dictionary of numpy arrays with units. Varied settings are coordinates of `lane`. A stream that is not sent
+        at a tick keeps its last value.
+
+        A lane that fails is NaN from that tick on; `error` has its message, and a warning lists the failed lanes.
 
         quiet  no progress bar
 
@@ -136,7 +138,7 @@ class Ensemble:
         return xarray.Dataset(data, coordinates, {"graph": self.name})
 
     def _report(self, errors: Sequence[str]) -> None:
-        """Warn of lanes that failed. RunError: all did."""
+        """Warn about failed lanes. RunError: all lanes failed."""
         failed = [lane for lane, error in enumerate(errors) if error]
         lines = [f"lane {lane} ({self.settings(lane)}): {errors[lane]}" for lane in failed[:SHOWN]]
         if len(failed) > SHOWN:
@@ -148,7 +150,7 @@ class Ensemble:
 
 
 def _path(path: str, base: Graph) -> str:
-    """A part of the scene that no node has the name of needs no `scene.` before it."""
+    """Complete the path of a part of the scene: `scene.` may be left out unless a node has the same name."""
     head = path.partition(".")[0]
     if "." not in path:
         raise ArgumentError(f"over {path!r}: expected a setting, such as tissue.stiffness, or scene.<path>")
@@ -156,7 +158,7 @@ def _path(path: str, base: Graph) -> str:
 
 
 def _each(path: str, given: Any, lanes: int) -> list[Any]:
-    """A value for each lane. ArgumentError: another number of them."""
+    """One value per lane. ArgumentError: the number of values is wrong."""
     plain = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
     if isinstance(plain, str | Mapping) or not isinstance(plain, Sequence):
         return [plain] * lanes
@@ -166,7 +168,7 @@ def _each(path: str, given: Any, lanes: int) -> list[Any]:
 
 
 def _kept(text: str, graph: Graph) -> tuple[str, Field]:
-    """The stream and the field of "stream.field". ArgumentError: there is none, or it has no fixed size."""
+    """The stream and the field of "stream.field". ArgumentError: it does not exist, or its size varies."""
     stream, _, name = str(text).rpartition(".")
     if stream not in graph.streams:
         raise ArgumentError(f"keep {text!r}: no stream {stream!r}. {choices('Streams', stream, graph.streams)}")
@@ -181,5 +183,5 @@ def _kept(text: str, graph: Graph) -> tuple[str, Field]:
 
 
 def _words(field: Field, column: np.ndarray) -> np.ndarray:
-    """The values of a field; those of words as texts."""
+    """The values of a field; enumerated values as text."""
     return np.array(field.words)[column] if field.words else column

@@ -1,6 +1,6 @@
-"""What lies in folders and is listed nowhere: nodes, messages, laws, materials and commands, each by its file.
+"""Discovery by file: nodes, messages, laws, materials and commands are found in their folders, without a list.
 
-This file imports nothing of ours, so that every room may use it.
+This file imports no other part of palpate, so every part may use it.
 """
 
 import importlib
@@ -16,38 +16,38 @@ T = TypeVar("T")
 
 
 def files(package: ModuleType) -> list[str]:
-    """Full names of the files and folders of a package, sorted, which are not imported for that."""
+    """Full names of the files and folders of a package, sorted, without importing them."""
     changed = tuple(os.stat(folder).st_mtime_ns for folder in package.__path__)
     return list(_files(package.__name__, tuple(package.__path__), changed))
 
 
 @lru_cache(maxsize=256)
 def _files(name: str, folders: tuple[str, ...], changed: tuple[int, ...]) -> list[str]:
-    """What lay in the folders when they were last `changed` [ns]: a graph asks for each some ten times."""
+    """Contents of the folders, cached until the time `changed` [ns] differs: a graph asks about 10 times for each."""
     return sorted(file.name for file in pkgutil.iter_modules(folders, f"{name}."))
 
 
 def modules(package: ModuleType) -> dict[str, ModuleType]:
-    """The files of a package by their short names, imported."""
+    """The imported files of a package by their short names."""
     return {name.rpartition(".")[2]: importlib.import_module(name) for name in files(package)}
 
 
 def classes(package: ModuleType, base: type[T]) -> dict[str, type[T]]:
-    """The subclasses of a class that the files of a package declare, by name; all files are imported."""
+    """The subclasses of `base` that the files of a package declare, by name. Imports all files."""
     found = {kind.__name__: kind for module in modules(package).values() for kind in declared(module, base)}
     return dict(sorted(found.items()))
 
 
 def find(package: ModuleType, name: str, base: type[T]) -> type[T] | None:
-    """The subclass of this name, None where there is none. The file that is called like it is looked into first, so
-    that others are imported only where a file is called otherwise. ImportError: none was found, and of those that
-    cannot be imported the first."""
+    """The subclass of this name, or None. The file with the matching name is searched first, so that other files are
+    imported only if the class is elsewhere. ImportError: no class was found and a file could not be imported; the first
+    of these errors."""
     likely = f"{package.__name__}.{snake(name)}"
     unread = []
     for file in sorted(files(package), key=lambda file: file != likely):
         try:
             module = importlib.import_module(file)
-        except ImportError as error:  # of a package that perhaps another file needs, not the one that is looked for
+        except ImportError as error:  # the package is missing that this file needs, but perhaps not the wanted one
             unread.append(error)
             continue
         for kind in declared(module, base):
@@ -59,7 +59,7 @@ def find(package: ModuleType, name: str, base: type[T]) -> type[T] | None:
 
 
 def declared(module: ModuleType, base: type[T]) -> Iterator[type[T]]:
-    """The public subclasses of a class that a file declares, not those that it imports."""
+    """The public subclasses of `base` that a file declares, without those that it imports."""
     for name, kind in vars(module).items():
         public = isinstance(kind, type) and issubclass(kind, base) and not name.startswith("_")
         if public and kind.__module__ == module.__name__:
@@ -67,8 +67,8 @@ def declared(module: ModuleType, base: type[T]) -> Iterator[type[T]]:
 
 
 def registered(group: str) -> tuple[dict[str, ModuleType], dict[str, str]]:
-    """Modules that other distributions register: those of their entry points of this group, by full name, and why
-    others cannot be imported. Only what lists things calls this: it imports the code of these distributions."""
+    """Modules that other distributions register as entry points of this group, by full name, and the import errors of
+    the others. Only listings call this, because it imports the code of these distributions."""
     from importlib.metadata import entry_points
 
     there: dict[str, ModuleType] = {}
@@ -76,11 +76,11 @@ def registered(group: str) -> tuple[dict[str, ModuleType], dict[str, str]]:
     for name in sorted({point.module for point in entry_points(group=group)}):
         try:
             there[name] = importlib.import_module(name)
-        except (Exception, SystemExit) as error:  # whatever another distribution does wrong: the others are listed
+        except (Exception, SystemExit) as error:  # a faulty distribution does not hide the others
             missing[name] = f"{type(error).__name__}: {error}"
     return there, missing
 
 
 def snake(name: str) -> str:
-    """The name of a file for a class: MassSpring -> mass_spring, ReducedFE -> reduced_fe."""
+    """The file name for a class: MassSpring -> mass_spring, ReducedFE -> reduced_fe."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()

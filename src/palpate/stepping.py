@@ -1,4 +1,4 @@
-"""A graph that Python code runs tick by tick: values are read, and settings changed, between two ticks.
+"""`palpate.steps`: run a graph tick by tick, read values and change settings between two ticks.
 
 for tick in steps("kidney", duration=0.5):
     if tick.contact.force > 1.0:
@@ -29,11 +29,11 @@ from palpate.physics.errors import ArgumentError
 
 
 class Tick:
-    """A graph after one of its ticks. The last message of a node is an attribute of its name, `tick.contact.force`, or
-    an item where a node sends several streams, `tick["pad.Slip"]`; None where none was sent yet.
+    """A graph after one of its ticks. The last message of a node is the attribute with its name, `tick.contact.force`,
+    or an item if the node sends several streams, `tick["pad.Slip"]`. It is None before the first message.
 
-    number   of the tick, from 0
-    time     [s] on the graph's clock
+    number   number of the tick, from 0
+    time     time on the graph's clock [s]
     """
 
     def __init__(self, worker: Worker, number: int) -> None:
@@ -42,11 +42,11 @@ class Tick:
 
     @property
     def streams(self) -> list[str]:
-        """Names of what is sent."""
+        """Names of all streams."""
         return list(self._worker.outputs)
 
     def __getitem__(self, stream: str) -> Message | None:
-        """ArgumentError: there is no such stream; names the nearest."""
+        """The last message of a stream. ArgumentError: the stream does not exist; suggests the nearest name."""
         if stream not in self._worker.outputs:
             raise ArgumentError(f"no stream {stream!r}. {choices('Streams', str(stream), self.streams)}")
         return self._worker.outputs[stream].last
@@ -66,15 +66,15 @@ class Tick:
         return f"<tick {self.number} at {self.time:.6g} s: {', '.join(self.streams)}>"
 
     def settings(self, node: str) -> dict[str, Any]:
-        """The settings of a node as they are now, in SI units. ArgumentError: no such node."""
+        """The current settings of a node, in SI units. ArgumentError: the node does not exist."""
         return _settings(slot_of(self._worker, node).node)
 
     def set(self, node: str, **values: Any) -> None:
-        """Give a node other settings from the next tick on: numbers in SI units, or texts with a unit. The node is
-        started anew with them, so its state is that of the beginning; all others go on.
+        """Change settings of a node from the next tick on: numbers in SI units, or texts with a unit. The node restarts
+        from its initial state; all other nodes continue.
 
-        ArgumentError: no such node. SettingError: no such setting, or not its value; the old ones stay. NodeError: the
-        node does not start with them, which ends the loop.
+        ArgumentError: the node does not exist. SettingError: unknown setting or invalid value; nothing changes.
+        NodeError: the node fails to start with them, which ends the loop.
         """
         slot = slot_of(self._worker, node)
         new = settled(slot, values)
@@ -89,15 +89,15 @@ class Tick:
 
 
 class Stepper:
-    """A graph in this process on simulated time: `tick` advances it by one tick, `restart` returns to its beginning.
+    """A graph in this process on simulated time: `tick` advances it by one tick, `restart` resets it.
 
-    GraphError, ArgumentError: what is wrong with the graph.
+    GraphError, ArgumentError: the graph is invalid or cannot be stepped.
     """
 
     def __init__(self, launch: LaunchFile) -> None:
         graph = launch.load()
         set_recording(graph, None)
-        self.plan = plan(graph)  # what runs of the graph
+        self.plan = plan(graph)  # the nodes that run
         devices = [name for name in self.plan.order if graph.nodes[name].cls.hardware]
         if devices or launch.clock == "real":
             what = f"{devices[0]!r} drives a device" if devices else "clock: real"
@@ -111,28 +111,29 @@ class Stepper:
         self._own = {slot.name: _settings(slot.node) for slot in self._worker.slots}
 
     def __reduce_ex__(self, protocol: Any) -> NoReturn:
-        """ArgumentError: compiled nodes keep their state where a copy would share it."""
+        """ArgumentError: a copy would share the state of the compiled nodes."""
         name = self.plan.graph.path.stem
         raise ArgumentError(f"{name}: a graph that is stepped cannot be copied or pickled; make another one like it")
 
     def node(self, name: str) -> Node:
-        """A node that runs. ArgumentError: there is no such one."""
+        """A running node. ArgumentError: it does not exist."""
         return slot_of(self._worker, name).node
 
     @property
     def job(self) -> Job:
-        """What runs."""
+        """The job of the worker: all nodes that run."""
         return self._worker.job
 
     def start(self) -> None:
-        """Start all nodes. NodeError: one of them failed; `stop` gives back what the others opened."""
+        """Start all nodes. NodeError: one of them failed; `stop` releases the resources of the others."""
         self._worker.start()
         self._worker.begin(0)
 
     def restart(self, changes: Mapping[str, Mapping[str, Any]]) -> None:
-        """Go back to before the first tick, with the settings of the graph but for these, as `Tick.set` takes them.
+        """Reset to before the first tick, with the settings of the graph and these changes in the form of `Tick.set`.
 
-        ArgumentError, SettingError: no such node, setting or value; nothing was changed. NodeError: a node failed.
+        ArgumentError, SettingError: unknown node or setting, or invalid value; nothing changes. NodeError: a node
+        failed.
         """
         new = {name: settled(slot_of(self._worker, name), values) for name, values in changes.items()}
         for slot in self._worker.slots:
@@ -153,7 +154,7 @@ class Stepper:
 
 
 def ticks(stepper: Stepper) -> Iterator[Tick]:
-    """Run a graph in this process, one tick for each step of the loop. NodeError: a node failed."""
+    """Run a graph in this process, one tick per iteration. NodeError: a node failed."""
     try:
         stepper.start()
         for _ in itertools.count() if stepper.last is None else range(stepper.last + 1):
@@ -163,7 +164,7 @@ def ticks(stepper: Stepper) -> Iterator[Tick]:
 
 
 def slot_of(worker: Worker, node: str) -> Slot:
-    """A node that runs. ArgumentError: there is no such one."""
+    """A running node. ArgumentError: it does not exist."""
     names = {slot.name: slot for slot in worker.slots}
     if node not in names:
         raise ArgumentError(f"there is no running node {node!r}. {choices('Nodes', str(node), names)}")
@@ -175,7 +176,7 @@ def _settings(node: Node) -> dict[str, Any]:
 
 
 def settled(slot: Slot, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings of a node as it holds them. SettingError: no such setting, or not its value."""
+    """Convert given settings to the values that the node stores. SettingError: unknown setting or invalid value."""
     known = settings(type(slot.node))
     new = {}
     for name, value in values.items():
