@@ -84,7 +84,7 @@ def _moves(hand: SimulatedOperator, duration: float | None) -> np.ndarray:
 def _strokes(
     hand: SimulatedOperator, moves: np.ndarray, fastest: float, draw: np.random.Generator, hurried: bool
 ) -> list[dict[str, Any]]:
-    """A random path of one hand between points on these segments of its path; a rest if there are none."""
+    """A random path of one hand between points on these segments of its path; a rest if the list is empty."""
     points = hand.points() + np.array(hand.origin)
     here, path = points[0], list[dict[str, Any]]()
     for number in range(STROKES if len(moves) else 0):

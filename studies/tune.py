@@ -147,7 +147,7 @@ def judged(one: Evaluation, base: Variant, variant: Variant, goal: Goal, estimat
 
 
 def pick(ranked: list[Evaluation], goal: Goal) -> Evaluation | None:
-    """The most accurate candidate within the budget; without a budget, the fastest within the error. None: no one."""
+    """The most accurate candidate within the budget, or the fastest within the error; None if no candidate is."""
     able = [one for one in ranked if goal.met_by(one)]
     if goal.budget is None:
         return min(able, key=lambda one: (one.p99, one.error), default=None)
@@ -155,7 +155,7 @@ def pick(ranked: list[Evaluation], goal: Goal) -> Evaluation | None:
 
 
 def cause(ranked: list[Evaluation], goal: Goal) -> str:
-    """Names the node that alone exceeds the budget; "" if there is none, or if the error is the limit that fails."""
+    """Names the node that alone exceeds the budget; "" if no node does, or if the error is the limit that fails."""
     late = [one for one in ranked if replace(goal, budget=None).met_by(one)]
     if goal.budget is None or not late:
         return ""

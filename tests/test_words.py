@@ -128,6 +128,7 @@ ALLOWED = {
     r"no such (file|device)": (),  # texts of the system
     r"a level stands twice": ("tests/cli/test_experiment.py",),  # a message of palpate
     r"checked but for a gap": ("tests/records/test_replay.py",),  # a message of palpate
+    r"its own material": ("studies/accuracy/reference_solvers.py", "studies/accuracy/sites.py"),  # a name in results
     r"house\.py": (),
     r"look at (a recording|any instant)": (),
     r"\bown[.,]": ("nodes/base/compiled.py",),  # the record of a node in its kernel

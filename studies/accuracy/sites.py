@@ -79,8 +79,8 @@ def stored(name: str) -> ReferenceSite:
     path = SHIPPED / f"{name}.npz"
     if not path.is_file():
         raise MissingError(
-            f"{path}: no such reference. Build it: python benchmarks/references.py. "
-            f"There are {', '.join(sorted(p.stem for p in SHIPPED.glob('*.npz'))) or 'none'}"
+            f"{path}: this reference is missing. Build it: python benchmarks/references.py. "
+            f"Stored: {', '.join(sorted(p.stem for p in SHIPPED.glob('*.npz'))) or 'none'}"
         )
     try:
         with np.load(path) as file:

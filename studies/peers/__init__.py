@@ -1,4 +1,4 @@
-"""Solvers that others wrote, each behind one adapter: studies and benchmarks hold ours against them."""
+"""Adapters to reference solvers; studies and benchmarks compare palpate's finite elements with them."""
 
 from palpate.physics.errors import ArgumentError
 

@@ -1,10 +1,10 @@
-"""The block of `studies.peers.continuum` by CalculiX: its program `ccx` on a file of ours.
+"""The block of `studies.peers.continuum` in CalculiX: writes an input file and runs `ccx`.
 
-The tetrahedra are those of `fe.Solver`, as elements C3D10 with the same energy, so that the two differ by their solvers
-alone. The bed is lumped: a face of six nodes carries a pressure by the nodes on its edges, a third of its area each.
+The mesh is that of `fe.Solver`, with C3D10 elements of the same energy, so the two differ only in the solver. The
+elastic foundation is lumped: each mid-side node of a six-node face supports one third of the area of the face.
 
 G. Dhondt, The Finite Element Method for Three-Dimensional Thermomechanical Applications, Wiley 2004;
-http://www.calculix.de. Lengths are in mm, forces in N and moduli in MPa there.
+http://www.calculix.de. Input files use mm, N and MPa.
 """
 
 import re
@@ -26,12 +26,12 @@ from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, 
 INSTALL = "apt-get install calculix-ccx"
 MM = 1e3  # [mm/m]
 MPA = 1e-6  # [MPa/Pa]
-LAST = 400  # Characters of what it printed that are told of a failed run
+LAST = 400  # Number of characters of the output that an error quotes
 
 
 @lru_cache(maxsize=1)
 def version() -> str | None:
-    """Of CalculiX; None where its program is not on the path."""
+    """Version of CalculiX; None if `ccx` is not on the path."""
     program = shutil.which("ccx")
     if program is None:
         return None
@@ -41,9 +41,9 @@ def version() -> str | None:
 
 
 def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
-    """Press the block with CalculiX. The time of a load step is that of the whole run over its load steps.
+    """Press the block with CalculiX. The time of a load step is the time of the run over the number of load steps.
 
-    MissingError: it is not installed. ArithmeticError: it gave up; says what it printed last.
+    MissingError: CalculiX is not installed. ArithmeticError: it did not converge; quotes the end of its output.
     """
     cut = continuum.tetrahedra(block)
     with tempfile.TemporaryDirectory() as folder:
@@ -51,21 +51,20 @@ def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
         seconds = whole / len(levels)
         moved = _read(Path(folder) / "run.dat", np.sort(cut.top.ravel()), cut.mesh.points.shape)
     if status or len(moved) != len(levels):
-        raise ArithmeticError(f"CalculiX came to {len(moved)} of {len(levels)} forces; it said last: {said}")
+        raise ArithmeticError(f"CalculiX solved {len(moved)} of {len(levels)} forces; end of its output: {said}")
     depth = [float(np.sum(cut.unit * u)) for u in moved]
     shape = [-u[cut.top, 2] for u in moved]
     return continuum.curve(levels, depth, shape, (cut.x, cut.y, cut.top), cut.unit.size, [seconds] * len(levels))
 
 
 def run(cards: Iterable[str], folder: Path) -> tuple[float, int, str]:
-    """Run CalculiX on these cards; results lie in the folder's files `run.*`. Seconds that it took, its exit status,
-    and what it printed last.
+    """Run CalculiX on these cards; it writes its results to the files `run.*` of the folder.
 
-    MissingError: it is not installed.
+    Returns the duration [s], the exit status and the end of its output. MissingError: CalculiX is not installed.
     """
     program = shutil.which("ccx")
     if program is None:
-        raise MissingError(f"CalculiX is not installed: there is no program ccx. Install it: {INSTALL}")
+        raise MissingError(f"CalculiX is not installed: the program ccx is missing. Install it: {INSTALL}")
     (folder / "run.inp").write_text("\n".join(cards) + "\n", encoding="ascii")
     begun = time.perf_counter()
     ran = subprocess.run([program, "-i", "run"], cwd=folder, capture_output=True, text=True, check=False)
@@ -73,8 +72,8 @@ def run(cards: Iterable[str], folder: Path) -> tuple[float, int, str]:
 
 
 def solids(mesh: TetMesh, laws: Sequence[tuple[float, float]], scale: float = 1.0) -> Iterator[str]:
-    """Cards of a mesh and of the neo-Hookean solids in its regions: `laws` has shear and bulk modulus of each, `scale`
-    is the length of a metre in the cards."""
+    """Cards of a mesh with neo-Hookean regions. `laws` has the shear and bulk modulus of each region; `scale` is the
+    length of one metre in the cards."""
     yield "*NODE"
     yield from (f"{k},{x:.14g},{y:.14g},{z:.14g}" for k, (x, y, z) in enumerate((scale * mesh.points).tolist(), 1))
     for region, (shear, bulk) in enumerate(laws):
@@ -86,7 +85,7 @@ def solids(mesh: TetMesh, laws: Sequence[tuple[float, float]], scale: float = 1.
 
 
 def deck(cut: Tetrahedra, levels: np.ndarray) -> Iterator[str]:
-    """Lines of its input: mesh, materials, bed, supports, and a step for each force [N]."""
+    """Lines of the input file: mesh, materials, foundation, supports, and one step per force [N]."""
     yield from solids(cut.mesh, [moduli(MPA * YOUNG * float(ratio), POISSON) for ratio in cut.ratios], MM)
     yield from _bed(cut, len(cut.mesh.elements))
     yield "*BOUNDARY"
@@ -101,7 +100,7 @@ def deck(cut: Tetrahedra, levels: np.ndarray) -> Iterator[str]:
 
 
 def _bed(cut: Tetrahedra, count: int) -> Iterator[str]:
-    """Springs at the nodes of the underside, numbered from `count` on; those of one stiffness [N/mm] share a card."""
+    """Springs at the nodes of the underside, numbered from `count` on; springs of one stiffness [N/mm] share a card."""
     stiffness = np.zeros(len(cut.mesh.points))
     np.add.at(stiffness, cut.under[:, 3:], BED * YOUNG * cut.areas()[:, None] / 3.0 / MM)
     held = np.flatnonzero(stiffness)
@@ -116,7 +115,7 @@ def _bed(cut: Tetrahedra, count: int) -> Iterator[str]:
 
 
 def _read(path: Path, nodes: np.ndarray, shape: tuple[int, ...]) -> list[np.ndarray]:
-    """Displacements [m] (N,3) of the top after each step that it came to; zero elsewhere."""
+    """Displacements [m] (N,3) of the top after each solved step; zero elsewhere."""
     if not path.is_file():
         return []
     rows = [line.split() for line in path.read_text(encoding="ascii").splitlines() if line and "displ" not in line]

@@ -1,14 +1,14 @@
-"""The continuum that the bodies on a slab stand for: a load that keeps its shape presses a block of neo-Hookean tissue.
+"""The continuum that the bodies on a slab approximate: a load of fixed shape presses a block of neo-Hookean tissue.
 
     div P(F) = 0,    p(r) = 3 f/(pi R²) (1 - r²/R²)²,   r < R,    u_x = u_y = 0 under the patch
 
-The block is that of `surface: plane`: 0.1 m square, 40 mm thick, on a bed of springs, its sides free.
-The patch sticks to the finger, which does not move sideways while it presses, or is free to slide. Half of the block is
-meshed, y >= 0; the touched place lies on y = 0. What comes out is a static curve: indentation s = mean of -u_z weighted
-with p, so that f ds is work done on the block, and the shape of its top.
+The block is that of `surface: plane`: 0.1 m square, 40 mm thick, on an elastic foundation, with free sides. The patch
+sticks to the finger, which does not move sideways, or slides freely. By symmetry only the half y >= 0 is meshed; the
+centre of the patch is at y = 0. The result is a static curve, with the shape of the top at each force. Its indentation
+s is the mean of -u_z weighted with p, so f ds is the work done on the block.
 
-Two solvers, which make the references, share this description and nothing else: `fe.Solver` on quadratic tetrahedra,
-and FElupe on bricks of 27 nodes (`studies.peers.felupe`). Each makes its own load, bed and elements from the grid.
+Two independent solvers compute the references: `fe.Solver` on quadratic tetrahedra, and FElupe on bricks of 27 nodes
+(`studies.peers.felupe`). They share this description; each builds its load, foundation and elements from the grid.
 """
 
 import time
@@ -25,18 +25,19 @@ from palpate.models.fe.meshing.organ import SLAB
 from palpate.models.fe.solve.solver import Settings, Solver
 from palpate.physics.materials.neo_hooke import neo_hooke
 
-SIDE = 0.1  # [m] Of the block, as of `surface: plane`
+SIDE = 0.1  # [m] Side of the block: that of `surface: plane`
 YOUNG, POISSON, BED = 19e3, 0.45, 50.0
-"""[Pa], [1], [1/m] stiffness of the bed per area over the modulus: those of deformation.ReducedFE."""
-RADIUS = 8e-3  # [m] Of the patch: that of spread.Kernel
+"""Young's modulus [Pa], Poisson's ratio [1], foundation stiffness per area over Young's modulus [1/m]: those of
+deformation.ReducedFE."""
+RADIUS = 8e-3  # [m] Radius of the patch: that of spread.Kernel
 LEVELS = np.array([0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9, 1.1, 1.3])  # [N] Forces at which a curve is known
 LIGHT = np.array([0.02, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25])
-"""[N] The same where the patch is free to slide: under heavier loads such a surface yields sideways."""
+"""[N] Forces for a patch that slides freely: under larger loads the surface escapes sideways."""
 NODULE_DEPTH, NODULE_RADIUS, NODULE_RATIO = 6e-3, 4e-3, 10.0
-"""[m] depth of the centre of a harder ball, [m], [1] its modulus over that of the tissue."""
-GROWTH = 1.45  # Of the cells from the patch to the borders
-CUTS = 6  # Parts into which a triangle's sides are cut to integrate the pressure
-SHARES = 8  # Moduli between that of the tissue and that of a nodule that cells cut by its surface may have
+"""The nodule, a ball: depth of its centre [m], radius [m], its modulus over that of the tissue [1]."""
+GROWTH = 1.45  # [1] Growth factor of the cells from the patch to the border
+CUTS = 6  # Subdivisions of each side of a triangle for the integration of the pressure
+SHARES = 8  # Number of moduli, from tissue to nodule, for cells that the surface of the nodule cuts
 Pressure = Callable[[np.ndarray], np.ndarray]  # At points [m] (...,3)
 Top = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Lines x and y [m] of the grid of the top, and the nodes (len(x),len(y)) on them."""
@@ -45,13 +46,13 @@ STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
 
 @dataclass(frozen=True)
 class Block:
-    """Where the block is pressed and how finely it is cut.
+    """Position of the patch on the block, and mesh density.
 
-    place   [m] x of the patch's middle
-    cells   cells across the patch's radius
-    nodule  whether it has the nodule below (0, 0)
-    radius  [m] of the patch;  poisson [1] of the tissue
-    sticks  whether the surface under the patch is held along itself
+    place   x coordinate of the centre of the patch [m]
+    cells   cells across the radius of the patch
+    nodule  whether the block has the nodule below (0, 0)
+    radius  [m] radius of the patch;  poisson  [1] Poisson's ratio of the tissue
+    sticks  whether the surface under the patch is fixed tangentially
     """
 
     place: float = 0.0
@@ -62,7 +63,7 @@ class Block:
     sticks: bool = True
 
     def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates [m] of the grid's planes, finest under the patch and round the nodule."""
+        """Coordinates [m] of the grid planes, finest under the patch and around the nodule."""
         size = self.radius / self.cells
         low, high, below = self.place - self.radius, self.place + self.radius, 0.6 * self.radius
         if self.nodule:
@@ -74,12 +75,12 @@ class Block:
         return x, y, z
 
     def pressure(self, points: np.ndarray) -> np.ndarray:
-        """Of the patch, at points [m] (...,3) of the surface; its scale does not matter."""
+        """Pressure of the patch, up to a factor, at points [m] (...,3) of the surface."""
         q = np.minimum(((points[..., 0] - self.place) ** 2 + points[..., 1] ** 2) / self.radius**2, 1.0)
         return (1.0 - q) ** 2
 
     def hardness(self) -> np.ndarray:
-        """Modulus of each cell over that of the tissue, x fastest: its mean by volume, in `SHARES` steps."""
+        """Modulus of each cell over that of the tissue, x fastest: the volume average, rounded to `SHARES` steps."""
         x, y, z = self.axes()
         count = (len(x) - 1, len(y) - 1, len(z) - 1)
         if not self.nodule:
@@ -94,11 +95,11 @@ class Block:
 
 @dataclass(frozen=True)
 class ContinuumCurve:
-    """What a solver found.
+    """Static curve of a solver.
 
-    force, indentation  [N], [m] (L,)   work [J] (L,) done on the block
-    x, y                [m] lines of the top's grid;  shape [m] (L,len(x),len(y)) depth of the top there
-    unknowns            how many;  seconds of each load step (L,)
+    force, indentation  [N], [m] (L,);  work [J] (L,) done on the block
+    x, y                [m] grid lines of the top;  shape [m] (L,len(x),len(y)) depth of the top on them
+    unknowns            number of unknowns;  seconds [s] (L,) of each load step
     """
 
     force: np.ndarray
@@ -113,12 +114,12 @@ class ContinuumCurve:
 
 @dataclass(frozen=True)
 class Tetrahedra:
-    """The block cut into quadratic tetrahedra, with load and supports.
+    """The block as a mesh of quadratic tetrahedra, with load and supports.
 
-    mesh    its regions have the moduli `ratios` (R,) over that of the tissue
+    mesh    the mesh; its regions have the moduli `ratios` (R,), relative to that of the tissue
     unit    [1] (N,3) nodal forces of a unit force on the half patch
-    fixed   (N,3) bool displacements that are held;  under (F,6) faces on the bed
-    top     (len(x),len(y)) nodes of the top at its lines [m]
+    fixed   (N,3) bool, fixed displacements;  under (F,6) faces on the foundation
+    top     grid lines [m] of the top, and the nodes (len(x),len(y)) on them
     """
 
     mesh: TetMesh
@@ -131,7 +132,7 @@ class Tetrahedra:
     y: np.ndarray
 
     def areas(self) -> np.ndarray:
-        """[m²] (F,) of the faces on the bed, which are plane."""
+        """Areas [m²] (F,) of the faces on the foundation, which are plane."""
         corner = self.mesh.points[self.under[:, :3]]
         sides = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         return 0.5 * np.linalg.norm(sides, axis=1)
@@ -166,15 +167,16 @@ def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
 
 
 def reached(body: Solver, load: float) -> np.ndarray:
-    """Displacement [m] (N,3) of a body at a load."""
+    """Displacement [m] (N,3) of a body under a load."""
     body.advance(load)
     return body.displacement
 
 
 def pressed(reach: Callable[[float], np.ndarray], levels: np.ndarray, unit: np.ndarray, top: Top) -> ContinuumCurve:
-    """The curve of a solver that `reach` brings to a force [N] and whose displacement [m] (N,3) it gives.
+    """The curve of a solver.
 
-    unit  [1] (N,3) nodal forces of a unit force
+    reach  solves for a force [N] and returns the displacement [m] (N,3)
+    unit   [1] (N,3) nodal forces of a unit force
     """
     depth, shape, seconds = [], [], []
     for level in levels.tolist():
@@ -189,7 +191,7 @@ def pressed(reach: Callable[[float], np.ndarray], levels: np.ndarray, unit: np.n
 def curve(
     levels: np.ndarray, depth: list[float], shape: list[np.ndarray], top: Top, unknowns: int, seconds: list[float]
 ) -> ContinuumCurve:
-    """With the work done, by the spline through the levels and rest."""
+    """A curve with the work done, integrated by a spline through rest and all levels."""
     s, f = np.append(0.0, depth), np.append(0.0, levels)
     work = CubicSpline(s, f).antiderivative()(s)[1:]
     return ContinuumCurve(levels, s[1:], work, *top[:2], np.array(shape), unknowns, np.array(seconds))
@@ -202,7 +204,7 @@ def stuck(points: np.ndarray, place: float, radius: float = RADIUS) -> np.ndarra
 
 
 def on_triangles(points: np.ndarray, faces: np.ndarray, pressure: Pressure) -> np.ndarray:
-    """Nodal forces (N,3) along -z that sum to one, of a pressure on faces of six nodes (F,6), which may be curved."""
+    """Nodal forces (N,3) along -z, with sum 1, of a pressure on six-node faces (F,6), straight or curved."""
     step, rule = 1.0 / CUTS, face_rule.POINTS
     upright = [np.array((i, j)) + rule for i in range(CUTS) for j in range(CUTS - i)]
     turned = [np.array((i + 1, j + 1)) - rule for i in range(CUTS - 1) for j in range(CUTS - 1 - i)]
@@ -216,14 +218,14 @@ def on_triangles(points: np.ndarray, faces: np.ndarray, pressure: Pressure) -> n
 
 
 def downwards(points: np.ndarray, faces: np.ndarray, nodal: np.ndarray) -> np.ndarray:
-    """Nodal forces (N,3) along -z that sum to one, of those on the nodes of faces."""
+    """Assemble the nodal forces of faces to forces (N,3) along -z with sum 1."""
     pull = np.zeros(points.shape)
     np.add.at(pull[:, 2], faces, -nodal)
     return pull / -pull.sum()
 
 
 def top_grid(points: np.ndarray, axes: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Nodes of the top (2nx-1,2ny-1) in the order of its lines."""
+    """Nodes of the top (2nx-1,2ny-1) in the order of its grid lines."""
     top = np.flatnonzero(points[:, 2] > -1e-9)
     order = top[np.lexsort((points[top, 1].round(9), points[top, 0].round(9)))]
     return order.reshape(2 * len(axes[0]) - 1, 2 * len(axes[1]) - 1)
@@ -234,13 +236,13 @@ def halved(axis: np.ndarray) -> np.ndarray:
 
 
 def graded(low: float, begin: float, end: float, high: float, size: float) -> np.ndarray:
-    """From low to high [m], cells of about `size` between begin and end, growing outside."""
+    """Grid lines [m] from low to high: cells of about `size` between begin and end, growing cells outside."""
     middle = np.linspace(begin, end, max(2, round((end - begin) / size) + 1))
     return np.concatenate([begin - _out(begin - low, size)[::-1], middle, end + _out(high - end, size)])
 
 
 def _out(length: float, size: float) -> np.ndarray:
-    """Distances [m] of growing cells that fill a length."""
+    """Distances [m] of the ends of growing cells that fill a length."""
     if length < 1e-9:
         return np.zeros(0)
     steps = [size * GROWTH]

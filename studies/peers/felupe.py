@@ -1,4 +1,4 @@
-"""The block of `studies.peers.continuum` by FElupe, which a user may have installed: bricks of 27 nodes.
+"""The block of `studies.peers.continuum` in FElupe, an optional package: bricks of 27 nodes.
 
 A. Dutzler, FElupe: finite element analysis for continuum mechanics of solid bodies, https://felupe.readthedocs.io.
 """
@@ -17,16 +17,16 @@ from palpate.studies.peers import MissingError, continuum
 from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Pressure
 
 INSTALL = install("bench")
-POINTS = 8  # On a brick's face, a direction, at which the pressure on a block is taken
+POINTS = 8  # Integration points of the pressure per direction of a face
 
 
 def version() -> str | None:
-    """Of FElupe; None where it is not installed."""
+    """Version of FElupe; None if it is not installed."""
     return package_version("felupe")
 
 
 def library() -> Any:
-    """Its module. MissingError: it is not installed."""
+    """The module `felupe`. MissingError: it is not installed."""
     try:
         import felupe
     except ImportError as error:
@@ -35,10 +35,7 @@ def library() -> Any:
 
 
 def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
-    """Press the block with FElupe.
-
-    MissingError: it is not installed.
-    """
+    """Press the block with FElupe. MissingError: it is not installed."""
     fem = library()
     axes = block.axes()
     mesh = bricks(fem, axes)
@@ -63,14 +60,14 @@ def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
 
 
 def balanced(fem: Any, field: Any, items: list[Any], held: dict[str, Any], force: float) -> np.ndarray:
-    """Displacement [m] (N,3) in balance with a force [N] of the last of these items, which is `Outer`."""
+    """Displacement [m] (N,3) in equilibrium with a force [N] of the last item, which is an `Outer`."""
     items[-1].force = force
     balance(fem, field, items, held)
     return field[0].values
 
 
 def displaced(fem: Any, mesh: Any) -> Any:
-    """The displacement field of a mesh of tetrahedra of four or ten nodes, or bricks of 27."""
+    """Displacement field of a mesh of 4-node or 10-node tetrahedra or 27-node bricks."""
     region = {"tetra": fem.RegionTetra, "tetra10": fem.RegionQuadraticTetra}.get(
         mesh.cell_type, fem.RegionTriQuadraticHexahedron
     )
@@ -78,7 +75,7 @@ def displaced(fem: Any, mesh: Any) -> Any:
 
 
 def neo_hooke(fem: Any, field: Any, young: float, poisson: float) -> Any:
-    """A solid of our law: W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)²."""
+    """A solid with palpate's neo-Hookean law: W = (mu/2) (J^(-2/3) I1 - 3) + (kappa/2) (J - 1)²."""
     shear, bulk = moduli(young, poisson)
     return fem.SolidBody(fem.NeoHooke(mu=shear, bulk=bulk), field)
 
@@ -86,7 +83,7 @@ def neo_hooke(fem: Any, field: Any, young: float, poisson: float) -> Any:
 def balance(
     fem: Any, field: Any, items: list[Any], held: dict[str, Any], solver: Any = None, tol: float = 1e-7, most: int = 30
 ) -> int:
-    """Have the field balance these items; the iterations that it took."""
+    """Solve for equilibrium of the items; returns the number of iterations."""
     dof0, dof1 = fem.dof.partition(field, held)
     newton = fem.newtonraphson(
         x0=field, items=items, dof0=dof0, dof1=dof1, ext0=fem.dof.apply(field, held, dof0), verbose=0, tol=tol,
@@ -96,7 +93,7 @@ def balance(
 
 
 class Item:
-    """What FElupe takes beside solids."""
+    """Interface of FElupe items other than solids."""
 
     _vector: Callable[..., Any]
     _matrix: Callable[..., Any]
@@ -108,7 +105,7 @@ class Item:
 
 
 class Outer(Item):
-    """Dead load and bed."""
+    """Dead load and elastic foundation."""
 
     def __init__(self, field: Any, unit: np.ndarray, springs: Any) -> None:
         super().__init__(field)
@@ -123,7 +120,7 @@ class Outer(Item):
 
 
 def bricks(fem: Any, axes: tuple[np.ndarray, ...]) -> Any:
-    """A mesh of bricks of 27 nodes on the grid."""
+    """A mesh of 27-node bricks on the grid."""
     grid = fem.Grid(*axes)
     for add in (fem.mesh.add_midpoints_edges, fem.mesh.add_midpoints_faces, fem.mesh.add_midpoints_volumes):
         grid = add(grid)
@@ -131,7 +128,7 @@ def bricks(fem: Any, axes: tuple[np.ndarray, ...]) -> Any:
 
 
 def sides(points: np.ndarray, axes: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Faces of nine nodes (F,9), of the six sides of bricks on a grid; the last is its top. Normals look out."""
+    """Nine-node faces (F,9) of the six sides of a grid of bricks, the top last, with outward normals."""
     found = []
     for axis in range(3):
         for end in (0, -1):
@@ -139,7 +136,7 @@ def sides(points: np.ndarray, axes: Sequence[np.ndarray]) -> list[np.ndarray]:
             own = np.flatnonzero(np.abs(points[:, axis] - axes[axis][end]) < 1e-9)
             order = own[np.lexsort((points[own, two].round(9), points[own, one].round(9)))]
             table = order.reshape(2 * len(axes[one]) - 1, 2 * len(axes[two]) - 1)
-            if (end == -1) == (axis == 1):  # x cross z looks along -y
+            if (end == -1) == (axis == 1):  # x cross z points along -y
                 table = table[:, ::-1]
             i, j = (2 * np.arange((n - 1) // 2) for n in table.shape)
             patch = table[i[:, None, None, None] + np.arange(3)[:, None], j[:, None, None] + np.arange(3)]
@@ -148,8 +145,8 @@ def sides(points: np.ndarray, axes: Sequence[np.ndarray]) -> list[np.ndarray]:
 
 
 def _on_face(points: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of curved faces of nine nodes, at `count` points a direction: shape functions (q,9), points [m] (F,q,3), and
-    outward normals (F,q,3) as long as the point's area [m²]."""
+    """Gauss rule on curved nine-node faces with `count` points per direction: shape functions (q,9), points [m] (F,q,3)
+    and outward normals (F,q,3), whose lengths are the weighted areas [m²]."""
     at, weight = np.polynomial.legendre.leggauss(count)
     line = np.stack([0.5 * at * (at - 1), 1 - at**2, 0.5 * at * (at + 1)], axis=1)
     slope = np.stack([at - 0.5, -2 * at, at + 0.5], axis=1)
@@ -161,8 +158,8 @@ def _on_face(points: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndar
 
 
 def on_bricks(points: np.ndarray, faces: np.ndarray, pressure: Pressure, count: int) -> np.ndarray:
-    """Nodal forces (N,3) along -z that sum to one, of a pressure on curved faces of nine nodes (F,9), at `count` points
-    a direction."""
+    """Nodal forces (N,3) along -z, with sum 1, of a pressure on curved nine-node faces (F,9), by `count` points per
+    direction."""
     value, own, normal = _on_face(points, faces, count)
     return continuum.downwards(
         points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * pressure(own), value)
@@ -172,7 +169,7 @@ def on_bricks(points: np.ndarray, faces: np.ndarray, pressure: Pressure, count: 
 def springs(
     points: np.ndarray, faces: np.ndarray, lies: Callable[[np.ndarray], np.ndarray] = lambda normals: np.array(1.0)
 ) -> csr_matrix:
-    """Springs of unit stiffness per area (3N,3N) where faces of nine nodes (F,9) lie on the bed, by their normals."""
+    """Foundation of unit stiffness per area (3N,3N) under the nine-node faces (F,9) whose normals select them."""
     value, _, normal = _on_face(points, faces, 4)
     area = np.linalg.norm(normal, axis=-1) * lies(normal)
     blocks = np.einsum("fq,qa,qb->fab", area, value, value)
@@ -183,6 +180,6 @@ def springs(
 
 
 def _solve(matrix: Any, rhs: Any) -> np.ndarray:
-    """SuperLU with an order for symmetric patterns."""
+    """Solve by SuperLU with a column ordering for symmetric patterns."""
     order = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
     return splu(matrix.tocsc(), **order).solve(np.asarray(rhs).ravel())

@@ -1,8 +1,9 @@
-"""The block of `studies.peers.continuum` by a flex of MuJoCo: linear tetrahedra in time.
+"""The block of `studies.peers.continuum` as a MuJoCo flex: linear tetrahedra, stepped to rest.
 
-Each node is a body with a sliding joint for each direction that it may move in; springs of the joints underneath are
-the bed. MuJoCo has no statics: the load stays until the indentation comes to rest, by its integrator `discrete`, which
-takes the elasticity implicitly. Mass and damping are such that this takes few steps, and do not change where it rests.
+Each node is a body with one sliding joint per free direction; joint springs on the underside are the elastic
+foundation. MuJoCo has no static solver, so the load stays on until the indentation is at rest. The integrator
+`discrete` treats the elasticity implicitly. Mass and damping are chosen to need few steps; they do not change the rest
+state.
 
 MuJoCo: E. Todorov et al., IEEE/RSJ IROS (2012) 5026-5033; https://mujoco.readthedocs.io, `deformable/flex`.
 """
@@ -23,15 +24,15 @@ from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, 
 
 INSTALL = install("bench")
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
-"""What `elastic3d` of a flex stands for. The first is MuJoCo's own; the second is called experimental there."""
+"""Values of `elastic3d` of a flex. The first is the default of MuJoCo; MuJoCo calls the second experimental."""
 STEP, DAMPING, DENSITY = 0.01, 0.01, 1000.0  # [s], [s] Rayleigh's, [kg/m³]
 REST, STILL = 1e-5, 3
-"""[1] Share of the indentation by which it changes in none of so many last steps at rest."""
-LONGEST = 1000  # Steps after which it is said not to come to rest
+"""At rest, the indentation changes by less than this share [1] in each of this number of steps."""
+LONGEST = 1000  # Maximum number of steps to come to rest
 
 
 def version() -> str | None:
-    """Of MuJoCo; None where it is not installed, or is older than what this needs."""
+    """Version of MuJoCo; None if it is not installed or too old."""
     try:
         import mujoco
     except ImportError:
@@ -40,7 +41,7 @@ def version() -> str | None:
 
 
 def library() -> Any:
-    """Its module. MissingError: it is not installed, or too old."""
+    """The module `mujoco`. MissingError: it is not installed or too old."""
     try:
         import mujoco
     except ImportError as error:
@@ -53,7 +54,7 @@ def library() -> Any:
 def press(block: Block, levels: np.ndarray = LEVELS, material: str = "neo-Hookean") -> ContinuumCurve:
     """Press the block with MuJoCo.
 
-    MissingError: it is not installed. ArithmeticError: it does not come to rest, or elements are inside out.
+    MissingError: MuJoCo is not installed. ArithmeticError: it does not come to rest, or elements are inverted.
     """
     mujoco, cut = library(), continuum.tetrahedra(block)
     corners = cut.mesh.elements[:, :4]
@@ -79,7 +80,7 @@ def press(block: Block, levels: np.ndarray = LEVELS, material: str = "neo-Hookea
 
 
 def _rest(step: Callable[[], None], depth: Callable[[], float], level: float) -> None:
-    """Step until the indentation [m] comes to rest. ArithmeticError: it does not."""
+    """Step until the indentation [m] is at rest. ArithmeticError: it moves after `LONGEST` steps."""
     still, last = 0, depth()
     for _ in range(LONGEST):
         step()
@@ -92,15 +93,15 @@ def _rest(step: Callable[[], None], depth: Callable[[], float], level: float) ->
 
 
 def _upright(points: np.ndarray, corners: np.ndarray, level: float, material: str) -> None:
-    """ArithmeticError: elements are inside out."""
+    """Check the volumes of all elements. ArithmeticError: elements are inverted."""
     turned = int((six_volumes(points, corners) <= 0.0).sum())
     if turned or not np.isfinite(points).all():
         raise ArithmeticError(f"at {level:g} N {turned} of {len(corners)} {material} elements of MuJoCo are inside out")
 
 
 def _on_corners(quadratic: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Nodal forces of linear elements from those of quadratic ones: a hat is that of its corner and half of those of
-    the nodes on its edges, which `edges` (M,2) joins."""
+    """Nodal forces of linear elements from those of quadratic ones. A linear shape function is that of its corner plus
+    half of those of the mid-side nodes next to it; `edges` (M,2) has the corners of each mid-side node."""
     count = len(quadratic) - len(edges)
     linear = quadratic[:count].copy()
     for end in (0, 1):
@@ -111,7 +112,7 @@ def _on_corners(quadratic: np.ndarray, edges: np.ndarray) -> np.ndarray:
 def _model(
     mujoco: Any, cut: Tetrahedra, points: np.ndarray, corners: np.ndarray, elastic: int
 ) -> tuple[Any, np.ndarray]:
-    """The model, and which of its joints (N,3) moves a node in a direction; -1: none does."""
+    """The model, and the joint (N,3) that moves each node in each direction; -1: fixed."""
     spec = mujoco.MjSpec()
     spec.option.timestep, spec.option.gravity = STEP, (0.0, 0.0, 0.0)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
@@ -138,8 +139,7 @@ def _model(
 
 @contextmanager
 def _quiet(mujoco: Any) -> Iterator[None]:
-    """Without its warnings, which it would write to a file in the working folder: whether a state is at rest is seen
-    from the state."""
+    """Suppress warnings of MuJoCo, which it writes to a file in the working folder; `_rest` checks the state itself."""
     before = mujoco.get_mju_user_warning()
     mujoco.set_mju_user_warning(lambda text: None)
     try:

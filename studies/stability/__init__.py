@@ -1,1 +1,1 @@
-"""How stiff a wall or a body may be on a device: theory, and the simulated loop."""
+"""Stiffest wall or body that a device can render: theory and the simulated loop."""

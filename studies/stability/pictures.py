@@ -1,4 +1,4 @@
-"""The picture of how stiff a wall a device can hold."""
+"""Chart of the stiffest wall that a device can render."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ WALL_LINES = (
     ("bare", FINGER, "o", "simulated, without passivity control"),
     ("controlled", ENERGY, "^", "felt with passivity control"),
 )
-"""Columns of the table, their colours and marks, and what they are."""
+"""Columns of the table, with their colours, marks and labels."""
 
 
 def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
@@ -39,6 +39,6 @@ def draw_walls(rows: list[dict[str, float]], path: Path) -> None:
 
 
 def _curve(axes: Axes, rows: list[dict[str, float]], over: str, name: str, mark: str, **look: Any) -> None:
-    """One column over another; what is 0 is not drawn."""
+    """Draw one column over another, without zeros."""
     points = [(row[over], row[name]) for row in rows if row[name] > 0.0]
     axes.plot(*zip(*points, strict=True) if points else ([], []), mark, **look)

@@ -13,8 +13,8 @@ from palpate.studies.stability import walls
 
 @dataclass(frozen=True)
 class StabilityStudy:
-    """What is asked for: rates [Hz], delays [1] and dampings [N s/m] of the wall, how the velocity is taken and what
-    goes wrong (see `walls.row`)."""
+    """Settings of a study: rates [Hz], delays [1], wall dampings [N s/m], velocity estimate and faults (see
+    `walls.row`)."""
 
     device: WallDevice
     rates: Sequence[float]
@@ -30,13 +30,13 @@ class StabilityStudy:
         return list(product(sorted(self.rates), sorted(self.delays), sorted(self.dampings)))
 
     def check(self) -> None:
-        """ArgumentError: options that describe no device or loop."""
+        """ArgumentError: an option is out of range."""
         walls.check(self.device, self.rates, self.delays, self.dampings, self.order, self.lost, self.jitter)
 
     def run(self, folder: Path, show: Callable[[str, float], None]) -> dict[str, Any]:
-        """Rows of walls, and the files written; `show` has each loop and its rate [Hz].
+        """Compute all rows and write the files; returns both. `show` is called with each loop and its rate [Hz].
 
-        ArgumentError: as of `check`. OSError: the folder cannot be written.
+        ArgumentError: see `check`. OSError: the folder cannot be written.
         """
         self.check()
         rows: list[dict[str, Any]] = []
@@ -57,7 +57,7 @@ def written(rows: list[dict[str, Any]], columns: dict[str, str], path: Path) -> 
 
 
 def drawn(rows: list[dict[str, Any]], path: Path) -> str:
-    """The path of the picture, "" where matplotlib is missing."""
+    """The path of the picture; "" if matplotlib is missing."""
     try:
         from palpate.studies.stability.pictures import draw_walls
     except ModuleNotFoundError:

@@ -1,4 +1,4 @@
-"""How stiff a wall may be on a device: by theory, and in the simulated loop with and without the controller."""
+"""Stiffest wall of a device: by theory, and in the simulated loop with and without passivity control."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,9 +12,10 @@ COLUMNS = {
     "rate": "Hz", "delay": "1", "damping": "N s/m", "passive": "N/m", "stable": "N/m", "quantised": "N/m",
     "bare": "N/m", "controlled": "N/m", "commanded": "N/m", "given_out": "J",
 }  # fmt: skip
-HIGH = 1e7  # [N/m] The stiffest wall that is tried
+HIGH = 1e7  # [N/m] Stiffest wall tried
 SECONDS = 3.0
-"""[s] of the loop with the controller; without it a swing near the border grows or decays slowly, see `_long`."""
+"""[s] Duration of the loop with the controller. Without it, oscillations near the stability limit grow or decay slowly:
+see `_long`."""
 SHOWN = ("passive", "stable", "quantised", "bare", "controlled")
 
 
@@ -22,7 +23,7 @@ def check(
     device: WallDevice, rates: Sequence[float], delays: Sequence[int], dampings: Sequence[float], order: int,
     lost: float, jitter: float,
 ) -> None:  # fmt: skip
-    """ArgumentError: a value outside of what describes a device and its loop."""
+    """ArgumentError: a value is out of range."""
     for name, value, low, high, expected in (
         ("--mass", device.mass, 1e-6, 1e3, "1e-6 to 1000 kg"),
         ("--drag", device.drag, 1e-6, 1e4, "1e-6 to 10000 N s/m; theory has no bound without drag"),
@@ -42,9 +43,11 @@ def check(
 
 def row(device: WallDevice, rate: float, delay: int, damping: float, order: int, lost: float, jitter: float, seed: int
         ) -> dict[str, float]:  # fmt: skip
-    """One row of the table: bounds on the stiffness [N/m] by theory; up to where the simulated loop comes to rest
-    without the controller (`bare`); with it, the stiffest wall at which it does (`commanded`), the stiffness that is
-    felt there (`controlled`), and the most energy [J] that the loop gave to the hand at any wall."""
+    """One row of the table, stiffnesses in N/m.
+
+    Bounds by theory; `bare`: stiffest wall at which the simulated loop comes to rest without the controller;
+    `commanded`: the same with the controller; `controlled`: stiffness that the hand feels at that wall. Also the
+    largest energy [J] that the loop injected at any wall."""
     period, most = 1.0 / rate, [0.0]
     bare, short = (_steps(rate, seconds, lost, jitter, seed) for seconds in (_long(device), SECONDS))
 
@@ -77,21 +80,21 @@ def row(device: WallDevice, rate: float, delay: int, damping: float, order: int,
 
 
 def _long(device: WallDevice) -> float:
-    """[s] after which a swing near the border of stability has decayed or grown: ten time constants 2 m/b of the free
-    device, within 3 to 60 s."""
+    """Time [s] for an oscillation near the stability limit to decay or grow: 10 time constants 2 m/b of the free
+    device, limited to 3 ... 60 s."""
     return float(min(max(20.0 * device.mass / device.drag, SECONDS), 60.0))
 
 
 def _steps(rate: float, seconds: float, lost: float, jitter: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Lengths [s] of the steps of the loop, and which samples are lost."""
+    """Durations [s] of the steps of the loop, and whether each sample is lost."""
     rng = np.random.default_rng(seed)
     steps = (1.0 + jitter * rng.uniform(-1.0, 1.0, round(max(seconds * rate, 600)))) / rate
     return steps, rng.random(len(steps)) < lost
 
 
 def largest(settled: Callable[[float], bool], low: float = 10.0) -> float:
-    """The first stiffness [N/m] at which a loop no longer comes to rest, on eighths of an octave; `HIGH` where there is
-    none, 0 where the softest does not."""
+    """Lowest stiffness [N/m] at which the loop does not come to rest, in steps of 1/8 octave. `HIGH` if it always comes
+    to rest, 0 if it does not for the softest wall."""
     k = low
     while k < HIGH:
         if not settled(k):
@@ -101,7 +104,7 @@ def largest(settled: Callable[[float], bool], low: float = 10.0) -> float:
 
 
 def answer(rows: list[dict[str, float]]) -> str:
-    """How stiff a wall may be, in a sentence, at the middle rate and the least delay."""
+    """The stiffest wall at the middle rate and the shortest delay, as a sentence."""
     rates = sorted({one["rate"] for one in rows})
     rate, delay = rates[len(rates) // 2], min(one["delay"] for one in rows)
     part = [one for one in rows if (one["rate"], one["delay"]) == (rate, delay)]

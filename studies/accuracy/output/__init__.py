@@ -1,1 +1,1 @@
-"""The results of the accuracy bench: table, page, pictures, and what to take."""
+"""Output of the accuracy benchmark: table, page, pictures and recommendation."""

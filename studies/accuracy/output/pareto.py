@@ -77,7 +77,7 @@ def summaries(cells: Sequence[Cell]) -> list[ParetoPoint]:
 
 
 def of_bodies(cells: Sequence[Cell]) -> list[Cell]:
-    """Cells of bodies on the test cases on tissue; all cells if there are none."""
+    """Cells of bodies on the test cases on tissue; all cells if no body computed one."""
     return [c for c in cells if not c.law and TOUCHES[c.touch].body in TISSUE] or list(cells)
 
 

@@ -17,7 +17,7 @@ COLOURS = ("#1f5f8b", "#d97706", "#a4243b", "#4c8c4a", "#6d4c9f", "#8c564b", "#c
 MARKS = "osD^vPX<>hdp8H"
 LOOPS = ((1e-3, "a loop at 1 kHz"), (1e-4, "at 10 kHz"))
 GOOD = 0.02  # [1] The goal for the force error, drawn as a line
-LEAST = 1e-4  # [1] Smaller errors are drawn here
+LEAST = 1e-4  # [1] Smaller errors are drawn at this value
 
 
 def overview(summary: Sequence[ParetoPoint], cells: Sequence[Cell], path: Path) -> None:
