@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 from strangers import answer, listening
@@ -27,13 +26,13 @@ def test_no_socket_of_a_study_answers_a_stranger(write, tmp_path):
     """While its workers compute."""
     write("ball.yaml", BALL)
     flags = [str(tmp_path / f"flag{number}") for number in (1, 2)]
+    for flag in flags:
+        os.mkfifo(flag)
     file = write("mine.yaml", f"graph: ball.yaml\nover: {{ball.flag: {flags}}}\nset: {{ball.pause: 60}}\n"
                               "keep: [peak ball.force]\n")  # fmt: skip
     study = started(["palpate.cli", "study", str(file), "-o", str(tmp_path / "out"), "--workers", "2"])
     try:
-        while not all(Path(flag).exists() and Path(flag).read_text() for flag in flags):
-            time.sleep(0.05)
-            assert study.poll() is None
+        assert all(Path(flag).read_text() for flag in flags)  # waits until both workers compute
         assert [one for one in listening(study.pid) if answer(one)] == []
     finally:
         study.send_signal(signal.SIGINT)
