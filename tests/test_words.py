@@ -32,6 +32,7 @@ PYTHON = (
     "src/palpate/ensemble.py",
     "src/palpate/registry.py",
     "src/palpate/stepping.py",
+    "studies",
     "tests/cli",
     "tests/golden",
     "tests/gym",
@@ -126,7 +127,8 @@ DIALECT = {
 }  # fmt: skip
 ALLOWED = {
     r"no such (file|device)": (),  # texts of the system
-    r"a level stands twice": ("tests/cli/test_experiment.py",),  # a message of palpate
+    r"a level stands twice": ("tests/cli/test_experiment.py", "studies/psychophysics/stimuli.py"),
+    r"stands twice, expected each": ("studies/sweeps/axes.py", "studies/sweeps/checks.py"),
     r"checked but for a gap": ("tests/records/test_replay.py",),  # a message of palpate
     r"its own material": ("studies/accuracy/reference_solvers.py", "studies/accuracy/sites.py"),  # a name in results
     r"house\.py": (),

@@ -35,8 +35,8 @@ def version() -> str | None:
     program = shutil.which("ccx")
     if program is None:
         return None
-    told = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
-    found = re.search(r"Version\s+(\S+)", told)
+    output = subprocess.run([program, "-v"], capture_output=True, text=True, check=False).stdout
+    found = re.search(r"Version\s+(\S+)", output)
     return found[1] if found else "of unknown version"
 
 
@@ -122,8 +122,8 @@ def _read(path: Path, nodes: np.ndarray, shape: tuple[int, ...]) -> list[np.ndar
     numbers = np.array([row for row in rows if len(row) == 4], dtype=float)
     moved = []
     for k in range(len(numbers) // len(nodes)):
-        own = numbers[k * len(nodes) : (k + 1) * len(nodes)]
+        part = numbers[k * len(nodes) : (k + 1) * len(nodes)]
         u = np.zeros(shape)
-        u[own[:, 0].astype(np.int64) - 1] = own[:, 1:] / MM
+        u[part[:, 0].astype(np.int64) - 1] = part[:, 1:] / MM
         moved.append(u)
     return moved

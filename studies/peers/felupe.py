@@ -133,8 +133,8 @@ def sides(points: np.ndarray, axes: Sequence[np.ndarray]) -> list[np.ndarray]:
     for axis in range(3):
         for end in (0, -1):
             one, two = [k for k in range(3) if k != axis]
-            own = np.flatnonzero(np.abs(points[:, axis] - axes[axis][end]) < 1e-9)
-            order = own[np.lexsort((points[own, two].round(9), points[own, one].round(9)))]
+            side = np.flatnonzero(np.abs(points[:, axis] - axes[axis][end]) < 1e-9)
+            order = side[np.lexsort((points[side, two].round(9), points[side, one].round(9)))]
             table = order.reshape(2 * len(axes[one]) - 1, 2 * len(axes[two]) - 1)
             if (end == -1) == (axis == 1):  # x cross z points along -y
                 table = table[:, ::-1]
@@ -160,9 +160,9 @@ def _on_face(points: np.ndarray, faces: np.ndarray, count: int) -> tuple[np.ndar
 def on_bricks(points: np.ndarray, faces: np.ndarray, pressure: Pressure, count: int) -> np.ndarray:
     """Nodal forces (N,3) along -z, with sum 1, of a pressure on curved nine-node faces (F,9), by `count` points per
     direction."""
-    value, own, normal = _on_face(points, faces, count)
+    value, places, normal = _on_face(points, faces, count)
     return continuum.downwards(
-        points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * pressure(own), value)
+        points, faces, np.einsum("fq,qa->fa", np.linalg.norm(normal, axis=-1) * pressure(places), value)
     )
 
 

@@ -128,8 +128,8 @@ def _model(
         for axis in np.flatnonzero(joint[k] >= 0):
             body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.eye(3)[axis], stiffness=bed[k])
     for region, ratio in enumerate(cut.ratios):
-        own = corners[cut.mesh.region == region]
-        used, numbers = np.unique(own, return_inverse=True)
+        elements = corners[cut.mesh.region == region]
+        used, numbers = np.unique(elements, return_inverse=True)
         flex = spec.add_flex(name=f"r{region}", dim=3, contype=0, conaffinity=0)
         flex.vertbody, flex.elem = [f"n{k}" for k in used], numbers.ravel().astype(int)
         flex.vert = np.zeros(3 * len(used))

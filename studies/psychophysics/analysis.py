@@ -1,4 +1,4 @@
-"""From the tables of a folder to thresholds, JNDs, Weber fractions and exponents, each with its 95 % interval."""
+"""Compute thresholds, JNDs, Weber fractions and exponents with 95 % intervals from the tables of a folder."""
 
 import json
 import math
@@ -21,14 +21,14 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one participant's trials of one block say.
+    """Results of one participant in one block.
 
-    of         what the share is of: "correct", "yes", "judged greater"; "magnitude" for numbers
-    path, unit  of levels
+    of         the counted answer: "correct", "yes", "judged greater"; "magnitude" for numbers
+    path, unit  path and unit of the level
     numbers    estimates by name: threshold, pse, jnd, weber fraction, exponent
-    at         share of the answers at the threshold, without lapses
-    levels, shares, counts   (n) what was presented and answered; of magnitudes the geometric means
-    sign       of x, see `Stimuli.x`; reference: level of the reference, None: there is none
+    at         share of the counted answer at the threshold, without lapses
+    levels, shares, counts   (n) presented levels, shares of the counted answer (magnitudes: geometric means), trials
+    sign       sign of x, see `Stimuli.x`;  reference  level of the reference, or None
     """
 
     task: str
@@ -50,21 +50,21 @@ class Outcome:
     fitted: Fit | None = None
 
     def units(self, name: str) -> str:
-        """The unit of one of the numbers, in brackets; "" for a ratio."""
+        """Unit of a number, in brackets; "" for a ratio."""
         return "" if name in ("weber fraction", "exponent") else f" [{self.unit}]"
 
     def to_spec(self) -> dict[str, Any]:
-        """Plain data for programs: what is open or not known is null."""
-        told = asdict(self)
+        """Plain data for programs: unknown numbers and open interval ends are null."""
+        plain = asdict(self)
         for name, number in self.numbers.items():
-            told["numbers"][name]["value"] = number.value if number.known else None
-        return _plain(told)
+            plain["numbers"][name]["value"] = number.value if number.known else None
+        return _plain(plain)
 
 
 def analyse(folder: Path) -> list[Outcome]:
-    """What all tables of a folder say, by task, block and participant; of several participants the mean, too.
+    """Results of all tables of a folder, by task, block and participant, with the mean of several participants.
 
-    ArgumentError: there are none, or their experiment is missing.
+    ArgumentError: the folder has no tables, or their experiment is missing.
     """
     found = tables(folder)
     if not found:
@@ -73,7 +73,7 @@ def analyse(folder: Path) -> list[Outcome]:
     for task in sorted({path.stem.split("_task-")[1].removesuffix("_beh") for path in found}):
         copy = folder / "code" / f"task-{task}.yaml"
         if not copy.is_file():
-            raise ArgumentError(f"{copy}: missing; it says what the answers mean")
+            raise ArgumentError(f"{copy}: missing; it defines the answers")
         experiment, _ = load(copy)
         groups: dict[tuple[str, str], list[Row]] = {}
         about = {"LongName": "level", "Units": "1"}
@@ -84,17 +84,17 @@ def analyse(folder: Path) -> list[Outcome]:
                 groups.setdefault((row["block"], path.name.split("_")[0]), []).append(row)
         for name, block in experiment.blocks.items():
             if not block.practice:
-                own = [
+                each = [
                     outcome(experiment, task, who, name, rows, about)
                     for (of, who), rows in sorted(groups.items())
                     if of == name and any(row["level"] != NONE for row in rows)
                 ]
-                outcomes += [*own, *_mean(own)]
+                outcomes += [*each, *_mean(each)]
     return outcomes
 
 
 def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """Write the numbers of each task as a table, a row each."""
+    """Write the numbers of each task as a table, one row per number."""
     files = []
     for task in dict.fromkeys(one.task for one in outcomes):
         lines = ["task\tparticipant_id\tblock\ttrials\tnumber\tunit\testimate\tlow\thigh"]
@@ -114,11 +114,11 @@ def save(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
 def outcome(
     experiment: Experiment, task: str, who: str, name: str, rows: Sequence[Row], about: dict[str, str]
 ) -> Outcome:
-    """What these rows of one participant and block say; `about` is what the data dictionary says of the level."""
-    told = {"task": task, "participant": who, "block": name, "trials": len(rows)}
-    told |= {"path": about["LongName"], "unit": about["Units"]}
+    """Results of the rows of one participant and block; `about` is the entry of the level in the data dictionary."""
+    common = {"task": task, "participant": who, "block": name, "trials": len(rows)}
+    common |= {"path": about["LongName"], "unit": about["Units"]}
     if experiment.response == "magnitude":
-        return Outcome(**told, **_magnitude(rows))  # type: ignore[arg-type]
+        return Outcome(**common, **_magnitude(rows))  # type: ignore[arg-type]
     levels = np.array([-np.inf if row["level"] == NONE else float(row["level"]) for row in rows])
     hits = np.array([row["hit"] == "1" for row in rows])
     given = rows[0]["reference"]
@@ -130,7 +130,7 @@ def outcome(
         fitted = fit(experiment.function, levels, greater, None, lapsing=True)
         jnd = fitted.spread.times(HALF[experiment.function])
         numbers = {"pse": fitted.threshold, "jnd": jnd, "weber fraction": jnd.times(1.0 / abs(reference))}
-        return _fitted(told, fitted, numbers, "judged greater", levels, levels, greater, 1, reference)
+        return _fitted(common, fitted, numbers, "judged greater", levels, levels, greater, 1, reference)
     sign = 1 if reference is not None or experiment.harder == "lower" else -1
     signal = np.isfinite(levels)
     x = np.where(signal, sign * levels if reference is None else np.abs(levels - reference), -np.inf)
@@ -140,16 +140,16 @@ def outcome(
         numbers = {"threshold": fitted.threshold.times(sign)}
     else:
         numbers = {"jnd": fitted.threshold, "weber fraction": fitted.threshold.times(1.0 / abs(reference))}
-    return _fitted(told, fitted, numbers, of, levels, x, hits, sign, reference)
+    return _fitted(common, fitted, numbers, of, levels, x, hits, sign, reference)
 
 
 def _fitted(
-    told: dict[str, Any], fitted: Fit, numbers: dict[str, Estimate], of: str, levels: np.ndarray, x: np.ndarray,
+    common: dict[str, Any], fitted: Fit, numbers: dict[str, Estimate], of: str, levels: np.ndarray, x: np.ndarray,
     hits: np.ndarray, sign: int, reference: float | None,
 ) -> Outcome:  # fmt: skip
     seen = np.unique(x[np.isfinite(x)])
     return Outcome(
-        **told, of=of, numbers=numbers, lapse=fitted.lapse, guess=fitted.guess,
+        **common, of=of, numbers=numbers, lapse=fitted.lapse, guess=fitted.guess,
         at=fitted.guess + (1.0 - fitted.guess) * AT[fitted.function] if of != "judged greater" else 0.5,
         levels=seen.tolist(), shares=[float(hits[x == one].mean()) for one in seen],
         counts=[int((x == one).sum()) for one in seen], sign=sign, reference=reference, fitted=fitted,
@@ -157,7 +157,7 @@ def _fitted(
 
 
 def _magnitude(rows: Sequence[Row]) -> dict[str, Any]:
-    """Stevens' law, R = k S^n: a straight line through the logarithms; answers of 0 have none, and do not count."""
+    """Stevens' law, R = k S^n: a linear fit of the logarithms. Answers of 0 have no logarithm and are left out."""
     pairs = [(float(row["level"]), float(row["response"])) for row in rows if float(row["response"]) > 0.0]
     level, response = np.log(np.array(pairs)).T if pairs else (np.zeros(0), np.zeros(0))
     seen = np.unique(level)
@@ -172,20 +172,20 @@ def _magnitude(rows: Sequence[Row]) -> dict[str, Any]:
             "counts": counts}  # fmt: skip
 
 
-def _mean(own: Sequence[Outcome]) -> Iterator[Outcome]:
-    """The mean of several participants, with the interval of Student's t."""
-    if len(own) < 2:
+def _mean(outcomes: Sequence[Outcome]) -> Iterator[Outcome]:
+    """Mean over several participants, with the confidence interval of Student's t."""
+    if len(outcomes) < 2:
         return
     numbers = {}
-    for name in own[0].numbers:
-        values = np.array([one.numbers[name].value for one in own if one.numbers[name].known])
+    for name in outcomes[0].numbers:
+        values = np.array([one.numbers[name].value for one in outcomes if one.numbers[name].known])
         if len(values) < 2:
             continue
         half = float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
         numbers[name] = Estimate(float(values.mean()), float(values.mean()) - half, float(values.mean()) + half)
-    first = own[0]
+    first = outcomes[0]
     yield Outcome(
-        first.task, ALL, first.block, sum(one.trials for one in own), first.of, first.path, first.unit, numbers
+        first.task, ALL, first.block, sum(one.trials for one in outcomes), first.of, first.path, first.unit, numbers
     )
 
 

@@ -1,7 +1,7 @@
 """Experiments as YAML files.
 
 graph: kidney                       # or a launch file or graph; `scene` and `set` as there
-vary: tissue.stiffness              # the level of a stimulus goes there
+vary: tissue.stiffness              # the setting that gets the level of a stimulus
 reference: 3e3                      # the other stimulus of a pair
 response: 2afc
 question: Which kidney was stiffer?
@@ -27,7 +27,7 @@ ANSWERS: dict[str, dict[str, str]] = {
     "yes-no": {"yes": "y", "no": "n"},
     "magnitude": {},
 }
-"""What may be answered, with the key of each."""
+"""Possible answers of each kind of response, with their keys."""
 LABEL = re.compile(r"[A-Za-z0-9]+")  # A label of BIDS
 _Values = Annotated[dict[str, Any], msgspec.Meta(description="a mapping such as {tissue.damping: 4}")]
 _Count = Annotated[int, msgspec.Meta(ge=1, le=100_000, description="a whole number from 1")]
@@ -39,8 +39,8 @@ _Quantity = Annotated[float | str, msgspec.Meta(description="a number, or one wi
 
 
 class Block(msgspec.Struct, kw_only=True):
-    """What all blocks have. `set` holds in this block only; `catch` is the share of trials without signal; what is
-    `practice` is not analysed."""
+    """Keys of all blocks. `set` applies to this block only; `catch` is the share of trials without signal; blocks of
+    `practice` are not analysed."""
 
     procedure: Text
     instructions: Text = ""
@@ -53,14 +53,14 @@ class Block(msgspec.Struct, kw_only=True):
 
 
 class ConstantBlock(Block):
-    """Constant stimuli: each level so many times, in random order."""
+    """Constant stimuli: each level is repeated, in random order."""
 
     levels: _Grid
     repeats: _Count = 10
 
 
 class StaircaseBlock(Block):
-    """An up-down staircase, or one for each of several starts, interleaved."""
+    """An up-down staircase, or several interleaved ones, one for each start."""
 
     start: _Quantity | list[float | str]
     steps: Annotated[list[float | str] | float | str, msgspec.Meta(description="a number, or a list of numbers")]
@@ -73,7 +73,7 @@ class StaircaseBlock(Block):
 
 
 class QuestBlock(Block):
-    """QUEST+ over these levels, with grids of threshold, spread and lapse rate."""
+    """QUEST+ over the levels, with grids of threshold, spread and lapse rate."""
 
     levels: _Grid
     threshold: _Grid
@@ -87,7 +87,7 @@ PROCEDURES: dict[str, type[Block]] = {"constant": ConstantBlock, "staircase": St
 
 
 class Experiment(msgspec.Struct, kw_only=True):
-    """What a file says; `task` and `blocks` are made of it by `load`."""
+    """Content of a file; `load` fills in `task` and converts `blocks`."""
 
     graph: Text
     vary: Text
@@ -124,12 +124,12 @@ class Experiment(msgspec.Struct, kw_only=True):
 
 
 def find(name: str) -> Path:
-    """The file of an experiment that ships, or of a path. GraphError: there is none."""
+    """The file of a shipped experiment, or at a path. GraphError: it does not exist."""
     return found(name, EXPERIMENTS, "experiment")
 
 
 def load(path: Path) -> tuple[Experiment, YamlSource]:
-    """The experiment of a file, and where each thing stands. GraphError: all that is wrong with it."""
+    """The experiment of a file, and the positions of its entries. GraphError: lists all faults."""
     given, source = filled(Experiment, path, "graph, vary, response, question, duration and blocks")
     faults = Faults()
     given.task = given.task or re.sub(r"[^A-Za-z0-9]", "", path.stem)
@@ -169,14 +169,14 @@ def _answers(given: Experiment, source: YamlSource, faults: Faults) -> None:
     twice = {key for key in keys if keys.count(key) > 1}
     if twice:
         names = [name for name, key in given.keys.items() if key.lower() in twice]
-        faults.add(f"answers: the key {min(twice)!r} means {' and '.join(names)}", "Give each its own key.", place)
+        faults.add(f"answers: the key {min(twice)!r} means {' and '.join(names)}", "Give each answer one key.", place)
     if given.end_key is not None and given.end_key.lower() in keys:
         faults.add(f"end_key: {given.end_key!r} is the key of an answer, too", "Take another, such as Enter.",
                    source.place("end_key"))  # fmt: skip
 
 
 def _fits(given: Experiment, source: YamlSource, faults: Faults) -> None:
-    """Whether response, reference and procedures go together."""
+    """Check that response, reference and procedures fit together."""
     if given.response == "2afc" and given.reference is None:
         faults.add("reference: missing; 2afc compares two stimuli", "Say what the other one is: `reference: 3e3`, or "
                    "`reference: {nodule.nodule_ratio: 1}`.", source.place("response"))  # fmt: skip
@@ -188,5 +188,5 @@ def _fits(given: Experiment, source: YamlSource, faults: Faults) -> None:
             faults.add(f"block {name!r}: {block.procedure} needs answers that are right or wrong, magnitude has none",
                        "Take `procedure: constant`.", place)  # fmt: skip
         if block.catch and (given.response != "yes-no" or given.reference is None):
-            faults.add(f"block {name!r}: catch needs `response: yes-no`, and `reference` for what is there instead", "",
+            faults.add(f"block {name!r}: catch needs `response: yes-no`, and a `reference` to present instead", "",
                        place)  # fmt: skip

@@ -4,9 +4,9 @@ The log likelihood of k_i hits in n_i trials at the levels x_i,
 
     l = Σ k_i ln ψ(x_i) + (n_i - k_i) ln(1 - ψ(x_i)),
 
-is computed on a grid of a and b, and of the rates that are free; the grid is then laid more finely where l is high. The
-interval of a is { a : max l - max_{b, λ, γ} l(a) <= χ²_{1; 0.95}/2 }, and so for b (Pawitan, In All Likelihood, 2001,
-ch. 3.4). An interval that the levels do not bound is open: it ends in 0 or an infinity.
+is computed on a grid of a, b and the free rates; the grid is then refined where l is high. The interval of a is
+{ a : max l - max_{b, λ, γ} l(a) <= χ²_{1; 0.95}/2 }, likewise for b (Pawitan, In All Likelihood, 2001, ch. 3.4). An
+interval that the levels do not bound is open: it ends at 0 or infinity.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from scipy.special import xlog1py, xlogy
 from palpate.studies.psychophysics.functions import FUNCTIONS
 
 DROP = 1.920729  # Half of the 95 % quantile of χ² with one degree of freedom
-POINTS = 41  # of a and of b
+POINTS = 41  # Grid points of a and of b
 LAPSES = np.linspace(0.0, 0.1, 11)
 GUESSES = np.linspace(0.0, 0.5, 26)
-FAR = 12.0  # below the maximum: what the finer grid leaves out
+FAR = 12.0  # The finer grid leaves out points with a log likelihood this far below the maximum
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class Estimate:
 
     @property
     def known(self) -> bool:
-        """Whether the levels bound it to a side at least."""
+        """Whether the levels bound the interval on at least one side."""
         return math.isfinite(self.high) or (math.isfinite(self.low) and self.low != 0.0)
 
     def times(self, factor: float) -> Estimate:
-        """The same in another unit; a factor below 0 turns the interval round."""
+        """The estimate in another unit; a negative factor swaps the ends of the interval."""
         low, high = sorted((factor * self.low, factor * self.high))
         return Estimate(factor * self.value, low, high)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted function: a and b with intervals, and the rates at the maximum."""
+    """A fitted function: a and b with intervals, and the rates at the maximum of the likelihood."""
 
     function: str
     threshold: Estimate
@@ -60,15 +60,15 @@ class Fit:
 def fit(
     function: str, x: ArrayLike, hits: ArrayLike, guess: float | None, lapsing: bool = False, positive: bool = False
 ) -> Fit:
-    """The function that fits best.
+    """Fit a function by maximum likelihood.
 
     x        level of each trial; -inf: a trial without signal
-    hits     its answer
+    hits     whether the answer of each trial is a hit
     guess    γ; None: free
-    positive a is a distance, above 0
-    lapsing  answers by guesswork at both ends alike: γ = λ, whatever `guess` says
+    positive whether a is a distance, above 0
+    lapsing  equal rates at both ends: γ = λ; overrides `guess`
 
-    ValueError: no level, or none but -inf.
+    ValueError: no level is finite.
     """
     levels, at = np.unique(np.asarray(x, float), return_inverse=True)
     k, n = np.bincount(at, np.asarray(hits, float)), np.bincount(at).astype(float)
@@ -93,7 +93,7 @@ def fit(
 
 
 def _wide(function: str, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Grids of a and b that are wider than what levels can tell; b is no step, and no straight line."""
+    """Grids of a and b wider than the levels can resolve; b excludes a step and a straight line."""
     low, high = float(seen.min()), float(seen.max())
     span = (high - low) or abs(high) or 1.0
     if function == "weibull":
@@ -103,7 +103,7 @@ def _wide(function: str, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _finer(grid: np.ndarray, near: np.ndarray, ratio: bool) -> np.ndarray:
-    """A grid over the part that is near the maximum, and a cell to each side of it."""
+    """A finer grid over the cells near the maximum, plus one cell on each side."""
     at = np.flatnonzero(near)
     ends = grid[max(at[0] - 1, 0)], grid[min(at[-1] + 1, len(grid) - 1)]
     return (np.geomspace if ratio else np.linspace)(*ends, len(grid))
@@ -113,7 +113,7 @@ def _profiled(
     function: str, levels: np.ndarray, k: np.ndarray, n: np.ndarray, a: np.ndarray, b: np.ndarray,
     rates: list[tuple[float, float]],
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """(a, b) The log likelihood at the best rates, and which of them these are."""
+    """Log likelihood (a, b) at the best rates, and the indices of these rates."""
     core = FUNCTIONS[function](levels, a[:, None, None], b[None, :, None])
     best, which = np.full(core.shape[:2], -np.inf), np.zeros(core.shape[:2], int)
     for number, (guess, lapse) in enumerate(rates):
@@ -125,7 +125,7 @@ def _profiled(
 
 
 def _interval(grid: np.ndarray, profile: np.ndarray, bottom: float) -> Estimate:
-    """The grid's best point, and where its profile falls by DROP to both sides, between points by a straight line."""
+    """Best point of the grid, and where the profile has fallen by `DROP` on each side, by linear interpolation."""
     at, limit = int(np.argmax(profile)), profile.max() - DROP
     inside = np.flatnonzero(profile >= limit)
     low, high = bottom, math.inf

@@ -1,4 +1,4 @@
-"""Psychometric functions: the chance of an answer over the level x of a stimulus.
+"""Psychometric functions: probability of an answer over the level x of a stimulus.
 
     ψ(x) = γ + (1 - γ - λ) F(x; a, b)
 
@@ -39,7 +39,7 @@ HALF = {"logistic": math.log(3.0), "normal": 0.6744897501960817}
 
 
 def proportion(name: str, x: ArrayLike, a: ArrayLike, b: ArrayLike, guess: ArrayLike, lapse: ArrayLike) -> np.ndarray:
-    """ψ; the arguments are broadcast against one another."""
+    """ψ(x); the arguments are broadcast."""
     core = FUNCTIONS[name](np.asarray(x, float), np.asarray(a, float), np.asarray(b, float))
     low, miss = np.asarray(guess, float), np.asarray(lapse, float)
     return low + (1.0 - low - miss) * core

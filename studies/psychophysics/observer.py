@@ -1,12 +1,12 @@
-"""A simulated observer, the `observer:` of an experiment or a file: it feels the stimuli, and answers.
+"""A simulated observer, the `observer:` of an experiment or a file: it measures the stimuli and answers.
 
-feels: peak contact.force             # what it judges by: as `keep` of a study; two of them with " / " between
-noise: 0.08                           # standard deviation of what it feels, of each interval on its own
-lapse: 0.02                           # share of answers, at either end, that have nothing to do with the stimulus
+feels: peak contact.force             # measured quantity, as in `keep` of a study; a ratio: two of them with " / "
+noise: 0.08                           # standard deviation of the noise, independent for each interval
+lapse: 0.02                           # share of answers, at either end, that do not depend on the stimulus
 
-or, where thresholds shall come out that are known beforehand, an observer that answers by the level itself:
+To get known thresholds, an observer can answer by the level itself:
 
-threshold: 400                        # a, in the unit of the level; of the distance from a reference that has one
+threshold: 400                        # a, in the unit of the level, or of the distance from the reference
 spread: 150                           # b
 function: normal
 """
@@ -41,8 +41,8 @@ _Share = Annotated[float, msgspec.Meta(ge=0, le=0.5, description="a number from 
 
 
 class Settings(msgspec.Struct, kw_only=True):
-    """What a file says. criterion: yes above it; gain and exponent: of a magnitude; duration: in place of the
-    experiment's."""
+    """Content of a file. criterion: the answer is yes above it; gain, exponent: of a magnitude; duration: replaces the
+    duration of the experiment."""
 
     feels: Annotated[str, msgspec.Meta(description="a text such as peak contact.force")] = ""
     noise: Annotated[float, msgspec.Meta(ge=0, description="a number from 0")] = 0.0
@@ -59,7 +59,7 @@ class Settings(msgspec.Struct, kw_only=True):
 
 
 def load(source: YamlSource) -> Settings:
-    """The observer that a file describes, or the `observer:` of an experiment. GraphError: what is wrong with it."""
+    """The observer that a file, or the `observer:` of an experiment, describes. GraphError: lists its faults."""
     faults = Faults()
     if not isinstance(source.data, dict):
         faults.add("observer: expected a mapping with feels and noise, or threshold and spread", "", source.place())
@@ -73,9 +73,9 @@ def load(source: YamlSource) -> Settings:
 
 
 class SimulatedObserver:
-    """Presents to nobody: a stimulus that was computed before is not computed again. `done` is called after each trial.
+    """Presenter without a participant; each stimulus is computed once. `done` is called after each trial.
 
-    ArgumentError: the graph needs a device, or has not what it feels.
+    ArgumentError: the graph needs a device, or lacks the quantity that the observer measures.
     """
 
     def __init__(
@@ -91,9 +91,9 @@ class SimulatedObserver:
         self._feels: tuple[Kept, ...] = kept(settings.feels.split(" / "), base) if settings.feels else ()
         if any(one.how == "curve" for one in self._feels):
             raise ArgumentError(f"feels: found {settings.feels!r}, expected a number, such as peak contact.force")
-        # A stream of its own: not that of the schedule, which is drawn from the same participant and session.
-        own = [zlib.crc32(b"observer"), settings.seed, zlib.crc32(participant.encode()), session, begun]
-        self._random = np.random.default_rng(own)
+        # A separate random stream: the schedule draws from the same participant and session.
+        entropy = [zlib.crc32(b"observer"), settings.seed, zlib.crc32(participant.encode()), session, begun]
+        self._random = np.random.default_rng(entropy)
         self._known: dict[str, tuple[Path, float]] = {}
         self._felt: list[float] = []
 
@@ -130,12 +130,12 @@ class SimulatedObserver:
         return Answer(self._by_level(trial) if self.settings.threshold is not None else self._by_feel(), 0.0)
 
     def _by_feel(self) -> str:
-        kind, own, random = self.stimuli.experiment.response, self.settings, self._random
-        felt = [value + own.noise * random.standard_normal() for value in self._felt]
-        astray = random.random() < 2.0 * own.lapse
+        kind, given, random = self.stimuli.experiment.response, self.settings, self._random
+        felt = [value + given.noise * random.standard_normal() for value in self._felt]
+        astray = random.random() < 2.0 * given.lapse
         if kind == "magnitude":
-            return f"{own.gain * max(felt[0], 1e-9) ** own.exponent:.4g}"
-        above = felt[-1] > (own.criterion if kind == "yes-no" else felt[0])
+            return f"{given.gain * max(felt[0], 1e-9) ** given.exponent:.4g}"
+        above = felt[-1] > (given.criterion if kind == "yes-no" else felt[0])
         if self.stimuli.experiment.asks == "less":
             above = not above
         if astray:
@@ -143,19 +143,19 @@ class SimulatedObserver:
         return ("yes" if above else "no") if kind == "yes-no" else ("second" if above else "first")
 
     def _by_level(self, trial: Trial) -> str:
-        kind, own, stimuli = self.stimuli.experiment.response, self.settings, self.stimuli
+        kind, given, stimuli = self.stimuli.experiment.response, self.settings, self.stimuli
         if kind == "magnitude":
             raise ArgumentError("an observer of magnitudes needs `feels`, not a threshold")
-        assert own.threshold is not None and own.spread is not None
+        assert given.threshold is not None and given.spread is not None
         if stimuli.two_sided(trial.block) and trial.level is not None:
-            chance = proportion(own.function, trial.level, own.threshold, own.spread, own.lapse, own.lapse)
+            chance = proportion(given.function, trial.level, given.threshold, given.spread, given.lapse, given.lapse)
             greater = bool(self._random.random() < chance)
             chosen = greater == (stimuli.experiment.asks == "greater")
             return "first" if (trial.interval == 1) == chosen else "second"
-        guess = 0.5 if kind == "2afc" else own.guess
-        a = own.threshold * (stimuli.sign if stimuli.reference is None else 1)
+        guess = 0.5 if kind == "2afc" else given.guess
+        a = given.threshold * (stimuli.sign if stimuli.reference is None else 1)
         x = -np.inf if trial.level is None else stimuli.x(trial.level)
-        hit = self._random.random() < proportion(own.function, x, a, own.spread, guess, own.lapse)
+        hit = self._random.random() < proportion(given.function, x, a, given.spread, guess, given.lapse)
         if kind == "yes-no":
             return "yes" if hit else "no"
         greater = trial.level is None or stimuli.reference is None or trial.level > stimuli.reference
@@ -164,7 +164,7 @@ class SimulatedObserver:
 
 
 def _same_file(there: Path, new: Path) -> None:
-    """A second name for a file, or a copy where the file system knows no such."""
+    """Create a hard link to a file, or a copy if the file system has no hard links."""
     try:
         os.link(there, new)
     except FileExistsError:

@@ -1,4 +1,4 @@
-"""What is decided before the first trial: who takes part, which session it is, and whether it goes on."""
+"""Decisions before the first trial: participant, session, and whether to resume it."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from palpate.studies.psychophysics.store import Table, begin, parse, sessions, t
 if TYPE_CHECKING:
     from palpate.studies.psychophysics.page import ExperimentPage
 
-Sure = Callable[[str], bool | None]  # Asks whoever sits there; None: nobody does
+Sure = Callable[[str], bool | None]  # Asks the user; None: no terminal
 
 
 class Sitting:
-    """A session that is open."""
+    """An open session."""
 
     def __init__(
         self, stimuli: Stimuli, source: YamlSource, folder: Path, table: Table, participant: str, session: int
@@ -44,7 +44,7 @@ class Sitting:
         self.ended = True
 
     def simulate(self, file: Path | None, done: Callable[[Trial], object]) -> None:
-        """A simulated observer takes part: that of a file, or that of the experiment. ArgumentError, GraphError."""
+        """Run the session with a simulated observer, of a file or of the experiment. ArgumentError, GraphError."""
         source = self.source.sub("observer") if file is None else read(file)
         if source.data is None:
             raise ArgumentError("the experiment has no `observer:`; expected one, or --observer FILE")
@@ -56,7 +56,7 @@ class Sitting:
         )
 
     def page(self) -> ExperimentPage:
-        """The page that does it with a participant. PageError."""
+        """The page that runs the session with a participant. PageError."""
         from palpate.studies.psychophysics.page import ExperimentPage
 
         return ExperimentPage(self.stimuli, self.run)
@@ -66,7 +66,7 @@ class Sitting:
 def opened(
     name: str, out: Path | None, participant: str | None, session: int | None, sets: list[str], resume: bool, sure: Sure
 ) -> Iterator[Sitting]:
-    """A session of an experiment, new or to go on with. GraphError, ArgumentError: why not."""
+    """Open a new session of an experiment, or resume one. GraphError, ArgumentError: it cannot be opened."""
     path = find(name)
     experiment, source = load(path)
     stimuli = Stimuli(experiment, source, path, sets)
@@ -86,7 +86,7 @@ def opened(
 def _chosen(
     stimuli: Stimuli, folder: Path, participant: str | None, session: int | None, resume: bool, sure: Sure
 ) -> tuple[str, int]:
-    """Participant and session. ArgumentError: it is there already, and nobody says that it shall go on."""
+    """Participant and session. ArgumentError: the session exists, and neither `resume` nor the user continues it."""
     experiment = stimuli.experiment
     who = participant or _next_participant(stimuli, folder)
     known = _known(experiment)
@@ -99,33 +99,33 @@ def _chosen(
         return who, number
     done, over = _state(stimuli, folder, who, number)
     text = f"sub-{who} has done session {number}" if over else f"sub-{who} has done {done} trials of session {number}"
-    if not over and (resume or not done or sure(f"{text}. Go on with it?")):
+    if not over and (resume or not done or sure(f"{text}. Continue it?")):
         return who, number
     if over and session is None and sure(f"{text}. Begin session {number + 1}?"):
         return who, number + 1
-    cures = f"--session {there[-1] + 1} begins another one, --participant LABEL takes somebody else"
+    cures = f"--session {there[-1] + 1} begins another one, --participant LABEL takes another participant"
     raise ArgumentError(f"{text} in {folder}; nothing is overwritten. {'' if over else '--resume continues, '}{cures}.")
 
 
 def _state(stimuli: Stimuli, folder: Path, who: str, number: int) -> tuple[int, bool]:
-    """Trials that are stored of a session, and whether it is over."""
+    """Number of stored trials of a session, and whether it is complete."""
     file = table_path(folder, stimuli.experiment.task, who, number)
     rows, _ = parse(file.read_bytes())
     return len(rows), resumed(stimuli, rows, file, who, number)[1] is None
 
 
 def _known(experiment: Experiment) -> dict[str, dict[str, Any] | None]:
-    """The participants that the experiment names, with what it says of each."""
+    """The participants that the experiment lists, with their attributes."""
     given = experiment.participants
     return {f"{n:02d}": None for n in range(1, given + 1)} if isinstance(given, int) else given or {}
 
 
 def _next_participant(stimuli: Stimuli, folder: Path) -> str:
-    """The first one whose first session is not over yet. ArgumentError: all have done it."""
+    """The first participant whose last session is incomplete. ArgumentError: all are complete."""
     task, known = stimuli.experiment.task, _known(stimuli.experiment)
     for who in known or (f"{n:02d}" for n in range(1, 10_000)):
         there = sessions(folder, task, who)
         if not there or not _state(stimuli, folder, who, there[-1])[1]:
             return who
-    raise ArgumentError(f"all participants have done this experiment in {folder}; --participant and --session say who "
-                        "does it again")  # fmt: skip
+    raise ArgumentError(f"all participants have done this experiment in {folder}; choose one to repeat it by "
+                        "--participant and --session")  # fmt: skip

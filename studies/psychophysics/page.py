@@ -26,13 +26,13 @@ from palpate.views.page.feed import mesh_frame
 from palpate.views.page.live import ENDING, Live
 from palpate.views.page.steered import Count, Pointers, Sample, steered, touched
 
-LOOK = 0.2  # [s] between looks at whether the page was closed
-MOMENT = 1.0  # [s] that a title without a text is shown
+LOOK = 0.2  # [s] Period of the check whether the page was closed
+MOMENT = 1.0  # [s] Duration of a title without a text
 
 
 class Order(msgspec.Struct, forbid_unknown_fields=True):
-    """What the page sends: a sample of its pointer, or that the participant is done with what is shown, by its number,
-    with an answer and the seconds that it took."""
+    """Message of the page: a sample of the pointer, or the number of a completed panel with the answer and the response
+    time [s]."""
 
     point: Sample | None = None
     finger: Count = 0
@@ -42,16 +42,16 @@ class Order(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class ClosedError(Exception):
-    """The session goes on another time."""
+    """The page was closed; the session can be resumed later."""
 
 
 class ExperimentPage(Live):
-    """Presents to a participant. A graph with a device is felt by it; in any other the pointer takes its place.
+    """Presenter for a participant, who touches with the device of the graph or, without a device, with the pointer.
 
-    stimuli  of the experiment
+    stimuli  stimuli of the experiment
     session  runs all trials with a presenter
 
-    PageError, GraphError: what the graph lacks to be touched.
+    PageError, GraphError: the graph cannot be touched.
     """
 
     command = "palpate experiment"
@@ -65,7 +65,7 @@ class ExperimentPage(Live):
         if self.mouse:
             launch, sockets = steered(stimuli.launch, Path(self._place.name))
             self._file, graph = launch.graph, launch.load()
-        for block, levels in stimuli.levels.items():  # the hand that follows the pointer may lack a setting
+        for block, levels in stimuli.levels.items():  # the node that replaces the hand may lack a setting
             self._steered(stimuli.run(block, levels[0])).load()
         super().__init__(touched(plan(graph)))
         self.panel = {"title": "starting", "text": ""}
@@ -78,7 +78,7 @@ class ExperimentPage(Live):
         self._left = False
         self._error: BaseException | None = None
         self._shown, self._since = 0, 0.0
-        self._reloaded = False  # a page was left since the panel is shown: no page knows since when
+        self._reloaded = False  # the page was reloaded while the panel is shown, so its response time is unknown
         self._trials = threading.Thread(target=self._live, name="experiment", daemon=True)
 
     # -- as a source of the page ---------------------------------------------------------------------------------
@@ -87,7 +87,7 @@ class ExperimentPage(Live):
         self._trials.start()
 
     def close(self) -> None:
-        """End the interval that runs; its trial is presented again another time."""
+        """Stop the running interval; its trial is presented again when the session is resumed."""
         self._closed.set()
         self.stopping.set()
         self._trials.join(ENDING)
@@ -101,12 +101,12 @@ class ExperimentPage(Live):
         return self._ended.is_set()
 
     def check(self) -> None:
-        """Raise what has ended the session before its time."""
+        """Raise the error that ended the session early."""
         if self._error is not None:
             raise self._error
 
     def take(self, page: object, text: str | bytes) -> list[bytes]:
-        """What the page sends. MsgspecError, PageError: why it cannot be."""
+        """Handle a message of the page. MsgspecError, PageError: it is invalid."""
         order = msgspec.json.decode(text, type=Order)
         self._pages.add(page)
         if order.point is not None and self.mouse:
@@ -131,16 +131,16 @@ class ExperimentPage(Live):
             self.stopping.set()
 
     def say(self, status: str) -> None:
-        """Which trial goes on; not that its run does."""
+        """Ignore the status of the run: the page shows the trial instead."""
         if status != "running":
             super().say(status)
 
     def begun(self) -> None:
-        """An interval has begun: the picture is uncovered."""
+        """Uncover the picture when an interval begins."""
         self.mesh = mesh_frame(self.touched, {"watch": not self.mouse, "bodies": [], "effects": {}})
         self._cover(interval=True, end_key=self.experiment.end_key, show=self.experiment.show)
 
-    # -- as a presenter, in a thread of its own ------------------------------------------------------------------
+    # -- as a presenter, in a separate thread --------------------------------------------------------------------
 
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
         self._tell(trial)
@@ -171,9 +171,9 @@ class ExperimentPage(Live):
         if self._closed.is_set():
             raise ClosedError
         if outcome.result.deaths:
-            raise DisturbedError(f"The interval was broken off: {outcome.result.deaths[0]}")
+            raise DisturbedError(f"The interval was interrupted: {outcome.result.deaths[0]}")
         if self._left:
-            raise DisturbedError("The page was closed while the interval went on.")
+            raise DisturbedError("The page was closed during the interval.")
         if not outcome.ok:
             raise RunError("; ".join(outcome.result.notes) or f"the recording {launch.record} is not whole")
 
@@ -209,11 +209,11 @@ class ExperimentPage(Live):
             server.close()
 
     def _steered(self, launch: LaunchFile) -> LaunchFile:
-        """The run with the pointer in place of the simulated hand."""
+        """The run with the pointer instead of the simulated hand."""
         return launch if self._file is None else replace(launch, graph=self._file, scene=None, path=None)
 
     def _warm(self) -> None:
-        """Import what the next intervals need while the participant reads: then each begins at once."""
+        """Import the modules of the next intervals while the participant reads, so that each starts without delay."""
         while len(self._servers) < self.experiment.intervals:
             self._servers.append(ForkServer())
             self._servers[-1].ask(Prepare(self._modules))
@@ -230,7 +230,7 @@ class ExperimentPage(Live):
             self.say(f"trial {trial.number}{total}{' · ' * bool(what)}{what}")
 
     def _answered(self) -> Order:
-        """What the participant does with what is shown. ClosedError."""
+        """Wait for the participant to complete the panel. ClosedError: the page was closed."""
         while not self._closed.is_set():
             try:
                 order = self._done.get(timeout=LOOK)
@@ -242,7 +242,7 @@ class ExperimentPage(Live):
 
 
 def _check_answer(panel: dict[str, Any], answer: str) -> None:
-    """PageError: the panel has no such answer."""
+    """PageError: the panel does not offer this answer."""
     if panel.get("number"):
         try:
             good = 0.0 < float(answer) < math.inf

@@ -24,14 +24,14 @@ NAMES = {"correct": "share correct", "yes": "share of yes", "judged greater": "c
 
 
 def draw(outcomes: Sequence[Outcome], folder: Path) -> list[Path]:
-    """A picture for each task, a panel for each participant and block."""
+    """Draw one picture per task, with one panel per participant and block."""
     files = []
     for task in dict.fromkeys(one.task for one in outcomes):
-        own = [one for one in outcomes if one.task == task and one.participant != ALL][:MOST]
-        columns, rows = min(len(own), ROW), math.ceil(len(own) / ROW)
+        shown = [one for one in outcomes if one.task == task and one.participant != ALL][:MOST]
+        columns, rows = min(len(shown), ROW), math.ceil(len(shown) / ROW)
         with look():
             fig = figure(max(4.0 * columns, 5.0), 3.4 * rows + 0.5, task)
-            for number, one in enumerate(own, 1):
+            for number, one in enumerate(shown, 1):
                 axes = fig.add_subplot(rows, columns, number)
                 (_magnitude if one.of == "magnitude" else _function)(axes, one)
                 axes.set_title(f"{one.participant}, {one.block}: {one.trials} trials", fontsize=11)

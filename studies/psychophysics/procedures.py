@@ -1,4 +1,4 @@
-"""Which level comes next: constant stimuli, up-down staircases, QUEST+."""
+"""Procedures that choose the next level: constant stimuli, up-down staircases, QUEST+."""
 
 import re
 
@@ -13,7 +13,7 @@ RULE = re.compile(r"([1-9])-down-([1-9])-up")
 
 
 class Constant:
-    """Each level so many times, all in one random order."""
+    """All levels, each repeated, in one random order."""
 
     def __init__(self, levels: list[float], repeats: int, random: np.random.Generator) -> None:
         self._left = random.permutation(np.repeat(levels, repeats)).tolist()
@@ -29,16 +29,16 @@ class Constant:
 
 class Staircase:
     """A transformed up-down staircase: after `down` hits in a row the next level is harder, after `up` misses in a row
-    easier (Levitt, J. Acoust. Soc. Am. 49, 467, 1971). N-down-1-up settles where ψ^N = 1/2.
+    easier (Levitt, J. Acoust. Soc. Am. 49, 467, 1971). N-down-1-up converges to ψ^N = 1/2.
 
-    Steps are taken in x, the distance of the level from the reference, or the level itself where there is none there:
-    x ∓ step, or x/step and x·step. The k-th step stands until the k-th reversal, the last one to the end. A step to or
-    over x = 0 is not taken.
+    Steps change x, the distance of the level from the reference, or the level itself without a reference: x ∓ step, or
+    x/step and x·step. The k-th step applies until the k-th reversal, the last one to the end. A step that would reach
+    or cross x = 0 is skipped.
 
     start, least, greatest  first, smallest and largest level
-    origin                  the reference, 0 where there is none
-    sign                    -1 where a smaller x is easier
-    reversals, trials       after so many of them it ends; 0: not by them
+    origin                  the reference, or 0
+    sign                    -1 if a smaller x is easier
+    reversals, trials       the staircase ends after this number of reversals or trials; 0: no limit
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Staircase:
         self._move(turn * self._sign)
 
     def _move(self, way: int) -> None:
-        """To a greater x, or to a smaller one."""
+        """Step to a larger x (1) or a smaller one (-1)."""
         step, x = self._steps[min(len(self.reversals), len(self._steps) - 1)], self._side * (self._level - self._origin)
         x = x * step**way if self._ratio else x + way * step
         level = float(f"{self._origin + self._side * x:.10g}")
@@ -92,7 +92,7 @@ class Staircase:
 
 
 class Quest:
-    """QUEST+ in x, as the staircase."""
+    """QUEST+ in x, which is that of the staircase."""
 
     def __init__(self, block: QuestBlock, x: list[float], levels: list[float], grids: list[list[float]], guess: float):
         self._quest = QuestPlus(block.function, x, grids[0], grids[1], block.lapse, guess)
@@ -112,11 +112,11 @@ class Quest:
 
 
 Procedure = Constant | Staircase | Quest
-"""`level` is the next one, None at the end; `take` is told the answer; `most` trials come at most (0: unknown)."""
+"""`level`: next level, None at the end; `take` receives the answer; `most`: maximum number of trials, 0: unknown."""
 
 
 def procedures(name: str, block: Block, stimuli: Stimuli, random: np.random.Generator) -> list[Procedure]:
-    """Those of a block, which are interleaved. ArgumentError, GraphError: a rule, steps or limits that cannot be."""
+    """The interleaved procedures of a block. ArgumentError, GraphError: invalid rule, steps or limits."""
     levels, at, origin = stimuli.levels[name], f"blocks.{name}.", stimuli.reference
     if isinstance(block, ConstantBlock):
         return [Constant(levels, block.repeats, random)]

@@ -1,11 +1,11 @@
-"""QUEST+: the next level is the one whose answer is expected to tell most about the psychometric function.
+"""QUEST+: the next level is the one whose answer has the largest expected information on the psychometric function.
 
-Over a grid of parameters θ with the posterior P(θ), and answers r of probability p_r(x, θ), the expected entropy of the
-next posterior is H(θ) - I(x) with the mutual information
+For a grid of parameters θ with posterior P(θ), and answers r of probability p_r(x, θ), the expected entropy of the next
+posterior is H(θ) - I(x) with the mutual information
 
     I(x) = Σ_r [ Σ_θ P p_r ln p_r  -  <p_r> ln <p_r> ],   <p_r> = Σ_θ P p_r
 
-(Watson, Journal of Vision 17(3):10, 2017, eqs. 3 to 8). The largest I(x) is the least expected entropy.
+(Watson, Journal of Vision 17(3):10, 2017, eqs. 3 to 8). The largest I(x) gives the lowest expected entropy.
 """
 
 from collections.abc import Sequence
@@ -17,11 +17,11 @@ from palpate.studies.psychophysics.functions import proportion
 
 
 class QuestPlus:
-    """Chooses levels, and knows the posterior.
+    """Chooses levels and updates the posterior.
 
-    function                        of FUNCTIONS
-    levels                          (n) that may be presented
-    thresholds, spreads, lapses     grids of a, b and λ, with the same weight for each point
+    function                        name in `FUNCTIONS`
+    levels                          (n) candidate levels
+    thresholds, spreads, lapses     grids of a, b and λ, with a uniform prior
     guess                           γ
     """
 
@@ -40,12 +40,12 @@ class QuestPlus:
         a, b, lapse = self.grid
         hit = np.stack([proportion(function, x, a, b, guess, lapse) for x in self.levels])
         self._chances = np.stack([hit, 1.0 - hit])
-        """(2, n, θ) of a hit and of a miss."""
+        """Probabilities (2, n, θ) of a hit and of a miss."""
         self._inner = xlogy(self._chances, self._chances).sum(axis=0)
         self.posterior = np.full(len(a), 1.0 / len(a))
 
     def information(self) -> np.ndarray:
-        """(n) [nat] I(x) of each level."""
+        """Mutual information I(x) [nat] (n) of each level."""
         mean = self._chances @ self.posterior
         return self._inner @ self.posterior - xlogy(mean, mean).sum(axis=0)
 

@@ -1,4 +1,4 @@
-"""One session: each trial is presented, asked about, and stored before the next one."""
+"""One session: present each trial, ask for the answer and store it before the next trial."""
 
 import datetime
 from dataclasses import dataclass
@@ -11,30 +11,30 @@ from palpate.studies.psychophysics.schedule import Schedule, Trial, schedule
 from palpate.studies.psychophysics.stimuli import Stimuli
 from palpate.studies.psychophysics.store import NONE, Row, Table
 
-READY = "Go on when you are ready."
+READY = "Continue when you are ready."
 
 
 class DisturbedError(PalpateError):
-    """An interval that came to no good end, such as by a device that was unplugged; the trial is repeated."""
+    """An interval failed, for example because the device was unplugged; the trial is repeated."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The name of an answer, or a number; and the seconds that it took."""
+    """The name of an answer or a number, and the response time [s]."""
 
     value: str
     seconds: float
 
 
 class Presenter(Protocol):
-    """Who shows stimuli and asks for answers: the page, or a simulated observer."""
+    """Interface to the page or a simulated observer: shows stimuli and asks for answers."""
 
     def show(self, trial: Trial | None, title: str, text: str, pause: float = 0.0) -> None:
-        """Show a text until the participant goes on, `pause` [s] at least; a title alone for a moment; trial None: the
-        end."""
+        """Show a text until the participant continues, for at least `pause` [s]; a title without a text for a moment.
+        Trial None: the end."""
 
     def present(self, trial: Trial, interval: int, launch: LaunchFile) -> None:
-        """Run one interval. DisturbedError."""
+        """Run one interval. DisturbedError: it failed."""
 
     def ask(self, trial: Trial) -> Answer:
         """The answer to the experiment's question."""
@@ -43,9 +43,9 @@ class Presenter(Protocol):
 def resumed(
     stimuli: Stimuli, rows: list[Row], file: Path, participant: str, session: int
 ) -> tuple[Schedule, Trial | None]:
-    """The schedule of a session after the trials that are stored in a file, and the next trial; None: there is none.
+    """The schedule of a session after the stored trials of a file, and the next trial; None: the session is complete.
 
-    ArgumentError: what is stored is not of this experiment; or a procedure that cannot be. GraphError.
+    ArgumentError: the stored trials are not of this experiment, or a procedure is invalid. GraphError.
     """
     order = schedule(stimuli, participant, session)
     trial: Trial | None = next(order)
@@ -54,15 +54,15 @@ def resumed(
             trial.block, _text(trial.level), str(trial.interval)
         ):  # fmt: skip
             raise ArgumentError(
-                f"{file}: trial {row['trial']} is not what the experiment has there: its seed, its blocks or the "
-                "values of its graph were others. Take another folder (--out)."
+                f"{file}: trial {row['trial']} differs from that of the experiment: its seed, its blocks or the values "
+                "of its graph have changed. Use another folder (--out)."
             )
         trial = _next(order, row)
     return order, trial
 
 
 def run(stimuli: Stimuli, table: Table, order: Schedule, trial: Trial | None, presenter: Presenter) -> None:
-    """All trials from this one on. OSError: a row cannot be stored."""
+    """Run all trials from this one on. OSError: a row cannot be stored."""
     experiment, first = stimuli.experiment, True
     while trial is not None:
         if first:
@@ -83,7 +83,7 @@ def _next(order: Schedule, row: Row) -> Trial | None:
 
 
 def _begin(stimuli: Stimuli, trial: Trial, presenter: Presenter, first: bool) -> None:
-    """What comes before a trial: the instructions of its block, or a pause."""
+    """Show the instructions of the block, or a pause, before a trial."""
     block = stimuli.experiment.blocks[trial.block]
     if block.instructions and (trial.in_block == 1 or first):
         presenter.show(trial, trial.block, block.instructions)
@@ -123,7 +123,7 @@ def _trial(stimuli: Stimuli, table: Table, trial: Trial, presenter: Presenter) -
 
 
 def judged(stimuli: Stimuli, trial: Trial, answer: str) -> bool | None:
-    """Whether an answer is right, or yes; None: it is a number."""
+    """Whether an answer is right or yes; None for a number."""
     if stimuli.experiment.response == "magnitude":
         return None
     if stimuli.experiment.response == "yes-no":

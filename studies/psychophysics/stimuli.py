@@ -1,4 +1,4 @@
-"""From a level to a run: where the level goes, what else differs, and what cannot be told apart."""
+"""The run of each level: sets the level and all other differences, and rejects indistinguishable stimuli."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,11 +24,11 @@ from palpate.studies.sweeps.point import overrides
 class Stimuli:
     """The stimuli of an experiment.
 
-    path       target of the level, as of `--set`; unit: its SI unit
-    reference  its value in the reference; None: the reference differs elsewhere, or there is none
-    launch     the run without what varies
+    path       path of the level in the form of `--set`;  unit: its SI unit
+    reference  value of the path in the reference; None: the reference differs elsewhere or does not exist
+    launch     the run without the variations
 
-    GraphError: all that is wrong with paths and values, before anything runs.
+    GraphError: lists all faults of paths and values, before anything runs.
     """
 
     def __init__(self, experiment: Experiment, source: YamlSource, file: Path, sets: Sequence[str] = ()) -> None:
@@ -56,28 +56,28 @@ class Stimuli:
 
     @property
     def sign(self) -> int:
-        """1 where a greater level is easier, -1 where a smaller one is; with a reference at the same path, the level
-        further away from it is."""
+        """1 if a greater level is easier, -1 if a smaller one is. With a reference at the same path, levels farther
+        from it are easier."""
         return 1 if self.reference is not None or self.experiment.harder == "lower" else -1
 
     def x(self, level: float) -> float:
-        """What a psychometric function rises with: the distance from the reference, or the level, its sign turned where
-        a higher one is harder."""
+        """Abscissa of an increasing psychometric function: the distance from the reference, or the level, negated if a
+        higher level is harder."""
         return self.sign * level if self.reference is None else abs(level - self.reference)
 
     def two_sided(self, name: str) -> bool:
-        """Whether a block has levels to both sides of the reference: then what counts is which one was chosen."""
+        """Whether a block has levels on both sides of the reference; the counted answer is then "judged greater"."""
         levels, constant = self.levels[name], isinstance(self.experiment.blocks[name], ConstantBlock)
         return constant and self.reference is not None and min(levels) < self.reference < max(levels)
 
     def run(self, block: str, level: float | None) -> LaunchFile:
-        """The run of a level; None: of the reference."""
+        """The run of a level; None: the run of the reference."""
         values = {self.path: level} if level is not None else self._other
         chosen = overrides({**self.experiment.blocks[block].set}, f"block {block!r}, set")
         return self.launch.but(overrides=[*chosen, *overrides(values, "vary" if level is not None else "reference")])
 
     def number(self, key: str, value: Any) -> float:
-        """[SI] A level that is given as a number or with its unit; NaN where it is a fault, which is noted."""
+        """SI value of a level given as a number or with a unit. A fault is noted and gives NaN."""
         try:
             if isinstance(value, bool) or not isinstance(value, int | float | str):
                 raise UnitError(f"found {value!r}, expected a number")
@@ -87,7 +87,7 @@ class Stimuli:
             return float("nan")
 
     def grid(self, key: str, given: Any) -> list[float]:
-        """[SI] Values in a list, or of {linspace: [low, high, number]}, {geomspace: ...}."""
+        """SI values of a list, or of {linspace: [low, high, number]}, {geomspace: ...}."""
         kind, how = next(iter(given.items())) if isinstance(given, Mapping) and len(given) == 1 else ("", given)
         if not isinstance(how, list) or not how or (kind and (kind not in GRIDS or len(how) != 3)):
             self.faults.add(f"{key}: found {given!r}, expected a list of values, or {{linspace: [low, high, number]}}",
@@ -103,7 +103,7 @@ class Stimuli:
         return rounded(GRIDS[kind](*ends, how[2])).tolist()
 
     def _unit(self, base: Graph) -> str:
-        """The unit of the setting that the level becomes. GraphError: there is no such path."""
+        """Unit of the setting at `path`. GraphError: the path does not exist."""
         head, _, name = self.path.rpartition(".")
         for spec in base.nodes.values() if head.startswith("scene") else filter(None, [base.nodes.get(head)]):
             if name in settings(spec.cls):
@@ -119,7 +119,7 @@ class Stimuli:
         return self.grid(f"{at}levels", block.levels) if isinstance(block, ConstantBlock | QuestBlock) else []
 
     def _check(self) -> None:
-        """Each stimulus can be loaded, and no pair is the same."""
+        """Check that each stimulus loads, and that the stimuli of each pair differ."""
         for name, levels in self.levels.items():
             if not levels:
                 self.faults.add(f"block {name!r}: no levels", "", self._source.place("blocks", name))
@@ -127,16 +127,16 @@ class Stimuli:
             place = self._source.place("blocks", name)
             try:
                 tried = {min(levels), max(levels), *(level for level in levels if level == self.reference)}
-                known = {level: _told(self.run(name, level).load()) for level in sorted(tried)}
-                other = None if self.experiment.reference is None else _told(self.run(name, None).load())
+                known = {level: _determinants(self.run(name, level).load()) for level in sorted(tried)}
+                other = None if self.experiment.reference is None else _determinants(self.run(name, None).load())
             except GraphError as error:
                 self.faults.entries.extend(error.faults)
                 continue
-            same = [level for level, told in known.items() if told == other]
+            same = [level for level, one in known.items() if one == other]
             if len(same) == len(known) or (same and not self.two_sided(name)):
                 self.faults.add(f"block {name!r}: the stimuli of a pair are the same: {self.path} = {same[0]:g} "
                                  f"{self.unit} is the reference", "Take others.", place)  # fmt: skip
-            elif len(known) > 1 and len({repr(told) for told in known.values()}) == 1:
+            elif len(known) > 1 and len({repr(one) for one in known.values()}) == 1:
                 self.faults.add(f"block {name!r}: all levels give the same stimulus: nothing reads {self.path}", "",
                                 place)  # fmt: skip
             if isinstance(self.experiment.blocks[name], ConstantBlock) and len(set(levels)) < len(levels):
@@ -149,8 +149,8 @@ class Stimuli:
                              "Take normal or logistic.", self._source.place("function"))  # fmt: skip
 
 
-def _told(graph: Graph) -> dict[str, Any]:
-    """What decides on what is felt: classes, settings and inputs of all nodes."""
+def _determinants(graph: Graph) -> dict[str, Any]:
+    """Everything that determines the stimulus: classes, settings and inputs of all nodes."""
     return {
         name: (spec.use, {key: np.asarray(value).tolist() if hasattr(value, "tolist") else value
                           for key, value in spec.settings.items()}, spec.edges, spec.off)

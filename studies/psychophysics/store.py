@@ -1,11 +1,11 @@
-"""The folder of an experiment, in the order of BIDS for behaviour (bids-specification 1.10, "Behavioral experiments").
+"""The folder of an experiment in the layout of BIDS for behaviour (bids-specification 1.10, "Behavioral experiments").
 
 FOLDER/dataset_description.json, participants.tsv, participants.json, README
 FOLDER/code/task-<task>.yaml                                              the experiment
-FOLDER/sub-01/ses-01/beh/sub-01_ses-01_task-<task>_beh.tsv (.json)        a row for each trial
+FOLDER/sub-01/ses-01/beh/sub-01_ses-01_task-<task>_beh.tsv (.json)        one row per trial
 FOLDER/sourcedata/sub-01/ses-01/beh/...trial-003_interval-1.mcap          the recordings
 
-A row is on the disk before the next trial begins. What a power cut has left of the last row is moved aside.
+Each row is on the disk before the next trial begins. An incomplete last row, as after a power failure, is moved aside.
 """
 
 import itertools
@@ -23,32 +23,32 @@ NONE = "n/a"
 COLUMNS: dict[str, dict[str, Any]] = {
     "trial": {"Description": "Number of the trial in this session."},
     "block": {"Description": "Block of the experiment."},
-    "track": {"Description": "Number of the staircase, of those that are interleaved."},
+    "track": {"Description": "Number of the interleaved staircase."},
     "level": {"Description": "Value of the path that varies, in the comparison; n/a: a trial without signal."},
-    "reference": {"Description": "The same in the reference; n/a: it differs elsewhere, or there is none."},
+    "reference": {"Description": "The same in the reference; n/a: the reference differs elsewhere, or does not exist."},
     "interval": {"Description": "Number of the interval with the comparison."},
     "response": {"Description": "The answer."},
     "hit": {"Description": "1: right, or yes; 0: wrong, or no; n/a: neither."},
     "response_time": {"Description": "From the question to the answer.", "Units": "s"},
-    "repeats": {"Description": "How often the trial was begun before, and disturbed."},
+    "repeats": {"Description": "Number of disturbed attempts before this one."},
     "time": {"Description": "When the answer was stored (UTC, ISO 8601)."},
-    "recording_1": {"Description": "Recording of the first interval, from the folder of the data set."},
-    "recording_2": {"Description": "Recording of the second interval."},
+    "recording_1": {"Description": "Recording of the first interval, relative to the folder of the data set."},
+    "recording_2": {"Description": "Recording of the second interval, likewise."},
 }
-README = """Data of `palpate experiment`, in the order of the Brain Imaging Data Structure (https://bids.neuroimaging.io).
+README = """Data of `palpate experiment` in the Brain Imaging Data Structure (https://bids.neuroimaging.io).
 
-Tables: sub-*/ses-*/beh/*_beh.tsv, a row for each trial; the .json beside one says what its columns are.
-Recordings: sourcedata/; `palpate replay FILE --check` computes one again. The experiment: code/.
+Tables: sub-*/ses-*/beh/*_beh.tsv, one row per trial; the .json file with the same name describes the columns.
+Recordings: sourcedata/; `palpate replay FILE --check` recomputes one. The experiment: code/.
 `palpate experiment --analyse FOLDER` computes thresholds.
 """
 Row = dict[str, str]
 
 
 class Table:
-    """The rows of one session; open for one process alone.
+    """The rows of one session; only one process can open it.
 
-    rows       as they are stored, all of them texts
-    recovered  what a power cut had left behind the last whole row was moved there; None: nothing was wrong
+    rows       the stored rows, as text
+    recovered  file with the incomplete row that was moved aside; None: the table was intact
     """
 
     def __init__(self, folder: Path, task: str, participant: str, session: int) -> None:
@@ -58,7 +58,7 @@ class Table:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.recordings.mkdir(parents=True, exist_ok=True)
         self.recovered: Path | None = None
-        self._file = open(self.path, "a+b", buffering=0)  # noqa: SIM115 - open as long as the session goes on
+        self._file = open(self.path, "a+b", buffering=0)  # noqa: SIM115 - open during the session
         if not locked(self._file):
             self._file.close()
             raise ArgumentError(f"{self.path}: another `palpate experiment` has this session open")
@@ -68,7 +68,7 @@ class Table:
         self._file.close()
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Store a row, and the recordings that it names. OSError: the disk is full."""
+        """Store a row and the recordings that it lists. OSError: the disk is full."""
         for name in ("recording_1", "recording_2"):
             if row.get(name, NONE) != NONE:
                 with open(self.folder / row[name], "rb") as recording:
@@ -78,22 +78,22 @@ class Table:
         self.rows.append(texts)
 
     def recording(self, trial: int, interval: int, repeat: int) -> Path:
-        """The file of an interval; one that was disturbed keeps its own."""
+        """The file of an interval; each attempt at a disturbed trial has a separate file."""
         name = f"{self.name}_trial-{trial:03d}_interval-{interval}{f'_repeat-{repeat}' if repeat else ''}.mcap"
         return self.recordings / name
 
     def begun(self, trial: int) -> int:
-        """How often a trial was begun before."""
+        """Number of earlier attempts at a trial."""
         return next(repeat for repeat in itertools.count() if not self.recording(trial, 1, repeat).exists())
 
     def describe(self, about: dict[str, dict[str, Any]]) -> None:
-        """Write what the columns are; `about` is added to what is known of them."""
+        """Write the data dictionary of the columns, with the additions in `about`."""
         write_json(self.path.with_suffix(".json"), {name: text | about.get(name, {}) for name, text in COLUMNS.items()})
 
     def _write(self, line: str) -> None:
         data = f"{line}\n".encode()
         if os.write(self._file.fileno(), data) < len(data):
-            raise OSError(f"{self.path}: the row is not stored as a whole: the disk is full")
+            raise OSError(f"{self.path}: the row was stored incompletely: the disk is full")
         os.fsync(self._file.fileno())
 
     def _recover(self) -> list[Row]:
@@ -111,7 +111,7 @@ class Table:
 
 
 def parse(data: bytes) -> tuple[list[Row], int]:
-    """The whole rows at the beginning of a table, and how many bytes they and its head take."""
+    """The complete rows at the beginning of a table, and the number of bytes of header and rows."""
     head, *lines = data.split(b"\n")[:-1] or [b""]
     if head.decode(errors="replace").split("\t") != list(COLUMNS):
         return [], 0
@@ -131,20 +131,20 @@ def table_path(folder: Path, task: str, participant: str, session: int) -> Path:
 
 
 def sessions(folder: Path, task: str, participant: str) -> list[int]:
-    """The sessions of a participant that have a table of this task."""
+    """Sessions of a participant with a table of this task."""
     found = folder.glob(f"sub-{participant}/ses-*/beh/sub-{participant}_ses-*_task-{task}_beh.tsv")
     return sorted(int(path.parts[-3].removeprefix("ses-")) for path in found if path.parts[-3][4:].isdigit())
 
 
 def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping[str, Any]) -> None:
-    """Write what a data set has beside the tables. ArgumentError: the folder is of another experiment of this name, or
-    cannot be written."""
+    """Write the files of a data set other than the tables. ArgumentError: the folder belongs to another experiment of
+    this name, or cannot be written."""
     try:
         (folder / "code").mkdir(parents=True, exist_ok=True)
         copy = folder / "code" / f"task-{task}.yaml"
         if copy.exists() and copy.read_bytes() != text:
             raise ArgumentError(
-                f"{folder}: its data are of another version of this experiment ({copy}). Take another folder (--out), "
+                f"{folder}: its data are of another version of this experiment ({copy}). Use another folder (--out), "
                 "or another `task:`."
             )
         replace(copy, text)
@@ -160,17 +160,17 @@ def begin(folder: Path, task: str, text: bytes, participant: str, about: Mapping
 
 
 def _participant(folder: Path, participant: str, about: Mapping[str, Any]) -> None:
-    """Add a participant to the list, once, with what the experiment says of it."""
+    """Add a participant to the list, once, with the attributes that the experiment gives."""
     file = folder / "participants.tsv"
     lines = [line.split("\t") for line in file.read_text(encoding="utf-8").splitlines()] if file.exists() else []
     heads, *rows = lines or [["participant_id"]]
     heads = list(dict.fromkeys([*heads, *about]))
     known = {row[0]: dict(zip(heads, row, strict=False)) for row in rows}
-    own = {"participant_id": f"sub-{participant}"} | {key: str(value) for key, value in about.items()}
-    known.setdefault(own["participant_id"], own)
+    row = {"participant_id": f"sub-{participant}"} | {key: str(value) for key, value in about.items()}
+    known.setdefault(row["participant_id"], row)
     text = ["\t".join(heads), *("\t".join(row.get(head, NONE) for head in heads) for row in known.values())]
     replace(file, ("\n".join(text) + "\n").encode())
-    write_json(file.with_suffix(".json"), {head: {"Description": "As the experiment says."} for head in heads[1:]})
+    write_json(file.with_suffix(".json"), {head: {"Description": "See the experiment."} for head in heads[1:]})
 
 
 def tables(folder: Path, task: str | None = None) -> Iterable[Path]:

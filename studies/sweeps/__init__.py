@@ -1,1 +1,1 @@
-"""Studies: one graph at many points, computed by processes of this machine."""
+"""Parameter studies: one graph at many points, computed in parallel on this machine."""

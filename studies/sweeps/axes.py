@@ -1,8 +1,8 @@
-"""What a study varies: values that are crossed with one another, and samples of distributions.
+"""Axes of a study: crossed lists of values, and samples of distributions.
 
 {"tissue.stiffness": {"linspace": [200, 400, 5]},             # crossed with all others
- "finger.thickness, finger.finger_damping": [["3 mm", 6], ["4 mm", 8]],     # these two together
- "tissue.damping": {"uniform": [2, 8]}}                       # sampled, together with all other distributions
+ "finger.thickness, finger.finger_damping": [["3 mm", 6], ["4 mm", 8]],     # these two vary together
+ "tissue.damping": {"uniform": [2, 8]}}                       # sampled jointly with all other distributions
 """
 
 import json
@@ -21,8 +21,8 @@ from palpate.physics.errors import ArgumentError
 GRIDS: dict[str, Any] = {"linspace": np.linspace, "geomspace": np.geomspace}
 DESIGNS = ("sobol", "lhs", "random")
 DIGITS = 10
-MOST = 1_000_000  # values of one axis
-EDGE = 0.01  # [1] Quantile, and one less it, that stand for the ends of a distribution without bounds
+MOST = 1_000_000  # Maximum number of values of one axis
+EDGE = 0.01  # [1] The quantiles EDGE and 1 - EDGE replace the bounds of an unbounded distribution
 EXPECTED = (
     "a list of values, {linspace: [low, high, number]}, geomspace, {named: {name: value}}, or a distribution: "
     "{uniform: [low, high]}, {norm: [mean, deviation]}, or any other of scipy.stats"
@@ -33,11 +33,11 @@ EXPECTED = (
 class Axis:
     """One entry of `over`.
 
-    paths   targets as of `--set` that vary together
-    values  for each value of the axis what each path gets; () where it is sampled
-    labels  the same as tables show it: numbers, truth values and texts
-    law     the distribution of the only path, a frozen one of scipy.stats; None: the values are given
-    texts   quantities with a unit as they were written, from which the numbers were made
+    paths   paths in the form of `--set` that vary together
+    values  per value of the axis, the value of each path; () for a distribution
+    labels  the same for tables: numbers, booleans and texts
+    law     frozen distribution of scipy.stats of a single path; None: the values are listed
+    texts   original texts of numbers that were given with a unit
     """
 
     paths: tuple[str, ...]
@@ -48,7 +48,8 @@ class Axis:
 
 
 def axis(name: str, given: Any) -> Axis:
-    """An entry of `over`: paths, with commas between those that vary together, and what they get. ArgumentError."""
+    """An entry of `over`: a path, or comma-separated paths that vary together, and their values. ArgumentError: it is
+    invalid."""
     paths = tuple(part.strip() for part in str(name).split(","))
     if not all(paths):
         raise ArgumentError(f"over {name!r}: found an empty path, expected one such as tissue.stiffness")
@@ -99,7 +100,7 @@ def _sampled(paths: tuple[str, ...], law: Any, texts: tuple[str, ...]) -> Axis:
 
 
 def _law(name: str, kind: str, how: Any) -> tuple[Any, tuple[str, ...]]:
-    """A distribution of scipy.stats by its name; `uniform` has its ends. ArgumentError."""
+    """A distribution of scipy.stats by name; `uniform` takes its two bounds. ArgumentError: it is invalid."""
     import scipy.stats
 
     known = getattr(scipy.stats, kind, None)
@@ -119,7 +120,7 @@ def _law(name: str, kind: str, how: Any) -> tuple[Any, tuple[str, ...]]:
 
 
 def _numbers(name: str, given: Any, count: int | None) -> tuple[list[float], tuple[str, ...]]:
-    """Numbers, those of texts with a unit in SI; and these texts. ArgumentError: anything else."""
+    """Numbers, with texts with a unit converted to SI, and these texts. ArgumentError: another kind of value."""
     numbers, texts = [], []
     try:
         for value in given if isinstance(given, Sequence) and not isinstance(given, str) else [None]:
@@ -136,7 +137,7 @@ def _numbers(name: str, given: Any, count: int | None) -> tuple[list[float], tup
 
 
 def rounded(values: np.ndarray) -> np.ndarray:
-    """To `DIGITS` significant digits: another processor, or another version of scipy, finds the same points again."""
+    """Round to `DIGITS` significant digits, so that other processors and versions of scipy give the same points."""
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
 
 
@@ -151,12 +152,12 @@ def _short(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Space:
-    """All points of a study, in order: the last axis changes first.
+    """All points of a study, in order; the last axis varies fastest.
 
-    axes     what varies
-    samples  points that are drawn of all distributions together
-    design   how: one of DESIGNS, or "sensitivity sobol", "sensitivity morris" (see `sensitivity`)
-    seed     of the samples
+    axes     the axes
+    samples  number of joint samples of all distributions
+    design   one of `DESIGNS`, or "sensitivity sobol", "sensitivity morris" (see `sensitivity`)
+    seed     seed of the samples
     """
 
     axes: tuple[Axis, ...]
@@ -179,7 +180,7 @@ class Space:
 
     @cached_property
     def drawn(self) -> np.ndarray:
-        """(samples, distributions) Values of the sampled paths."""
+        """Values (samples, distributions) of the sampled paths."""
         columns = []
         for law, share in zip([one.law for one in self.sampled], self.cube.T, strict=True):
             values = law.ppf(share)
@@ -188,7 +189,7 @@ class Space:
 
     @cached_property
     def cube(self) -> np.ndarray:
-        """(samples, distributions) [1] The quantiles of these."""
+        """Quantiles [1] (samples, distributions) of the sampled values."""
         count, seed = len(self.sampled), self.seed
         if self.design.startswith("sensitivity"):
             from palpate.studies.sweeps.sensitivity import cube
@@ -198,21 +199,21 @@ class Space:
             return np.random.default_rng(seed).random((self.samples, count))
         from scipy.stats import qmc
 
-        with warnings.catch_warnings():  # of numbers of samples that are no power of 2
+        with warnings.catch_warnings():  # about numbers of samples that are not powers of 2
             warnings.simplefilter("ignore", UserWarning)
             kind = qmc.Sobol if self.design == "sobol" else qmc.LatinHypercube
             return kind(count, seed=seed).random(self.samples)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
-        """Numbers of values of the crossed axes, and of the samples where there are any."""
+        """Numbers of values of the crossed axes, then the number of samples if the study has distributions."""
         return (*(len(one.values) for one in self.crossed), *((len(self.drawn),) if self.sampled else ()))
 
     def __len__(self) -> int:
         return math.prod(self.shape)
 
     def point(self, number: int) -> tuple[dict[str, Any], dict[str, Any]]:
-        """What each path gets at a point, and the same as tables show it."""
+        """The value of each path at a point, and its label in tables."""
         at = np.unravel_index(number, self.shape) if self.shape else ()
         values: dict[str, Any] = {}
         labels: dict[str, Any] = {}

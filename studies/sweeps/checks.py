@@ -1,4 +1,4 @@
-"""What is wrong with a study, before anything runs."""
+"""Checks of a study before anything runs."""
 
 from collections.abc import Mapping
 from itertools import islice, product
@@ -15,12 +15,13 @@ from palpate.studies.sweeps.axes import DESIGNS, Axis, Space
 from palpate.studies.sweeps.point import overrides
 from palpate.studies.sweeps.sensitivity import METHODS
 
-TRIED = 64  # Combinations of bodies, motions and files that are loaded before anything runs, at most
-DRAWS = 8  # Points whose values are tried until one loads
+TRIED = 64  # Maximum number of combinations of bodies, motions and files that are loaded before anything runs
+DRAWS = 8  # Maximum number of points that are tried until one loads
 
 
 def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: str | None) -> Space:
-    """All points of these axes. ArgumentError: a path twice, another method or design, samples without a law."""
+    """All points of the axes. ArgumentError: a repeated path, an unknown method or design, samples without a
+    distribution."""
     drawn = [one for one in axes if one.law is not None]
     paths = [path for one in axes for path in one.paths]
     twice = {path for path in paths if paths.count(path) > 1}
@@ -41,7 +42,7 @@ def space(axes: list[Axis], samples: int, design: str, seed: int, sensitivity: s
 
 
 def path(name: str, base: Graph) -> str:
-    """Paths as of `--set`; a part of the scene that no node has the name of needs no `scene.` before it."""
+    """Complete paths in the form of `--set`: `scene.` may be left out unless a node has the same name."""
 
     def full(path: str) -> str:
         head = path.partition(".")[0]
@@ -51,7 +52,7 @@ def path(name: str, base: Graph) -> str:
 
 
 def check(launch: LaunchFile, base: Graph, space: Space) -> None:
-    """GraphError, ArgumentError: the points could not run, or what varies is not there."""
+    """Check that the points can run. GraphError, ArgumentError: they cannot, or a varied path does not exist."""
     if launch.duration is None:
         raise ArgumentError(f"{launch.graph.stem}: the graph has no duration; give one: duration=2.0, or '2 s'")
     devices = [name for name, spec in base.nodes.items() if spec.cls.hardware]
@@ -76,14 +77,14 @@ def check(launch: LaunchFile, base: Graph, space: Space) -> None:
 
 
 def accepted(launch: LaunchFile, space: Space, fixed: Mapping[str, Any] | None = None) -> dict[str, Any] | None:
-    """Values of a point that loads, with these `fixed` ones; None: none of those that were tried does, each for another
-    reason, so the values are out of range and each point is a row with its error.
+    """Values of a point that loads, with some values `fixed`.
 
-    GraphError: the faults that do not depend on the values.
+    None: no tried point loads, each for a different reason. The values are then out of range, and each point becomes a
+    row with its error. GraphError: faults that do not depend on the values.
     """
     common, faults = set[Fault](), list[Fault]()
     for number in range(min(DRAWS, max(space.shape, default=1))):
-        each = [number % count for count in space.shape]  # every axis takes another value each time
+        each = [number % count for count in space.shape]  # each axis has another value in each try
         values = space.point(int(np.ravel_multi_index(each, space.shape)))[0] | dict(fixed or {})
         try:
             launch.but(overrides=overrides(values)).load()
@@ -99,7 +100,7 @@ def accepted(launch: LaunchFile, space: Space, fixed: Mapping[str, Any] | None =
 
 
 def seconds(name: str, given: float | str | None) -> float | None:
-    """A time [s] from 1e-9 to 1e9, given as a number or with its unit. ArgumentError: anything else."""
+    """A time [s] from 1e-9 to 1e9, given as a number or with a unit. ArgumentError: it is neither or out of range."""
     try:
         length = None if given is None else convert(str(given), "s")
     except UnitError as error:

@@ -34,7 +34,7 @@ def dataset(study: Any) -> Any:
         if all(slot is None for slot in slots):
             continue
         times, values = (store.curves(name, slots) for name in (f"{curve.text} time", curve.text))
-        used = np.isfinite(times).any(axis=0)  # other studies of the folder may have longer ones
+        used = np.isfinite(times).any(axis=0)  # other studies in the folder may have longer curves
         times, values = times[:, used], values[:, used]
         time, clock = _clock(times, clocks)
         if time not in coords:
@@ -50,8 +50,7 @@ def _attributes(study: Any, path: str) -> dict[str, str]:
 
 
 def _clock(times: np.ndarray, clocks: list[np.ndarray]) -> tuple[str, np.ndarray]:
-    """The name of the times of a curve, `time` for the first, and the times: those of all points where they are the
-    same."""
+    """Name and values of the time coordinate of a curve. The first is `time`; curves with equal times share one."""
     whole = times[np.isfinite(times).all(axis=1)]
     same = len(whole) == np.isfinite(times).any(axis=1).sum() and (whole == whole[:1]).all()
     clock = whole[0] if same and len(whole) else times

@@ -1,7 +1,7 @@
 """Studies as YAML files.
 
-graph: kidney                     # or a launch file or graph; `scene`, `duration`, `set` as there
-over:                             # what varies
+graph: kidney                     # or a launch file or graph; with `scene`, `duration`, `set` as in a launch file
+over:                             # varied settings
   tissue.stiffness: {linspace: [200, 400, 5]}
   tissue.use: [deformation.MassSpring, deformation.Rigid]
 keep: [peak contact.force, curve contact.force]
@@ -23,7 +23,7 @@ _Mapping = Annotated[dict[str, Any], msgspec.Meta(description="a mapping")]
 
 
 class _File(msgspec.Struct, kw_only=True):
-    """What the file says: the arguments of `Study`."""
+    """Content of the file: the arguments of `Study`."""
 
     graph: Text = "kidney"
     over: Annotated[_Mapping, msgspec.Meta(description="a mapping such as {tissue.stiffness: [200, 400]}")]
@@ -39,18 +39,21 @@ class _File(msgspec.Struct, kw_only=True):
 
 
 def find(name: str) -> Path:
-    """The file of a study that ships, or of a path. GraphError: there is none."""
+    """The file of a shipped study, or at a path. GraphError: it does not exist."""
     return found(name, STUDIES, "study")
 
 
 def load(path: Path, sensitivity: str | None = None, samples: int | None = None) -> Study:
-    """The study that a file describes. The other arguments replace what it says.
+    """The study that a file describes. The other arguments replace its entries.
 
-    GraphError: what is wrong with the file. ArgumentError: what is wrong with the study.
+    GraphError: the file is invalid. ArgumentError: the study is invalid.
     """
     given, _ = filled(_File, path, "graph, over and keep")
-    own = msgspec.structs.asdict(given)
-    sets = overrides(own.pop("set"), "set")
-    own |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}
-    own |= {"sensitivity": sensitivity or given.sensitivity, "samples": given.samples if samples is None else samples}
-    return Study(**own, sets=sets)
+    values = msgspec.structs.asdict(given)
+    sets = overrides(values.pop("set"), "set")
+    values |= {"graph": graph_of(path, given.graph), "limit": None if given.limit == "none" else given.limit}
+    values |= {
+        "sensitivity": sensitivity or given.sensitivity,
+        "samples": given.samples if samples is None else samples,
+    }
+    return Study(**values, sets=sets)

@@ -1,4 +1,4 @@
-"""What makes two points the same: hashes of what they depend on, and what changed from one study to the next."""
+"""Identity of points: hashes of their dependencies, and the changes between two studies."""
 
 import hashlib
 import inspect
@@ -11,12 +11,12 @@ from palpate.engine.graph import Graph
 from palpate.launch.load.classes import ClassError, find_class
 from palpate.studies.sweeps.axes import Space
 
-LONG = 200  # letters of the values of a path in `study.json`
-SHOWN = 12  # Changes that are told one by one
+LONG = 200  # Maximum length of the values of a path in `study.json`
+SHOWN = 12  # Maximum number of listed changes
 
 
 def files_of(base: Graph) -> Iterator[tuple[str, str]]:
-    """Files that a graph depends on, with hashes of what is in them: those of settings, and of classes of others."""
+    """Files that a graph depends on, with hashes of their content: files in settings, and sources of custom classes."""
     for spec in base.nodes.values():
         if not spec.cls.__module__.startswith("palpate."):
             yield from ((file, content(file)) for file in (inspect.getsourcefile(spec.cls),) if file)
@@ -34,7 +34,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def content(name: str) -> str:
-    """Hash of the file of a name, or of the source of a class that others wrote; "" where a text is neither."""
+    """Hash of the file at a path, or of the source of a custom class; "" for other texts."""
     path = Path(name)
     try:
         if not path.is_file():
@@ -50,7 +50,7 @@ def digest(data: Any) -> str:
 
 
 def changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
-    """What changed, a line each."""
+    """One line per change."""
     old, new = dict(_flat(before)), dict(_flat(now))
     changed = [name for name in {**new, **old} if old.get(name) != new.get(name)]
     lines = [f"changed: {name}: {new.get(name, 'nothing')}, was {old.get(name, 'nothing')}" for name in changed]
@@ -66,7 +66,7 @@ def _flat(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def described(space: Space) -> dict[str, str]:
-    """The values of each path in words."""
+    """Summary of the values of each path, as text."""
     given = {path: [row[k] for row in one.labels] for one in space.crossed for k, path in enumerate(one.paths)}
     given |= {one.paths[0]: space.drawn[:, k].tolist() for k, one in enumerate(space.sampled)}
     words = {}

@@ -1,11 +1,11 @@
-"""What a study keeps of each run: numbers and curves of its streams, the whole recording.
+"""Results that a study keeps of each run: numbers and curves of its streams, or the whole recording.
 
-    peak contact.force          of the greatest magnitude; also `mean`, `last`
+    peak contact.force          value of the largest magnitude; also `mean`, `last`
     at 0.9 s contact.force      the last value sent up to this time
     curve contact.force         all values over time
     recording                   the whole run
 
-`controller.force[2]` is a component of a vector; without a number a vector counts by its length.
+`controller.force[2]` is a component of a vector; without an index the length of the vector is kept.
 """
 
 import re
@@ -25,7 +25,7 @@ from palpate.views.run import Run
 
 RECORDING = "recording"
 Streams = Mapping[str, Mapping[str, Samples]]
-"""Kept fields by stream and name, a row for each message."""
+"""Kept fields by stream and name, with one row per message."""
 NUMBERS: dict[str, Any] = {
     "peak": lambda values: values[np.argmax(np.abs(values))],
     "mean": np.mean,
@@ -37,13 +37,13 @@ EXAMPLE = f"'peak contact.force', {', '.join(f'{how} ...' for how in (*NUMBERS, 
 
 @dataclass(frozen=True)
 class Kept:
-    """One thing that is kept.
+    """One kept result.
 
-    text           as it was asked for; the name of a column
-    how            one of NUMBERS, "at" or "curve"
-    stream, field, index  what of; index None: a number, or the length of a vector
+    text           its description in `keep`, which is also the name of its column
+    how            one of `NUMBERS`, "at" or "curve"
+    stream, field, index  source; index None: a number, or the length of a vector
     time           [s] for "at"
-    unit           SI
+    unit           SI unit
     """
 
     text: str
@@ -56,11 +56,11 @@ class Kept:
 
     @property
     def quantity(self) -> str:
-        """What is kept, without how: `contact.force`."""
+        """The source without `how`: `contact.force`."""
         return self.text.rpartition(" ")[2]
 
     def values(self, run: Run | Streams) -> tuple[np.ndarray, np.ndarray]:
-        """Times [s] (n) and values (n) of a run. ArgumentError: it has none."""
+        """Times [s] (n) and values (n) of a run. ArgumentError: the run has no values."""
         given = run[self.stream][self.field]
         if isinstance(given, list):
             raise ArgumentError(f"keep {self.text!r}: its arrays change in length, expected a number or a vector")
@@ -74,7 +74,7 @@ class Kept:
         return np.asarray(given.time), values if values.ndim == 1 else np.linalg.norm(values, axis=1)
 
     def number(self, run: Run | Streams) -> float:
-        """The number of a run. ArgumentError: it has none."""
+        """The number of a run. ArgumentError: the run has no value."""
         time, values = self.values(run)
         if self.how != "at":
             return float(NUMBERS[self.how](values))
@@ -85,8 +85,8 @@ class Kept:
 
 
 def kept(texts: Iterable[str], graph: Graph) -> tuple[Kept, ...]:
-    """What is kept of the runs of a graph, but for whole recordings. ArgumentError: a stream or a field that it does
-    not have, or another text."""
+    """The kept results of the runs of a graph, without recordings. ArgumentError: an unknown stream or field, or an
+    invalid text."""
     return tuple(_kept(text, graph) for text in texts if text != RECORDING)
 
 

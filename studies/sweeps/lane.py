@@ -1,7 +1,6 @@
-"""A point as a lane: graphs of one structure start once in a process, and each point brings only its settings.
+"""Compute a point as a lane: a process starts each graph structure once, and each point only changes the settings.
 
-It computes the bits of a single run (engine/lanes.py), and keeps the fields that the study asks for instead of a
-recording.
+A lane computes the same bits as a single run (engine/lanes.py). It keeps only the fields of the study.
 """
 
 import os
@@ -21,17 +20,17 @@ from palpate.physics.errors import ArgumentError
 from palpate.records.samples import Samples
 from palpate.studies.sweeps.keep import Kept, Streams
 
-STRUCTURES = 8  # that a process keeps ready
+STRUCTURES = 8  # Maximum number of started structures per process
 HEAD = "there", "tick", "time"
 
-_ready: list[tuple[Any, LaneRun]] = []  # by structure and kept fields, the last used one at the end
+_ready: list[tuple[Any, LaneRun]] = []  # by structure and kept fields; the most recently used is last
 
 
 def prepared(launch: LaunchFile, keep: Sequence[Kept]) -> Prepared | None:
-    """What a lane computes of this run; None if it cannot run as one: it has a node or an observer in Python, or a kept
-    field changes in length.
+    """Prepare a run for a lane. None if it cannot run as a lane, because a node or an observer is in Python or a kept
+    field has a variable length.
 
-    GraphError: what is wrong with the graph.
+    GraphError: the graph is invalid.
     """
     graph = launch.load()
     if any(spec.observer and not issubclass(spec.cls, Mcap) and spec.off is None for spec in graph.nodes.values()):
@@ -46,7 +45,7 @@ def prepared(launch: LaunchFile, keep: Sequence[Kept]) -> Prepared | None:
 
 
 def run(one: Prepared, ticks: int, keep: Sequence[Kept], begins: Callable[[], None]) -> Streams | None:
-    """Run a lane; None where it fails. `begins` is called when it is ready to run, and while kernels are compiled."""
+    """Run a lane; None if it fails. `begins` is called when the lane is ready, and while kernels are compiled."""
     names = _names(keep)
     heads = [(stream, name) for stream in dict.fromkeys(stream for stream, _ in names) for name in HEAD]
     try:
@@ -73,14 +72,14 @@ def _names(keep: Sequence[Kept]) -> list[tuple[str, str]]:
 
 
 def _lane(one: Prepared, names: Sequence[tuple[str, str]], ticks: int, begins: Callable[[], None]) -> LaneRun:
-    """A lane for this structure: one that is ready, or a new one."""
+    """A lane for this structure: a started one, or a new one."""
     key = one.structure, names, ticks
     for place, (known, lane) in enumerate(_ready):
         if known == key:
             _ready.append(_ready.pop(place))
             return lane
-    own = os.getpid()  # a second process compiles, too
-    with compiling(lambda count: begins() if os.getpid() == own else None):
+    process = os.getpid()  # a forked child also compiles, but must not call `begins`
+    with compiling(lambda count: begins() if os.getpid() == process else None):
         lane = LaneRun([one], names, ticks)
     _ready.append((key, lane))
     if len(_ready) > STRUCTURES:

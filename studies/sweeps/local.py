@@ -1,7 +1,7 @@
-"""Workers of this machine: threads of this process, each with a process below it that computes its points.
+"""Workers on this machine: threads of this process, each with a child process that computes its points.
 
-They talk through unnamed pipes. Nothing listens on a port or has a name in the file system, so no other user of the
-machine and nobody on the network can send work to them.
+They communicate through unnamed pipes, without ports or names in the file system. Other users of the machine or the
+network therefore cannot send work to them.
 """
 
 import contextlib
@@ -18,25 +18,25 @@ from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 from palpate.studies.sweeps.runner import Runner, start_with, work
 
-AHEAD = 2  # points per worker that the pool knows: the next one is there when one ends
+AHEAD = 2  # Points per worker in the queue of the pool, so that a worker never waits for its next point
 
 
 @dataclass(frozen=True)
 class Pool:
-    """Threads, and their number; each computes one point at a time."""
+    """A thread pool and its number of threads, each of which computes one point at a time."""
 
     executor: ThreadPoolExecutor
     workers: int
 
 
 def cores() -> int:
-    """That this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 @contextlib.contextmanager
 def local(workers: int, log: Path) -> Iterator[Pool]:
-    """A pool that ends with everything it has started; what its processes print goes to a file."""
+    """A pool that ends all its threads and processes on exit; the output of the processes goes to a file."""
     ended, end = Pipe(duplex=False)
     runners: list[Runner] = []
     with (
@@ -47,7 +47,7 @@ def local(workers: int, log: Path) -> Iterator[Pool]:
     ):
 
         def start() -> Runner:
-            # Killed processes leave their files in `scratch`, which is removed with the pool.
+            # A killed process leaves its files in `scratch`, which the pool removes.
             runners.append(Runner({"TMPDIR": scratch}, printed, ended))
             return runners[-1]
 
@@ -63,9 +63,9 @@ def local(workers: int, log: Path) -> Iterator[Pool]:
 
 
 def compute(pool: Pool, task: Task, points: Iterable[Point], add: Callable[[Point, Computed], None]) -> None:
-    """Compute points in a pool. `add` is called with each computed point.
+    """Compute points in a pool, and call `add` with each result.
 
-    RunError: a worker computes with other versions, or a disk is full.
+    RunError: a worker has other versions, or the disk is full.
     """
     waiting, flight = iter(points), dict[Future[Computed], Point]()
     try:

@@ -1,4 +1,4 @@
-"""Pictures of a `Study`: curves over time, a number over what was varied, sensitivity indices with their intervals."""
+"""Pictures of a `Study`: curves over time, a number over the varied settings, sensitivity indices with intervals."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-LEGEND = 8  # Lines that have names; more of them have a scale of colours where they have a number
+LEGEND = 8  # Maximum number of lines in a legend; more lines get a colour scale if their values are numbers
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.")
-"""Of the lines of one colour, which differ in what else was varied."""
+"""Line styles of lines of one colour, which differ in the other varied settings."""
 SHARES = {
     "sobol": (("S1", "alone"), ("ST", "with interactions")),
     "morris": (("mu_star", "mean size"), ("sigma", "spread")),
@@ -30,8 +30,8 @@ SHARES = {
 
 
 def draw(study: Any, name: str, ax: Axes | None = None) -> Figure:
-    """A figure of a quantity or of one thing that is kept, or that of the axes that it is drawn into. PictureError: it
-    cannot be drawn."""
+    """Draw a quantity or a kept result into `ax` or a new figure; returns the figure. PictureError: it cannot be
+    drawn."""
     if importlib.util.find_spec("matplotlib") is None:
         raise PictureError(missing("plots", "matplotlib", "view"))
     found = [one for one in study.keep if name in (one.text, one.quantity)]
@@ -63,7 +63,7 @@ def draw_all(study: Any, folder: Path) -> list[Path]:
 
 
 def _scaled(one: Kept, values: Any) -> tuple[Any, str]:
-    """Values in the unit that figures show, and the name of the axis."""
+    """Values in the unit of the figure, and the label of the axis."""
     factor, unit = PREFIXES.get(one.unit, (1.0, one.unit))
     return np.asarray(values) * factor, f"{one.quantity} [{unit}]"
 
@@ -73,7 +73,7 @@ def _numeric(values: list[Any]) -> bool:
 
 
 def _varied(study: Any, rows: list[dict[str, Any]]) -> tuple[str, list[str]]:
-    """What colour or abscissa stand for, the first path with numbers; and the others that are crossed with it."""
+    """The path of the colour or abscissa, which is the first with numbers, and the other crossed paths."""
     space = study.space
     path = next((p for p in space.paths if _numeric([row[p] for row in rows])), space.paths[0])
     return path, [p for axis in space.crossed if path not in axis.paths for p in axis.paths]
@@ -97,11 +97,12 @@ def _curves(study: Any, one: Kept, axes: Axes) -> None:
     store, slots = Store(study.home(), write=False), [row["slot"] for row in rows]
     times = store.curves(f"{one.text} time", slots)
     values, label = _scaled(one, store.curves(one.text, slots))
+    # Colour by the first numeric path, line style by the other crossed paths.
     path, others = _varied(study, rows)
     shades: Any = [row[path] for row in rows]
     known = list(dict.fromkeys(shades))
     scale = Normalize(min(shades), max(shades)) if _numeric(shades) else Normalize(0, max(1, len(known) - 1))
-    most = 0.9 if len(known) <= LEGEND else 1.0  # a line of the brightest yellow is hardly seen
+    most = 0.9 if len(known) <= LEGEND else 1.0  # leaves out the brightest yellow, which is hardly visible
     places = known if _numeric(shades) else range(len(known))
     colours = {shade: colormaps["viridis"](most * scale(place)) for shade, place in zip(known, places, strict=True)}
     names = [_named(study, row, others) for row in rows]
@@ -109,6 +110,7 @@ def _curves(study: Any, one: Kept, axes: Axes) -> None:
     dashes = dict(zip(kinds, DASHES, strict=False)) if len(kinds) <= len(DASHES) else {}
     for k, shade in enumerate(shades):
         axes.plot(times[k], values[k], color=colours[shade], linewidth=1.2, linestyle=dashes.get(names[k], "-"))
+    # Legend or colour bar of the colours, and a legend of the line styles.
     if len(known) <= LEGEND:
         lines = [Line2D([], [], color=colours[shade], label=study.shown(path, shade)) for shade in known]
         axes.legend(handles=lines, title=study.labelled(path), loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -155,7 +157,7 @@ def _shares(study: Any, one: Kept, axes: Axes) -> None:
         spread, found, place = table.get(f"{index}_conf"), table[index], at + 0.2 - 0.4 * k
         bars, colour = found, (NORMAL, FRICTION)[k]
         if study.sensitivity == "sobol":
-            bars = found.clip(0.0, 1.0)  # a share: an estimate outside is noise of few samples, as its interval shows
+            bars = found.clip(0.0, 1.0)  # estimates outside 0 ... 1 are noise of few samples, which the interval shows
             axes.set_xlim(0.0, 1.05)
         axes.barh(place, bars, 0.38, color=colour, label=f"{index}, {words}")
         axes.errorbar(found, place, xerr=spread, fmt="none", ecolor="black", elinewidth=1.0, capsize=3)

@@ -1,7 +1,7 @@
-"""One point of a study: the run, what is kept of it, and the process that computes one point after another.
+"""One point of a study: its run, its kept results, and the process that computes points one after another.
 
-A process of its own computes with pinned arithmetic whatever the study's has imported before, and can be ended when
-a point takes too long or takes its process down.
+The separate process computes with pinned arithmetic, independent of the imports of the calling program. It can be
+killed if a point takes too long, and the study survives if a point crashes it.
 """
 
 import hashlib
@@ -39,19 +39,19 @@ from palpate.studies.sweeps.keep import Kept, Streams
 from palpate.views.run import Run
 
 ROOMS = ("palpate.physics", "palpate.models.fe", "palpate.messages", "palpate.nodes", "palpate.engine")
-"""What computes: an edit there makes other points."""
-IDLE = 600.0  # [s] without a point after which the process ends
+"""Packages that compute results: an edit in one of them gives all points new keys."""
+IDLE = 600.0  # [s] The process ends after this time without a point
 
 
 @dataclass(frozen=True)
 class Point:
-    """What to compute.
+    """A point to compute.
 
-    slot       number of its row, and of its curves
-    key        hash of all that its results depend on
-    values     what each path of `over` gets
-    labels     the same as tables show it
-    recording  where the whole run is kept
+    slot       number of its row and of its curves
+    key        hash of everything that its results depend on
+    values     value of each path of `over`
+    labels     the same for tables
+    recording  file of the recording; None: not kept
     """
 
     slot: int
@@ -63,12 +63,12 @@ class Point:
 
 @dataclass(frozen=True)
 class Task:
-    """What all points of a study share.
+    """The part that all points of a study share.
 
-    launch  the run, without what varies
-    keep    what is kept
+    launch  the run without the variations
+    keep    kept results
     about   versions and arithmetic, see `fingerprint`
-    limit   [s] that a point may take
+    limit   timeout of a point [s]; None: no timeout
     """
 
     launch: LaunchFile
@@ -79,13 +79,13 @@ class Task:
 
 @dataclass
 class Computed:
-    """What became of a point.
+    """Results of a point.
 
-    numbers  by the text of what was kept
-    curves   times [s] and values by the text of what was kept
-    error    why there are none; "" where there are
-    seconds  [s] that it took, without what was compiled for it
-    lost     why the study cannot go on: a full disk
+    numbers  numbers by the text of the kept result
+    curves   times [s] and values by the text of the kept result
+    error    why the point has no results; "" if it has
+    seconds  duration [s], without compilation
+    lost     why the study must stop, such as a full disk; "" if it can continue
     """
 
     numbers: dict[str, float] = field(default_factory=dict)
@@ -96,13 +96,13 @@ class Computed:
 
 
 def fingerprint() -> dict[str, str]:
-    """What decides on the bytes of results beside the graph: versions and arithmetic."""
+    """Versions and arithmetic: together with the graph they determine the bytes of the results."""
     sources = {"sources of palpate": kernel_cache.key(ROOMS), "python": platform.python_version()}
     return sources | arithmetic.in_force(here=False)
 
 
 def overrides(values: dict[str, Any], key: str = "over") -> list[Override]:
-    """What is set from outside at a point; a fault says that it comes from this key of the study."""
+    """The overrides of a point; faults in them are attributed to this key of the study."""
     return [
         Override(tuple(path.split(".")), YamlSource(value, {(): Location(f"{key} {path}")}))
         for path, value in values.items()
@@ -110,13 +110,17 @@ def overrides(values: dict[str, Any], key: str = "over") -> list[Override]:
 
 
 def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None) -> Computed:
-    """Run a point in this process. `begins` is called again and again while kernels are compiled, by this process or
-    another one, and when all are there: what was before does not count."""
+    """Run a point in this process.
+
+    `begins` is called repeatedly while this or another process compiles kernels, and once more when all are compiled;
+    the time before that call does not count.
+    """
     since = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="palpate-point-") as folder:
         file = Path(folder) / "point.mcap" if point.recording is None else point.recording.with_suffix(".part")
         try:
             launch = task.launch.but(overrides=overrides(point.values), place=FUSED, clock="simulated", record=file)
+            # Run the point as a lane, if no recording is kept and all its nodes are compiled.
             lane = lanes.prepared(launch, task.keep) if point.recording is None and task.keep else None
             if lane is not None and launch.duration is not None:
                 _warm(launch, lane.graph, begins)
@@ -130,7 +134,7 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
                 streams = lanes.run(lane, ticks, task.keep, ready)
                 if streams is not None:
                     return replace(_kept(task, streams), seconds=time.monotonic() - since)
-                # A single run reports why it fails.
+            # Otherwise, and for the reason of a failed lane, run the graph with a recording.
             graph = launch.load()
             if point.recording is None:
                 _only(graph, file, {one.stream for one in task.keep})
@@ -138,6 +142,7 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
             begins()
             since = time.monotonic()
             outcome = execute(launch, graph)
+            # A failed logger stops the study; a failure of another node is the error of the point.
             died = {death.node: str(death) for death in outcome.result.deaths}
             loggers = {name for name in died if issubclass(graph.nodes[name].cls, Mcap)}
             if died and not loggers:
@@ -161,7 +166,7 @@ def compute(task: Task, point: Point, begins: Callable[[], None] = lambda: None)
 
 
 def _only(graph: Graph, file: Path, streams: set[str]) -> None:
-    """Record these streams alone, and whole; nodes that nobody needs for them do not run."""
+    """Record only these streams, completely; nodes that they do not depend on do not run."""
     set_recording(graph, file)
     graph.wanted = tuple(sorted(streams))
     for spec in graph.nodes.values():
@@ -179,31 +184,31 @@ def _kept(task: Task, run: Run | Streams) -> Computed:
     return done
 
 
-_warmed: set[str] = set()  # Sets of classes whose kernels this process has
+_warmed: set[str] = set()  # Sets of classes whose kernels this process has loaded
 
 
 def _warm(launch: LaunchFile, graph: Graph, begins: Callable[[], None]) -> None:
-    """Compile what this graph's nodes need, once on this machine: the processes of a machine wait for the first."""
+    """Compile the kernels of the graph once per machine: the other processes wait for the first."""
     classes = hashlib.sha256(" ".join(sorted(full_name(spec.cls) for spec in graph.nodes.values())).encode())
     name = f"warm-{classes.hexdigest()[:16]}"
     folder = kernel_cache.folder()
     if name in _warmed:
         return
     _warmed.add(name)
-    own = os.getpid()  # a second process compiles, too
+    process = os.getpid()  # a forked child also compiles, but must not call `begins`
     with open(folder / "warm.lock", "a") as lock:
         while not locked(lock):
             begins()
             time.sleep(0.1)
         if not (folder / name).exists():
             first = launch.load()
-            with compiling(lambda count: begins() if os.getpid() == own else None):
+            with compiling(lambda count: begins() if os.getpid() == process else None):
                 execute(replace(launch, record=None, duration=1.0 / first.rate), first)
             (folder / name).touch()
 
 
 def main() -> None:
-    """Serve points on the connection whose number is in `argv`, until its other end closes, or no more come."""
+    """Serve points on the connection whose file descriptor is in `argv`, until it closes or is idle for `IDLE`."""
     die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with Connection(int(sys.argv[1])) as link:

@@ -1,4 +1,4 @@
-"""What a worker of a study does: it hands points to a process of its own, and kills it when a point takes too long."""
+"""Worker of a study: passes points to its child process, and kills it if a point takes too long."""
 
 import contextlib
 import os
@@ -18,15 +18,16 @@ from palpate.physics.errors import RunError
 from palpate.studies.sweeps.point import Computed, Point, Task
 
 SERVE = "from palpate.studies.sweeps.point import main; main()"
-STARTS = 120.0  # [s] for the process to come up
+STARTS = 120.0  # [s] Timeout of the start of the process
 
 
 class Runner:
     """A process that computes points, and the connection to it.
 
-    env      environment variables in addition to those of this process
-    printed  file for what it prints; None: where this process prints
-    ended    readable as soon as the pool ends: the process is then killed; None: it ends with this thread
+    env      additional environment variables
+    printed  file for its output; None: the output of this process
+    ended    connection that becomes readable when the pool ends, upon which the process is killed; None: the process
+             ends with this thread
     """
 
     def __init__(
@@ -46,7 +47,7 @@ class Runner:
                     "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
                     **(env or {}),
                 },
-                process_group=0,  # Ctrl-C reaches the study alone
+                process_group=0,  # Ctrl-C reaches only the study
             )
         if not self._answers(STARTS):
             self.close()
@@ -54,11 +55,11 @@ class Runner:
         try:
             self.about: dict[str, str] = self.link.recv()
         except (EOFError, OSError):
-            told = f"; {printed.name} has what it printed" if printed else ""
-            raise RunError(f"the process that computes points ended at its start: {self._ending()}{told}") from None
+            output = f"; {printed.name} has what it printed" if printed else ""
+            raise RunError(f"the process that computes points ended at its start: {self._ending()}{output}") from None
 
     def run(self, task: Task, point: Point) -> Computed:
-        """Compute a point. The process ends with a point that takes too long, or that takes it down."""
+        """Compute a point. The process is killed if the point takes too long, and may crash with it."""
         since = time.monotonic()
         try:
             self.link.send((task, point))
@@ -70,12 +71,12 @@ class Runner:
                 done = self.link.recv()
                 if done is not None:
                     return done
-                since = time.monotonic()  # what it had to compile before does not count
+                since = time.monotonic()  # compilation before it does not count
         except (EOFError, OSError):
             return Computed(error=f"its process ended: {self._ending()}", seconds=time.monotonic() - since)
 
     def _answers(self, seconds: float | None) -> bool:
-        """Whether the process sends something, or ends, in this time. CancelledError: the pool ended."""
+        """Whether the process sends a message or ends within this time. CancelledError: the pool ended."""
         ready = wait(self._awaited, seconds)
         if ready and self.link not in ready:
             self.close()
@@ -83,7 +84,7 @@ class Runner:
         return bool(ready)
 
     def _ending(self) -> str:
-        """Why the process is gone."""
+        """Exit code or signal of the ended process."""
         self.link.close()
         code = self.process.wait()
         return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
@@ -103,14 +104,14 @@ _here = threading.local()
 
 
 def start_with(start: Callable[[], Runner]) -> None:
-    """Have this thread start its process by a function."""
+    """Set the function by which this thread starts its process."""
     _here.start = start
 
 
 def work(task: Task, point: Point) -> Computed:
-    """Compute a point in this thread's process.
+    """Compute a point in the process of this thread.
 
-    RunError: the process computes with other versions than the study's, as after an edit of the sources.
+    RunError: the versions of the process differ from those of the study, for example after an edit of the sources.
     """
     runner = getattr(_here, "runner", None)
     if runner is None or not runner.alive:

@@ -1,8 +1,8 @@
-"""Which parameter matters: Sobol indices and Morris's elementary effects of what a study keeps, by SALib.
+"""Sensitivity of kept numbers to the parameters: Sobol indices and Morris's elementary effects, by SALib.
 
-The samples are drawn in the unit cube and taken through the distributions, so that an effect of Morris is the change
-over the whole range of a parameter (between its 1 % and 99 % quantiles where it has no bounds), in the unit of the
-quantity.
+Samples are drawn in the unit cube and mapped through the distributions. A Morris effect is therefore the change over
+the whole range of a parameter, in the unit of the quantity; the range of an unbounded parameter is from its 1 % to its
+99 % quantile.
 
     sobol   S1  share of the variance that the parameter explains alone; ST with all of its interactions
             A. Saltelli et al., Comput. Phys. Commun. 181 (2010) 259-270; `samples` x (parameters + 2) points
@@ -22,7 +22,7 @@ from palpate.physics.errors import ArgumentError, RunError
 from palpate.physics.extras import missing
 
 METHODS = {"sobol": ("S1", "S1_conf", "ST", "ST_conf"), "morris": ("mu", "mu_star", "mu_star_conf", "sigma")}
-LEVELS = 4  # of Morris's grid
+LEVELS = 4  # Levels of the grid of Morris
 RESAMPLED = 200
 
 
@@ -41,11 +41,12 @@ def _problem(names: Sequence[str]) -> dict[str, Any]:
 
 
 def cube(method: str, count: int, samples: int, seed: int) -> np.ndarray:
-    """(points, count) Samples of a method in the unit cube. ArgumentError: too few parameters or samples.
+    """Samples (points, count) of a method in the unit cube. ArgumentError: too few parameters or samples.
 
-    For Sobol's indices two Latin hypercubes A and B, and A with each column of B in turn. SALib draws A and B from one
-    Sobol sequence, whose first points lie in planes: the intervals of 95 % of a linear law of 12 parameters held the
-    index in 52 % of 40 draws of 64 samples, and of 5 parameters in 5 % of draws of 16; here in 87 % at least.
+    For Sobol indices, the samples are two Latin hypercubes A and B, and A with each column replaced by that of B. SALib
+    draws A and B from one Sobol sequence, whose first points lie in planes. For a linear law, its 95 % intervals
+    contained the index in 52 % of 40 draws (12 parameters, 64 samples) and in 5 % (5 parameters, 16 samples); these
+    samples reach at least 87 %.
     """
     if count < 2 or samples < 2:
         raise ArgumentError(
@@ -68,13 +69,13 @@ def cube(method: str, count: int, samples: int, seed: int) -> np.ndarray:
 def indices(
     method: str, names: Sequence[str], points: np.ndarray, values: np.ndarray, seed: int
 ) -> list[dict[str, float]]:
-    """The indices of each parameter, in the order of METHODS.
+    """The indices of each parameter, in the order of `METHODS`.
 
-    points  (points, parameters) [1] in the unit cube, as `cube` gives them;  values  (points) of the quantity
+    points  [1] (points, parameters) samples in the unit cube, from `cube`;  values  (points) values of the quantity
     """
     salib, problem = _salib(), _problem(names)
-    options = {"num_resamples": RESAMPLED, "seed": seed + 1}  # 0 is no seed to SALib
-    if np.ptp(values) == 0.0:  # no parameter matters: shares of no variance
+    options = {"num_resamples": RESAMPLED, "seed": seed + 1}  # SALib ignores the seed 0
+    if np.ptp(values) == 0.0:  # zero variance has no shares
         return [dict.fromkeys(METHODS[method], 0.0) for _ in names]
     if method == "sobol":
         found = salib.analyze.sobol.analyze(problem, values, calc_second_order=False, **options)

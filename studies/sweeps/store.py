@@ -1,13 +1,13 @@
-"""What is stored of a study, in one folder, by one writer.
+"""The folder with the results of a study, for one writer at a time.
 
-    points.parquet    a row for each point, in order: key, what was varied, numbers, error
-    curves.zarr       an array (points, samples) for each curve, and for its times [s]; NaN after its end
-    recordings/       whole runs, where they are kept
-    study.json        graph, scene, versions and arithmetic of all that is stored, by the `base` of the rows
-    log.jsonl         when each point was computed, where, and how long it took
+    points.parquet    one row per point, in order: key, varied settings, numbers, error
+    curves.zarr       one array (points, samples) per curve and one for its times [s]; NaN after the end of a curve
+    recordings/       kept recordings
+    study.json        graph, scene, versions and arithmetic of the stored points, by the `base` of the rows
+    log.jsonl         time, place and duration of each computed point
 
-Rows are found by their key, and none is ever removed: a study that is changed back finds its old points. Files are
-written anew under another name and then renamed, so that a full disk or a kill leaves the former ones whole.
+Rows are looked up by key and never removed: a study that is changed back finds its old points. Files are written under
+another name and then renamed, so that a full disk or a kill leaves the old files intact.
 """
 
 import contextlib
@@ -36,16 +36,16 @@ except ImportError as error:
 
 FIXED = ("key", "base", "slot", "error")
 SHARE = 20.0
-"""Rows are written when that takes at most one part in so many of the time since they were written last."""
-AT_LEAST = 1.0  # [s] between two times
+"""Rows are written if writing takes at most 1/SHARE of the time since the last write."""
+AT_LEAST = 1.0  # [s] Minimum time between two writes
 
 
 class Store:
     """The folder of a study.
 
-    rows  by their key: FIXED, what was varied, and numbers
+    rows  by key: the `FIXED` columns, varied settings and numbers
 
-    RunError: another study writes there. OSError: nothing can be written there.
+    RunError: another process writes to the folder. OSError: the folder cannot be written.
     """
 
     def __init__(self, folder: Path, *, write: bool = True) -> None:
@@ -69,7 +69,7 @@ class Store:
         self._written, self._took, self._changed = time.monotonic(), 0.0, False
 
     def free(self, wanted: Iterable[int]) -> list[int]:
-        """For each number of a point a slot that no row has: the number itself where it is free."""
+        """An unused slot for each number of a point: the number itself if it is free."""
         taken = {row["slot"] for row in self.rows.values()}
         wanted = list(wanted)
         last = max([*taken, *wanted], default=-1)
@@ -82,22 +82,22 @@ class Store:
         return slots
 
     def describe(self, base: str, about: Mapping[str, Any], study: Mapping[str, Any]) -> None:
-        """Note what the rows of a base were computed from, and the study that is computed now."""
+        """Store the origin of the rows of a base, and the current study."""
         self.about["bases"][base] = dict(about)
         self.about |= {"base": base, "study": dict(study)}
-        with self._told():
+        with self._disk_errors():
             replace(self._about, json.dumps(self.about, indent=1, default=str).encode())
 
     def add(self, base: str, point: Point, done: Computed) -> None:
-        """Keep a point. RunError: the disk is full, or lost."""
-        with self._told():
+        """Store a point. RunError: the disk is full or unavailable."""
+        with self._disk_errors():
             for name, (times, values) in done.curves.items():
                 self._curve(f"{name} time", point.slot, times)
                 self._curve(name, point.slot, values)
             when = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
-            told = {"key": point.key, "seconds": round(done.seconds, 3), "date": when}
+            entry = {"key": point.key, "seconds": round(done.seconds, 3), "date": when}
             with open(self.folder / "log.jsonl", "a") as log:
-                log.write(json.dumps(told) + "\n")
+                log.write(json.dumps(entry) + "\n")
         self.rows[point.key] = {
             "key": point.key, "base": base, "slot": point.slot, **point.labels, **done.numbers,
             **({"recording": point.recording.name} if point.recording and not done.error else {}), "error": done.error,
@@ -107,7 +107,7 @@ class Store:
             self.flush()
 
     def flush(self) -> None:
-        """Write all rows. RunError: the disk is full, or lost; the former file is whole."""
+        """Write all rows. RunError: the disk is full or unavailable; the old file is intact."""
         if not self._changed:
             return
         since = time.monotonic()
@@ -116,7 +116,7 @@ class Store:
         columns = {name: _column([row.get(name) for row in rows]) for name in names}
         sink = pyarrow.BufferOutputStream()
         pyarrow.parquet.write_table(pyarrow.table(columns), sink)
-        with self._told():
+        with self._disk_errors():
             replace(self._table, sink.getvalue())
         self._written, self._changed = time.monotonic(), False
         self._took = self._written - since
@@ -130,7 +130,7 @@ class Store:
     def _curve(self, name: str, slot: int, values: np.ndarray) -> None:
         group: Any = zarr.open_group(self.folder / "curves.zarr", mode="a")
         if name not in group:
-            chunk = (1, max(1, len(values)))  # a file for each curve: none is ever read to be written again
+            chunk = (1, max(1, len(values)))  # one file per curve, so that no file has to be read and rewritten
             group.create_array(name, shape=chunk, chunks=chunk, dtype="float64", fill_value=math.nan)
         array = group[name]
         rows, length = array.shape
@@ -141,7 +141,7 @@ class Store:
         array[slot] = row
 
     def curves(self, name: str, slots: Iterable[int | None]) -> np.ndarray:
-        """(slots, samples) Curves, or `NAME time` [s] their times; NaN where there is no such slot."""
+        """Curves (slots, samples), or with `NAME time` their times [s]; NaN for a slot without a curve."""
         group: Any = zarr.open_group(self.folder / "curves.zarr", mode="r")
         stored = np.asarray(group[name][:])
         rows = [slot if slot is not None and slot < len(stored) else None for slot in slots]
@@ -149,20 +149,20 @@ class Store:
         return np.array([nothing if row is None else stored[row] for row in rows])
 
     @contextlib.contextmanager
-    def _told(self):
-        """RunError in place of what a full or lost disk says."""
+    def _disk_errors(self):
+        """Turn errors of a full or unavailable disk into RunError."""
         try:
             yield
         except OSError as error:
             why = error.strerror or str(error)
-            cure = "; free some room" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+            cure = "; free some space" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
             raise RunError(
-                f"{self.folder}: {why}. All points in points.parquet stay{cure}; run the study again to go on"
+                f"{self.folder}: {why}. All points in points.parquet stay{cure}; run the study again to continue"
             ) from None
 
 
 def _column(values: list[Any]) -> Any:
-    """Numbers as they are where all are; else texts."""
+    """The values unchanged if all are numbers; otherwise as text."""
     given = [value for value in values if value is not None]
     if given and all(isinstance(value, int | float) and not isinstance(value, bool) for value in given):
         whole = all(isinstance(value, int) for value in given)

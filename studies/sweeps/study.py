@@ -34,25 +34,25 @@ if TYPE_CHECKING:
 
     from palpate.studies.sweeps.local import Pool
 
-LEGIBLE = 32  # letters of a value that tables and legends show
-MANY = 100_000  # points that a study computes without `yes`
+LEGIBLE = 32  # Maximum length of a value in tables and legends
+MANY = 100_000  # Maximum number of points without `yes`
 
 
 class Study:
-    """One graph at many points; the results are those of `palpate.run` at each of them, to the byte.
+    """One graph at many points; the results have the same bytes as those of `palpate.run` at each point.
 
-    graph        one that ships, or a launch file or graph
-    over         what varies: paths as after `--set`, and for each values or a distribution (see docs/studies.md)
-    keep         what is kept of each run: "peak contact.force", "curve contact.force", "recording" ...
-    scene, duration, sets  as of `palpate.run`
-    samples, design, seed  number of points drawn of all distributions together; sobol, lhs or random; of the draw
-    sensitivity  sobol or morris: the points are drawn so that `indices` can tell which parameter matters
-    limit        [s] or a text with a unit: what a point may take, None: any time
+    graph        name of a shipped launch file or graph, or a path
+    over         varied settings: paths in the form of `--set`, each with values or a distribution (see docs/studies.md)
+    keep         kept results of each run: "peak contact.force", "curve contact.force", "recording" ...
+    scene, duration, sets  see `palpate.run`
+    samples, design, seed  number of joint samples of all distributions; sobol, lhs or random; seed of the samples
+    sensitivity  sobol or morris: draw the points for the sensitivity indices of `indices`
+    limit        timeout of a point, [s] or a text with a unit; None: no timeout
 
-    ArgumentError, GraphError: what is wrong with them, before anything runs.
+    ArgumentError, GraphError: invalid arguments; raised before anything runs.
     """
 
-    folder: Path | None = None  # of the results, once it was run
+    folder: Path | None = None  # with the results, after a run
 
     def __init__(
         self,
@@ -120,18 +120,18 @@ class Study:
         workers: int | None = None,
         retry: bool = False,
         yes: bool = False,
-        told: Callable[[str], None] = lambda text: None,
+        report: Callable[[str], None] = lambda text: None,
         done: Callable[[Point, Computed, int], None] = lambda point, computed, left: None,
     ) -> Study:
-        """Compute the points that the folder does not have yet, and keep them there.
+        """Compute the points that the folder lacks, and store them in it.
 
-        pool     of `local`; None: `workers` processes, one for each core where that is None, too
-        retry    compute again what failed before
-        yes      compute more than 100 000 points
-        told     called with lines on what changed since
-        done     called after each point, with the number of those that are left
+        pool     pool from `local`; None: a new one of `workers` processes, by default one per core
+        retry    compute failed points again
+        yes      allow more than 100 000 points
+        report   called with lines about changes since the last run
+        done     called after each point, with the number of remaining points
 
-        RunError: the disk is full ... What was computed before is stored, also on Ctrl-C.
+        RunError: the disk is full, for example. All points computed before are stored, also after Ctrl-C.
         """
         from palpate.studies.sweeps.local import compute, cores, local
         from palpate.studies.sweeps.store import Store
@@ -139,11 +139,11 @@ class Study:
         if len(self) > MANY and not yes:
             raise ArgumentError(
                 f"over: {len(self):,} points, {' x '.join(map(str, self.space.shape))}; at 1 s each this takes "
-                f"{len(self) / 86400.0:,.1f} days of one core. Expected up to {MANY:,}; to go on: --yes, or yes=True"
+                f"{len(self) / 86400.0:,.1f} days of one core. Expected up to {MANY:,}; to continue: --yes, or yes=True"
             )
         store = Store(Path(folder))
         try:
-            missing = self._missing(store, retry, told)
+            missing = self._missing(store, retry, report)
             self.folder = Path(folder)
             left = len(missing)
 
@@ -166,8 +166,8 @@ class Study:
             store.close()
         return self
 
-    def _missing(self, store: Any, retry: bool, told: Callable[[str], None]) -> list[Point]:
-        """The points that a folder does not have, with the slots of their rows; what changed since is told."""
+    def _missing(self, store: Any, retry: bool, report: Callable[[str], None]) -> list[Point]:
+        """The points that a folder lacks, with the slots of their rows; reports changes since the last run."""
         before = store.about.get("base")
         study = {"over": described(self.space), "samples": self.space.samples, "design": self.space.design,
                  "seed": self.space.seed}  # fmt: skip
@@ -179,8 +179,8 @@ class Study:
         stored = [store.rows.get(point.key) for point in self.points]
         missing = [p for p, row in zip(self.points, stored, strict=True) if row is None or (retry and row["error"])]
         for line in lines:
-            told(line)
-        told(f"{len(self)} points, {len(self) - len(missing)} stored, {len(missing)} to compute")
+            report(line)
+        report(f"{len(self)} points, {len(self) - len(missing)} stored, {len(missing)} to compute")
         slots = iter(store.free(p.slot for p in missing if p.key not in store.rows))
         folder = store.folder / "recordings"
         if self.recorded:
@@ -195,7 +195,7 @@ class Study:
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """SI, of each path whose values are numbers. GraphError: the graph is no longer what it was."""
+        """SI unit of each path with numbers. GraphError: the graph has changed and no longer loads."""
         return units(self.launch, self.space)
 
     # -- results -------------------------------------------------------------------------------------------------
@@ -209,7 +209,7 @@ class Study:
         return [one for one in self.keep if one.how == "curve"]
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each point, in order: what was varied, numbers, error; "not computed" where there is none yet."""
+        """One row per point, in order: varied settings, numbers, error, which is "not computed" for a missing point."""
         from palpate.studies.sweeps.store import Store
 
         stored = Store(self.home(), write=False).rows
@@ -217,20 +217,19 @@ class Study:
         return [{**stored.get(point.key, nothing), **point.labels} for point in self.points]
 
     def labelled(self, path: str) -> str:
-        """A path as axes and legends name it: with its unit."""
+        """A path with its unit, for axes and legends."""
         return f"{path} [{self.units[path]}]" if path in self.units else path
 
     def shown(self, path: str, value: Any) -> str:
-        """A value as people see it in tables and legends: a long one, such as a motion, by its number."""
+        """A value for tables and legends; a long one, such as a motion, is replaced by its number."""
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
         if len(text) <= LEGIBLE or path not in self.space.paths:
             return text
-        own = next(one for one in self.space.axes if path in one.paths)
-        return f"#{[row[own.paths.index(path)] for row in own.labels].index(value) + 1}"
+        axis = next(one for one in self.space.axes if path in one.paths)
+        return f"#{[row[axis.paths.index(path)] for row in axis.labels].index(value) + 1}"
 
     def table(self) -> Any:
-        """A pandas DataFrame with a row for each point: what was varied, numbers, error; the units are in its
-        `attrs`."""
+        """A pandas DataFrame with one row per point: varied settings, numbers, error. Units are in its `attrs`."""
         import pandas
 
         numbers = [one.text for one in self.numbers]
@@ -240,8 +239,8 @@ class Study:
         return table
 
     def indices(self) -> Any:
-        """A pandas DataFrame of the sensitivity indices: a row for each number that is kept and each parameter, and
-        for each combination of the crossed axes. ArgumentError: the study was not drawn for that, or points failed."""
+        """A pandas DataFrame of the sensitivity indices, with one row per kept number, parameter and combination of the
+        crossed axes. ArgumentError: the study has no `sensitivity`, or points failed."""
         import pandas
 
         if self.sensitivity is None:
@@ -262,20 +261,20 @@ class Study:
 
     def home(self) -> Path:
         if self.folder is None:
-            raise RunError("this study was not run; `study.run('out/')` computes what the folder lacks, and opens it")
+            raise RunError("this study was not run; `study.run('out/')` computes missing points and opens the folder")
         return self.folder
 
     def xarray(self) -> Any:
-        """An xarray Dataset: a dimension for each crossed axis, named after its first path, `sample` for what is drawn
-        of distributions, `time` [s] for curves."""
+        """An xarray Dataset with one dimension per crossed axis, named after its first path, `sample` for distributions
+        and `time` [s] for curves."""
         from palpate.studies.sweeps.dataset import dataset
 
         return dataset(self)
 
     def plot(self, name: str, ax: Axes | None = None) -> Figure:
-        """A quantity, such as "contact.force", or one thing that is kept, such as "peak contact.force": curves over
-        time, a number over the first axis with numbers, or the sensitivity indices; into the axes `ax`, or a figure
-        that is also the current one of pyplot. PictureError: what cannot be drawn."""
+        """Draw a quantity, such as "contact.force", or a kept result, such as "peak contact.force": curves over time, a
+        number over the first axis with numbers, or the sensitivity indices. Draws into the axes `ax`, or into a new
+        figure that becomes the current one of pyplot. PictureError: it cannot be drawn."""
         from palpate.studies.sweeps.picture import draw
 
         return draw(self, name, ax)

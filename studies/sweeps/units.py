@@ -1,4 +1,4 @@
-"""The units of what a study varies."""
+"""Units of the varied settings of a study."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,9 +15,9 @@ SEVERAL = 8  # values of a path that are tried for its unit
 
 
 def units(launch: LaunchFile, space: Space) -> dict[str, str]:
-    """The unit of each path whose values are numbers. GraphError: the graph is no longer what it was.
+    """Unit of each path with numbers. GraphError: the graph has changed and no longer loads.
 
-    Without a unit is what changes no setting, and what changes only together with other paths.
+    A path that changes no setting, or only together with other paths, has no unit.
     """
     first, found = accepted(launch, space), dict[str, str]()
     if first is None:
@@ -34,14 +34,14 @@ def units(launch: LaunchFile, space: Space) -> dict[str, str]:
 
 
 def _unit(launch: LaunchFile, base: Graph, first: Mapping[str, Any], name: str, values: Sequence[float]) -> str | None:
-    """The unit of the first setting that follows a path; `base` is the graph at the values `first`."""
+    """Unit of the first setting that depends on a path; `base` is the graph with the values `first`."""
     others = [value for value in dict.fromkeys(values) if value != first[name]]
     tried = [{name: value} for value in others[:: min(-1, -len(others) // SEVERAL)]]
     fixed = {path: value for path, value in first.items() if path != name}
     for change in [*tried, {}]:  # at last the graph's value
         try:
             after = launch.but(overrides=overrides(fixed | change)).load()
-        except GraphError:  # a point that fails, which its row tells; or a value that only goes with others
+        except GraphError:  # a point that fails and gets an error in its row, or a value that is only valid with others
             continue
         for node, spec in base.nodes.items():
             there = after.nodes[node].settings if node in after.nodes else {}

@@ -131,18 +131,18 @@ def press(time):
 
 def test_a_second_run_computes_what_is_missing_and_says_what_changed(ball, pool, tmp_path, said):
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == list(range(6))
-    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool, told=said.append) == []
+    assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool, report=said.append) == []
     assert said == ["6 points, 6 stored, 0 to compute"]
     more = palpate.Study(ball, OVER | {"ball.young": [1e4, 1.5e4, 2e4, 4e4]}, KEEP)
     said.clear()
-    assert len(computed(more, tmp_path, pool, told=said.append)) == 2
+    assert len(computed(more, tmp_path, pool, report=said.append)) == 2
     changed = "changed: study.over.ball.young: 4 values, 10000 to 40000, was 3 values, 10000 to 40000"
     assert changed in said and said[-1] == "8 points, 6 stored, 2 to compute"
     assert more.table()["peak ball.force"].to_numpy()[2] == pytest.approx(hertz(1.5e4, 1e-3))
     assert more.xarray()["curve ball.force"].to_numpy()[1, 0, -1] == pytest.approx(hertz(1.5e4, 1e-3))
     other = palpate.Study(ball, OVER, KEEP, sets=["ball.radius=4 mm"])
     said.clear()
-    assert len(computed(other, tmp_path, pool, told=said.append)) == 6
+    assert len(computed(other, tmp_path, pool, report=said.append)) == 6
     assert any("changed: graph.nodes.ball.radius: 4 mm, was nothing" in line for line in said)
     assert other.table()["peak ball.force"][0] == pytest.approx(hertz(1e4, 1e-3, radius=4e-3))
     assert computed(palpate.Study(ball, OVER, KEEP), tmp_path, pool) == [], "nothing of the former study is lost"

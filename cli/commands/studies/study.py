@@ -52,7 +52,7 @@ def study(
             left = remain
 
         try:
-            found.run(folder, workers=workers, retry=retry, yes=yes, told=report, done=each)
+            found.run(folder, workers=workers, retry=retry, yes=yes, report=report, done=each)
         except KeyboardInterrupt as error:
             error.add_note(
                 f"{len(found) - left} of {len(found)} points are stored in {folder}, the same command resumes"
