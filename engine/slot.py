@@ -285,6 +285,7 @@ class Slot:
 
         NodeError: the step raised, or its output does not fit its type.
         """
+        # Run the node, unless no time has passed or it is idle.
         before, health = self.time, self.health
         answer: object = None
         if before is None or at > before:

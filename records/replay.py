@@ -73,6 +73,7 @@ class Replay:
 
     def run(self) -> None:
         """Replay once. NodeError: a node raised."""
+        # Start the players and the observers.
         player = self.player = Player(self.recording, self.plan, self.running, live=True)
         reports = self.reports = {part.name: NodeReport() for part in player.parts}
         scales: dict[tuple[str, str], float] = {}
@@ -88,6 +89,7 @@ class Replay:
                 time = head_of(next(iter(payloads.values()))).time
                 if self.end is not None and time > self.end * 1e9:
                     break
+                # Recompute the tick, and compare the messages with the recorded ones.
                 sent = player.step(tick, payloads)
                 for part in player.parts:
                     for output in part.outputs:
@@ -97,12 +99,14 @@ class Replay:
                             compare_one(report, output.stream, payloads[output.stream], output.last, 0.0, scales)
                 if time < self.begin * 1e9:
                     continue
+                # Keep the pace of the recording.
                 if first is None:
                     first, begun = time, now()
                     for observer in self.observers:
                         observer.node.begun(begun - first)
                 if self.speed is not None:
                     sleep_until(begun + round((time - first) / self.speed))
+                # Show restarts of devices, then the messages of the tick.
                 for name, ticks in begins.items():
                     while ticks and tick >= ticks[0]:
                         self._send_health(name, 0, since.setdefault(name, 0))
@@ -112,6 +116,7 @@ class Replay:
                 played = {s: payload for s, payload in payloads.items() if s not in player.computed}
                 self._show(tick, played | sent, sent_by)
         finally:
+            # Stop, and show the final counts.
             self.seconds = (time - first) * 1e-9 if first is not None else 0.0
             self.wall = (now() - begun) * 1e-9
             player.stop()

@@ -78,6 +78,7 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
                 role = ", which drives the node," if driving else ""
                 at_port(f"input{role} has no sender; expects {port.expects}", _who(port, kinds, unclear), place)
             continue
+        # Check the number of senders.
         several = value if isinstance(value, list) else [value]
         if len(several) > 1 and not port.many:
             cure = f"Classes that take several: {', '.join(takers(port.type, cls)) or 'none'}."
@@ -86,6 +87,7 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
         if len(several) > ROOM and issubclass(cls, CompiledNode):
             at_port(f"takes at most {ROOM} senders, found {len(several)}", "", line.place("in", port.name))
             continue
+        # Match each sender with a stream, and decide whether its messages drive the node or are held.
         connected: set[str] = set()
         for number, one in enumerate(several):
             where = line.place("in", port.name, number)

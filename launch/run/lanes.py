@@ -214,6 +214,7 @@ class LaneRun:
         todo = iter([lane for lane in range(self.lanes.count) if lane not in self.failures])
         lock, stop, ran = threading.Lock(), threading.Event(), [0]
 
+        # Each thread takes lane after lane, in blocks of ticks of at most about `BLOCK` seconds.
         def work() -> None:
             block = FIRST
             while not stop.is_set():
@@ -244,6 +245,7 @@ class LaneRun:
         for future in working:
             future.result()
         done(ran[0])
+        # Results of a failed lane are NaN from the failed tick on.
         for lane in range(self.lanes.count):
             if lane not in self.failures and (error := self.lanes.failure(lane)) is not None:
                 self.failures[lane] = error

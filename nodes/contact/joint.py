@@ -85,6 +85,7 @@ class Joint(Series):
         out: Out[Contacts],
         dt,
     ):
+        # Coupling of the contacts by the body.
         count = proximity.count
         several = body.there and count > 1
         if body.there:
@@ -96,6 +97,7 @@ class Joint(Series):
             for i in range(count):
                 for j in range(count):
                     own.coupling[i * count + j] = coupling[i, j]
+        # Approach, fingertip law and terminal law of each contact.
         pressed, length = False, 0.0
         for i in range(count):
             one = own.finger[i]
@@ -107,11 +109,13 @@ class Joint(Series):
                 terminal[0], terminal[1], terminal[2], terminal[3], terminal[4] = law
                 pressed, length = True, max(step, length)  # after a gap the longest step, see `finger.step_length`
             own.before[i] = one.compression
+        # Solve for the normal forces of all contacts together.
         if pressed:
             joint_step(
                 own.approach[:count], length, own.before[:count], own.law[:], own.terminal[:count],
                 own.coupling[: count * count].reshape(count, count), own.force[:count], own.solved[:count],
             )  # fmt: skip
+        # New state and output of each contact.
         lateral = floats(own.lateral)
         for i in range(count):
             one, f = own.finger[i], own.solved[i]

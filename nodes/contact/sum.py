@@ -28,12 +28,14 @@ class Sum(CompiledNode):
         rubbed: Out[Friction],
         dt,
     ):
+        # Sum of the friction forces.
         put(rubbed.force, (0.0, 0.0, 0.0))
         for i in range(friction.count):
             rubbing = nth(friction, i)
             if rubbing.there:
                 for axis in range(3):
                     rubbed.force[axis] += rubbing.force[axis]
+        # Vector sums of the forces, and sums of depths and rates weighted with the normal force.
         total, along, lengths = own.total, own.along, own.lengths
         total[:], along[:], lengths[:] = 0.0, 0.0, 0.0
         whole, stored, pressing, most = 0.0, 0.0, 0, 0
@@ -52,6 +54,7 @@ class Sum(CompiledNode):
             lengths[2] += f * one.compression_rate
             lengths[3] += f * one.indentation_rate
             stored += one.stored.values[0] if one.stored.count > 0 else 0.0
+        # The contact with the largest force gives foot and normal; alone, it is the output.
         first = nth(contact, most)
         put(out.foot, vector(first.foot))
         put(out.normal, vector(first.normal))

@@ -53,6 +53,7 @@ def _integrate(corner, area, triangles, near, rule, total):
             for i in range(3):
                 for k in range(3):
                     points[t, q, i] += inside[q, k] * corner[t, k, i]
+    # all ordered pairs of triangles s, t; the distance of their centres selects the integration
     block, point = np.zeros((3, 3)), np.zeros(3)
     for s in range(count):
         for t in range(count):

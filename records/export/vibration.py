@@ -62,6 +62,7 @@ def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:
     """The document of a force [N] (n)."""
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
+    # Amplitude of the force in each third-octave band, as RMS over intervals of `STEP`.
     width = max(round(STEP * sampling), 1)
     count = len(force) // width
     bands: list[dict[str, Any]] = []
@@ -72,6 +73,7 @@ def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:
             break
         part = sosfiltfilt(butter(2, edges, "bandpass", fs=sampling, output="sos"), force)[: count * width]
         levels.append((centre, edges, np.sqrt(2.0 * np.mean(part.reshape(count, width) ** 2, axis=1))))
+    # One sine effect per band, with a keyframe per interval; the gain makes the largest amplitude 1.
     gain = max((level.max() for *_, level in levels if len(level)), default=0.0) or 1.0
     for number, (centre, edges, level) in enumerate(levels):
         if not len(level) or level.max() < LEAST * gain:
@@ -88,6 +90,7 @@ def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:
         }
         bands.append({"band_type": "VectorialWave", "lower_frequency_limit": round(edges[0]),
                       "upper_frequency_limit": round(edges[1]), "effects": [effect]})  # fmt: skip
+    # Wrap the bands in a channel, a perception and the document.
     channel = {
         "id": 0, "description": "lateral force; gain in newtons", "gain": float(gain), "mixing_coefficient": 1.0,
         "body_part_mask": 0, "bands": bands,

@@ -51,6 +51,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
     made = []
     views = None
     done(0.0, "reading")
+    # Start the 3-D picture of the surface.
     try:
         if importlib.util.find_spec("pyvista") is None:
             warn(missing("no 3-D picture", "pyvista", "view"))
@@ -61,6 +62,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
     except PictureError as error:
         if touch.stream_of(Surface) is not None and touch[Slip] is None:  # otherwise no surface, or a pad
             warn(f"no picture of the surface: {error}")
+    # Draw the other pictures, once per finger where they show one finger.
     try:
         for number, name in enumerate(PICTURES, 1):
             done(number / (len(PICTURES) + 2), name)
@@ -76,6 +78,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
                 made.append(folder / f"{name}{f'-{contact}' if several else ''}.png")
                 decimate(drawing)
                 drawing.savefig(made[-1])
+        # Collect the 3-D picture.
         done(1.0 - 1.0 / (len(PICTURES) + 2), "deformation")
         if views is not None:
             try:
@@ -88,6 +91,7 @@ def _draw(recording: Recording, folder: Path, warn: Callable[[str], object], don
     finally:
         if views is not None:
             views.close()
+    # Warn about pictures of an earlier run.
     names = [*(f"{name}.png" for name in ("deformation", *PICTURES)), *(f"{name}-*.png" for name in OF_A_FINGER)]
     if older := sorted({file.name for name in names for file in folder.glob(name)} - {file.name for file in made}):
         warn(f"older pictures in {folder}, not redrawn: {', '.join(older)}")

@@ -18,6 +18,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     time, bound = ledger["time"], touch.settings(touch.stream_of(Ledger)).get("bound", 0.0)
     out = figure(11.5, 8.4, "Energy balance of the touch: work of the hand, stored and dissipated energy")
     upper, middle, lower = out.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
+    # Upper panel: dissipated and stored energy of each part, stacked, and the work of the hand.
     layers = [ledger[f"{part}_{kind}"] * 1e3 for kind in ("dissipated", "stored") for part, _ in PARTS]
     labels = [f"{part}, {kind}" for kind in ("dissipated", "stored") for part, _ in PARTS]
     colours = [colour for _ in range(2) for _, colour in PARTS]
@@ -32,6 +33,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     unexplained = float(np.abs(ledger["unexplained"]).max() * 1e3)
     upper.set_title(f"hand {ledger['hand'][-1] * 1e3:.1f} mJ in all; largest residual {unexplained:.2g} mJ")
     upper.legend(loc="upper left", ncols=2, fontsize=9)
+    # Middle panel: controller, sampling and residual.
     for name, label, colour in (
         ("controller", "controller", NORMAL), ("sampling", "sampling", ENERGY), ("unexplained", "residual", SPEED),
     ):  # fmt: skip
@@ -42,6 +44,7 @@ def draw(touch: TouchStreams) -> Figure | None:
         title="dissipated by the controller, lost by sampling (negative: generated), and residual of the balance",
     )
     middle.legend(loc="lower left", ncols=3, fontsize=9)
+    # Lower panel: generated energy with its limit.
     lower.plot(time, ledger["generated"] * 1e3, color=TISSUE, linewidth=1.3)
     if bound:
         lower.axhline(bound * 1e3, color=INK, linewidth=0.8, linestyle=(0, (4, 2)))

@@ -21,6 +21,7 @@ def draw(touch: TouchStreams) -> Figure | None:
     contact = touch.contact
     if contact is None or not (slices := touches(contact["time"], contact["force"])):
         return None
+    # Choose the touch with the shortest lateral path, and the depths over which its force is drawn.
     approach = contact["compression"] + contact["indentation"]
     measured = not approach.any()
     if measured:
@@ -29,37 +30,38 @@ def draw(touch: TouchStreams) -> Figure | None:
         contact = _depths(contact, pose, slices)
         approach = contact["indentation"]
     chosen = min(slices, key=lambda part: np.linalg.norm(np.diff(contact["foot"][part], axis=0), axis=1).sum())
-    ways = [
+    depths = [
         ("finger and tissue in series", approach, "approach  e = s1 + s2  [mm]"),
         ("the tissue alone", contact["indentation"], "indentation of the tissue  s2  [mm]"),
     ]
     if measured:
-        ways = [("the sample", approach, "depth of the probe from where it touched  [mm]")]
+        depths = [("the sample", approach, "depth of the probe from where it touched  [mm]")]
     elif contact["indentation"].max() < NOTHING * approach.max():
-        ways = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
+        depths = [("the fingertip", contact["compression"], "compression of the fingertip  s1  [mm]")]
+    # One panel per depth, with the hysteresis loop of the chosen touch over the other touches.
     sent = touch[ForceBand]
     band = [] if sent is None else together(sent, contact)
     if band and not (band[0]["mean"] > 0.0).any():
         band = []
-    count = len(ways) + bool(band)
+    count = len(depths) + bool(band)
     out = figure(5.75 * max(count, 1.4), 5.2, "Normal force during loading and unloading")
     every = out.subplots(1, count, sharey=True, squeeze=False)[0]
     left = every[0]
-    for axes, (whose, way, label) in zip(every, ways, strict=False):
+    for axes, (whose, depth, label) in zip(every, depths, strict=False):
         for other in slices:
             if other is not chosen:
                 smooth = smoothed(contact["force"][other], contact["time"][other])
-                axes.plot(way[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
-        _loop(axes, way[chosen], contact["force"][chosen], contact["time"][chosen])
-        hysteresis = millijoules(work(way[chosen], contact["force"][chosen]))
+                axes.plot(depth[other] * 1e3, smooth, color=FAINT, linewidth=1.0, label="other touches")
+        _loop(axes, depth[chosen], contact["force"][chosen], contact["time"][chosen])
+        hysteresis = millijoules(work(depth[chosen], contact["force"][chosen]))
         axes.set(xlabel=label, title=f"{whose}: {hysteresis} of hysteresis", xlim=(0.0, None), ylim=(0.0, None))
     left.set_ylabel("normal force [N]")
     handles, labels = left.get_legend_handles_labels()
     unique = dict(zip(labels, handles, strict=True))
     left.legend(unique.values(), unique.keys(), loc="upper left")
+    # Last panel: the force band of the measured subject.
     if band:
-        depth = touch.settings(touch.stream_of(ForceBand)).get("depth", "compression")
-        _band(every[-1], band, depth)
+        _band(every[-1], band, touch.settings(touch.stream_of(ForceBand)).get("depth", "compression"))
     return out
 
 

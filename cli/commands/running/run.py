@@ -62,6 +62,7 @@ def run(
         forkserver = None if fused and clock != "real" else ForkServer()  # imports while the graph is loaded
         if forkserver is not None:
             ending.callback(forkserver.close)
+        # The run that the options describe.
         launch = options.chosen(graph, sets, scene, place, fused)
         launch, organ_notes = options.with_organ_file(launch, organ, unit, repair, silent=as_json)
         options.one_of("clock", clock, "simulated", "real")
@@ -81,6 +82,7 @@ def run(
         from palpate.launch.run.execute import Network, execute
         from palpate.records.times import step_times
 
+        # Run it, then print the summary and draw the pictures.
         outcome = execute(
             launch, loaded, console=None if quiet or as_json else console(), forkserver=forkserver,
             patience=timeout, network=Network(address, unencrypted, key), leave_out=leave_out or (),

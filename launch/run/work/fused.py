@@ -45,6 +45,7 @@ def run_fused(
     The failure of a node ends the run and is in the result. Ctrl-C or SIGTERM ends the run after the tick, a second
     one immediately.
     """
+    # Handlers of the reports of the worker and of the signals.
     result = Result()
     begun = time.monotonic()
     worker: Worker | None = None
@@ -72,6 +73,7 @@ def run_fused(
         assert worker is not None
         worker.stopping = True
 
+    # Start the nodes, run all ticks and stop the nodes; each phase has its timeout.
     with crash_traceback(), interrupts(interrupted):
         try:
             worker = Worker(job, None, report)

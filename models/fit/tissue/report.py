@@ -46,6 +46,7 @@ def data(fit: TissueFit) -> dict[str, Any]:
 
 def markdown(fit: TissueFit, pictures: list[Path]) -> str:
     """The report as Markdown."""
+    # Parameters with their intervals.
     result, best = data(fit), fit.estimate
     remark = f" {fit.law.remark[:1].upper()}{fit.law.remark[1:]}." if fit.law.remark else ""
     lines = [
@@ -62,8 +63,10 @@ def markdown(fit: TissueFit, pictures: list[Path]) -> str:
     if shear := result["shear_modulus_at_rest"]:
         ends = "interval withheld" if best.withheld else f"{shear['low']:.4g} to {shear['high']:.4g}"
         lines += ["", f"Shear modulus at rest: {shear['value']:.4g} Pa ({ends}).", "", *scene_young(fit)]
+    # Warnings, and parameters that the data do not determine.
     lines += ["", *(f"* {note}" for note in fit.notes)]
     lines += ["", "## What the data do not determine", "", *(f"* {text}" for text in fit.open_ or ["nothing found"])]
+    # Residuals of the fit and of the held-out presses, and the comparison with other laws.
     errors = result["residuals"]
     lines += [
         "", "## Goodness of fit", "",
@@ -80,6 +83,7 @@ def markdown(fit: TissueFit, pictures: list[Path]) -> str:
         lines += ["", "| law | unknowns | RMS, of the peak | AICc above the lowest |", "|---|---|---|---|"]
         lines += [f"| {row['law']} | {row['numbers']} | {100 * row['rms_of_peak']:.2g} % | {row['aicc']:.3g} |"
                   for row in fit.compared]  # fmt: skip
+    # Pictures, fixed values with their influence, and the correlation matrix.
     lines += ["", *(f"![{p.stem}]({p.name})" for p in pictures), "", "## Fixed values", ""]
     lines += [f"* {k}: {v['value']:.4g} {v['unit']}" if isinstance(v, dict) else f"* {k}: {v}"
               for k, v in result["fixed"].items()]  # fmt: skip

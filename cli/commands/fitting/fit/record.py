@@ -39,6 +39,7 @@ def record(
     from palpate.models.fit.sessions import SessionError
     from palpate.records.reader import Recording
 
+    # Check the options, then run the graph on the real clock and record it.
     duration = duration or 10.0
     if not 0.5 <= duration <= 3600.0:
         raise typer.BadParameter(f"--duration: found {duration:g} s, expected 0.5 s to 1 h")
@@ -51,6 +52,7 @@ def record(
         for death in outcome.result.deaths:
             print_death(death, console(stderr=True, soft_wrap=True))
         raise typer.Exit(TROUBLE)
+    # Extract force and speed over depth from the recording, and add them as a session.
     recording = Recording(file)
     poses, contacts = (recording.stream_of(kind) for kind in (Pose, Contact))
     if poses is None or contacts is None:

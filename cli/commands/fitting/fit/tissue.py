@@ -61,6 +61,7 @@ def tissue(
     from palpate.studies.presses import PressReader, length
     from palpate.views.pictures.models.fit_tissue import draw_fit
 
+    # Check the options before any file is read.
     for option, found, known in (
         ("--rig", rig, RIGS), ("--plates", plates, ("frictionless", "bonded")), ("--touch", touch, ("fit", "detected")),
     ):  # fmt: skip
@@ -72,6 +73,7 @@ def tissue(
     made = Rig(rig, 8e-3 if size is None else size, length("--height", height) if height else None, plates, poisson)
     fits.check_laws(made, (law, *(compare or ())), relaxation)
     check_new((out / name for name in WRITTEN), force)
+    # Read the presses and fit the law.
     read = PressReader(columns.split(","), unit or [], rig == "fingertip")
     presses = [p for file in files for p in read(file)]
     others = [p for file in holdout or [] for p in read(file)]
@@ -81,6 +83,7 @@ def tissue(
             deepest=length("--depth-limit", depth_limit) if depth_limit else math.inf,
             report=lambda share: done("presses in finite elements", share),
         )  # fmt: skip
+    # Write the results, then report them.
     result = data(fit)
     out.mkdir(parents=True, exist_ok=True)
     pictures = drawn(draw_fit, fit, out)

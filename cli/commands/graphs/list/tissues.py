@@ -23,6 +23,7 @@ def tissues(
 
     taken = None if name is None else settings(name, NOWHERE)  # a misspelt name fails before `known` compiles kernels
     found, left_out = known()
+    # One tissue in full.
     if name is not None and taken is not None:
         record = {**found[name], "scene": taken, "bodies": bodies(found[name])}
         if as_json:
@@ -41,6 +42,7 @@ def tissues(
             record |= {"grade": GRADES[found[name]["grade"]], "scene": numbers}
             console().print(table(("", ""), [(key, _shown(value)) for key, value in record.items()]))
         return
+    # All tissues as a table.
     if as_json:
         print_json(
             {"ok": True, "tissues": {k: {**v, "bodies": bodies(v)} for k, v in found.items()}, "left_out": left_out}
