@@ -18,7 +18,7 @@ import numpy as np
 from palpate.physics.bodies.large_displacement import linear_depth, nonlinearity
 from palpate.physics.bodies.true_patch import HELD, MEAN
 from palpate.studies.accuracy import kidney
-from palpate.studies.peers.continuum import YOUNG, Block, ContinuumCurve, press
+from palpate.studies.peers.continuum import YOUNG, ContinuumCurve, TissueBlock, press
 
 DEEPEST = 1.05  # [1] s/R up to which the errors count
 SHARES = np.array([0.004, 0.17, 0.33, 0.54, 0.75, 1.0])  # [1] Forces over the largest one
@@ -52,7 +52,7 @@ def full(case: Case, cells: int) -> ContinuumCurve:
     if case.organ == "kidney":
         kidney.RADIUS, kidney.POISSON = case.radius, case.poisson
         return kidney.press(kidney.Kidney(case.place, cells), levels)
-    return press(Block(case.place, cells, case.organ == "nodule", case.radius, case.poisson), levels)
+    return press(TissueBlock(case.place, cells, case.organ == "nodule", case.radius, case.poisson), levels)
 
 
 def half_space(case: Case) -> float:

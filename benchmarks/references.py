@@ -30,13 +30,13 @@ from palpate.studies.accuracy import kidney, sites
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.accuracy.sites import SHIPPED, SITES, ReferenceSite, cells_text
 from palpate.studies.peers import continuum, felupe
-from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG, Block, ContinuumCurve
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, YOUNG, ContinuumCurve, TissueBlock
 
 MESHES = {"fe": (3, 5), "felupe": (2, 3)}
 """Solver -> cells across the patch radius of its coarser and finer mesh."""
 NEAR = 2.0 * RADIUS
 """[m] Radius around the patch within which shapes are compared."""
-Place = Block | Kidney
+Place = TissueBlock | Kidney
 
 
 def kept(block: Place, solver: str) -> ContinuumCurve:

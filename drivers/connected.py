@@ -17,11 +17,11 @@ def attempts(seconds: float) -> Iterator[int]:
         count += 1
 
 
-class _Port(Protocol):
+class _Closable(Protocol):
     def close(self) -> None: ...
 
 
-P = TypeVar("P", bound=_Port)
+P = TypeVar("P", bound=_Closable)
 
 
 class PortDriver(Generic[P]):

@@ -75,7 +75,7 @@ def send(own, friction, count, bound, direction, amplitude, sliding, dt, first, 
     vibration.sampling, vibration.speed = own.sampling, sliding
 
 
-class _Texture(CompiledNode):
+class _TextureNode(CompiledNode):
     """Settings of all textures. The output is the friction plus the mean of each block.
 
     share   the fluctuation is limited to this share of the friction
@@ -105,7 +105,7 @@ class _Texture(CompiledNode):
             self.hold(name, np.zeros(math.ceil(LONGEST * sampling) + 1))
 
 
-class Spectral(_Texture):
+class Spectral(_TextureNode):
     """A surface texture by its spatial spectrum, its wavelength or a measured profile.
 
     The fluctuation is phi(s) f_n, with the slip path s and the normal force f_n: a spatial frequency k is felt at k
@@ -134,7 +134,7 @@ class Spectral(_Texture):
     sampling: Annotated[float, "Hz", msgspec.Meta(ge=100, le=1e5)] = 10e3
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
-    State = _Texture.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool}
+    State = _TextureNode.State | {"table": ARRAY, "spacing": (), "place": (), "fastest": (), "axis": (3,), "late": bool}
     """One period [1] and its spacing [m]; position in it [m]; highest speed [m/s], above which the texture is silent;
     unit direction."""
 
@@ -237,7 +237,7 @@ class Spectral(_Texture):
         send(own, friction, count, bound, d, amplitude, sliding, dt, first, out, vibration)
 
 
-class Autoregressive(_Texture):
+class Autoregressive(_TextureNode):
     """A texture by models of recorded vibrations over sliding speed and normal force.
 
     model   file of `palpate fit texture`, or a model set (.xml) of the Penn Haptic Texture Toolkit
@@ -252,7 +252,7 @@ class Autoregressive(_Texture):
     mass: Annotated[float, "kg", Positive] = 0.02
     seed: Annotated[int, "1", msgspec.Meta(ge=0, le=2**63 - 1)] = 0
 
-    State = _Texture.State | {
+    State = _TextureNode.State | {
         "sampling": (), "unit": (), "speeds": ARRAY, "forces": ARRAY, "table": array_handle(3), "row": ARRAY,
         "a": ARRAY, "work": TABLE, "past": ARRAY, "newest": int, "random": random_numbers.STATE,
     }  # fmt: skip

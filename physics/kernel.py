@@ -53,7 +53,7 @@ class _Processor(CPU):
     """A CPU, so that numba's implementations for CPUs apply."""
 
 
-class _Codegen(Codegen):
+class _PinnedCodegen(Codegen):
     """Code generator for x86-64-v3 instead of the host processor."""
 
     def _get_host_cpu_name(self) -> str:
@@ -66,7 +66,7 @@ class _Codegen(Codegen):
 class _Context(CPUContext):
     def init(self) -> None:
         self.is32bit = False
-        self._internal_codegen = _Codegen("palpate.exec")
+        self._internal_codegen = _PinnedCodegen("palpate.exec")
         c_math_functions.install(self)
 
 

@@ -23,7 +23,7 @@ RECORDED = "recorded"
 POINTS = 4000  # of a curve in the picture
 
 
-class _Spread:
+class _Differences:
     """Running RMS and peak of differences, and peak of the reference."""
 
     def __init__(self) -> None:
@@ -59,9 +59,9 @@ class Variant:
     overrides: tuple[str, ...]
     plan: Plan
     swapped: tuple[str, ...]
-    force: _Spread = field(default_factory=_Spread)
-    indentation: _Spread = field(default_factory=_Spread)
-    shape: _Spread = field(default_factory=_Spread)
+    force: _Differences = field(default_factory=_Differences)
+    indentation: _Differences = field(default_factory=_Differences)
+    shape: _Differences = field(default_factory=_Differences)
     whole: Histogram = field(default_factory=Histogram)
     step: Histogram = field(default_factory=Histogram)
     nodes: dict[str, Histogram] = field(default_factory=dict)

@@ -33,7 +33,7 @@ class Wire:
     named: bool | None
 
 
-class _Input(msgspec.Struct, rename={"sender": "from"}):
+class _InputEntry(msgspec.Struct, rename={"sender": "from"}):
     """One input in the file."""
 
     sender: Annotated[str, msgspec.Meta(description="the name of a node")]
@@ -93,7 +93,7 @@ def wires(name: str, cls: type[Node], line: YamlSource, kinds: Kinds, unclear: s
             where = line.place("in", port.name, number)
             at_sender = partial(at_port, place=where)
             written = YamlSource(one if isinstance(one, dict) else {"from": one}, {(): where})
-            read = fill(_Input, written, faults, node=name, port=port.name)
+            read = fill(_InputEntry, written, faults, node=name, port=port.name)
             stream = None if read is None else _match(port, read.sender, kinds, unclear, at_sender)
             if read is None or stream is None:
                 continue

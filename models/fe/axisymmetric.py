@@ -158,14 +158,14 @@ class Indenter:
 
 def press(body: RoundBody, material: Material, indenter: Indenter, depths: Iterable[float]) -> np.ndarray:
     """Force [N] at growing depths [m] (n,); NaN from where no equilibrium is found."""
-    state = _Press(body, material, indenter)
+    state = _AxisymmetricPress(body, material, indenter)
     forces: list[float] = []
     for depth in depths:
         forces.append(state.advance(float(depth)) if not forces or math.isfinite(forces[-1]) else math.nan)
     return np.array(forces)
 
 
-class _Press:
+class _AxisymmetricPress:
     def __init__(self, body: RoundBody, material: Material, indenter: Indenter) -> None:
         self.body, self.material, self.indenter = body, material, indenter
         self.fixed = body.fixed.copy()

@@ -26,7 +26,7 @@ LOWEST = 20.0  # [Hz] motion of the hand lies below
 DRAWS = 400  # of the bootstrap
 
 
-class Cell(NamedTuple):
+class RecordedCell(NamedTuple):
     """Windows (n, w) of a vibration at a speed [m/s] and a force [N]."""
 
     speed: float
@@ -76,7 +76,7 @@ def _list(numbers: np.ndarray) -> str:
     return ", ".join(f"{number:.3g}" for number in numbers)
 
 
-def _cells(path: Path) -> tuple[float, str, list[Cell]]:
+def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
     """Sampling [Hz], quantity, and the windows by speed and force."""
     with open(path, encoding="utf-8-sig") as file:
         head = [name.strip() for name in file.readline().split(",")]
@@ -103,7 +103,7 @@ def _cells(path: Path) -> tuple[float, str, list[Cell]]:
     for each in np.unique(label, axis=1).T:
         mine = (label == each[:, None]).all(axis=0)
         if mine.sum() >= LEAST:
-            cells.append(Cell(float(np.median(at[0, mine])), float(np.median(at[1, mine])), windows[mine]))
+            cells.append(RecordedCell(float(np.median(at[0, mine])), float(np.median(at[1, mine])), windows[mine]))
     if not cells:
         raise ValueError(f"no speed and force are steady within {100 * STEADY:g} % for {LEAST} windows of {WINDOW:g} s")
     return sampling, "acceleration" if measured == "acceleration" else "force", cells
@@ -119,7 +119,7 @@ def _groups(values: np.ndarray) -> np.ndarray:
     return numbers
 
 
-def _models(cells: list[Cell], sampling: float) -> list[Model]:
+def _models(cells: list[RecordedCell], sampling: float) -> list[Model]:
     """A model of each cell, all of the order with the least sum of BIC."""
     most = min(ORDERS[-1], cells[0].windows.shape[1] // 8)
     covariances = [_covariance(cell.windows, most) for cell in cells]
@@ -148,7 +148,7 @@ def _covariance(windows: np.ndarray, most: int) -> np.ndarray:
     return found
 
 
-def _errors(texture: Texture, cell: Cell) -> np.ndarray:
+def _errors(texture: Texture, cell: RecordedCell) -> np.ndarray:
     """Third-octave bands [Hz] and the error of the predicted level [dB] in each (n, 2)."""
     speeds, forces, table = tabulated(texture)
     row = table[np.argmin(np.abs(speeds - cell.speed)), np.argmin(np.abs(forces - cell.force))]

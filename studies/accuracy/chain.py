@@ -107,7 +107,7 @@ def _motion(touch: BenchCase, times: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.hstack([-approach[:, None], feet, normals, slip[:, None] * ahead]))
 
 
-class _Motion(CompiledNode):
+class _MotionRows(CompiledNode):
     """Sends one row of `_motion` per tick."""
 
     paced = True
@@ -156,7 +156,7 @@ class _Chain:
         self.rate, self.at = fidelity.rate, 0
         try:
             nodes = {
-                "near": _Motion(_motion(touch, times)),
+                "near": _MotionRows(_motion(touch, times)),
                 "contact": Series(**contact),
                 "friction": LuGre(**SLIDING._asdict()) if touch.friction else None,
                 "spread": (spread := Kernel(**surface | area | given.get("spread", {}))),

@@ -25,7 +25,7 @@ BALL: dict[str, Any] = {"finger_law": "power", "finger_power_stiffness": HERTZ, 
 """Hertz's law of a ball on a half-space."""
 
 
-class _LawOnly(Rigid):
+class _RigidLaw(Rigid):
     """Computes the terminal law, not the surface."""
 
     wanted = chain.LAW
@@ -36,7 +36,7 @@ def _law(contact: dict[str, Any]) -> Callable[[BenchCase, Fidelity, int], Method
 
     def compute(touch: BenchCase, fidelity: Fidelity, repeats: int) -> MethodOutcome:
         hard = replace(fidelity, settings={"body": {"plate_stiffness": 1e12}})
-        return chain.run(touch, _LawOnly, hard, contact, repeats)
+        return chain.run(touch, _RigidLaw, hard, contact, repeats)
 
     return compute
 

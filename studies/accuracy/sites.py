@@ -14,19 +14,19 @@ from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import kidney
 from palpate.studies.accuracy.kidney import Kidney
 from palpate.studies.peers import MissingError, calculix, continuum, felupe, mujoco
-from palpate.studies.peers.continuum import LEVELS, LIGHT, Block, ContinuumCurve
+from palpate.studies.peers.continuum import LEVELS, LIGHT, ContinuumCurve, TissueBlock
 
 SHIPPED = Path(__file__).parent / "references"
-SITES: dict[str, Block | Kidney] = {
-    "middle": Block(0.0),
-    "slip": Block(0.0, sticks=False),
-    "edge": Block(0.04),
-    **{f"nodule-{mm:02d}": Block(1e-3 * mm, nodule=True) for mm in (0, 10)},
+SITES: dict[str, TissueBlock | Kidney] = {
+    "middle": TissueBlock(0.0),
+    "slip": TissueBlock(0.0, sticks=False),
+    "edge": TissueBlock(0.04),
+    **{f"nodule-{mm:02d}": TissueBlock(1e-3 * mm, nodule=True) for mm in (0, 10)},
     **{f"kidney{mm:+03d}": Kidney(1e-3 * mm) for mm in (-12, 0, 12)},
 }
 """[m] `slip` is the middle, with a surface free to slide under the patch; `edge` is 10 mm from the border of the block;
 `nodule-NN` is NN mm from a nodule; `kidney+NN` is NN mm from the middle of the top towards the upper pole."""
-SOLVERS: dict[str, Callable[[Block, np.ndarray], ContinuumCurve]] = {
+SOLVERS: dict[str, Callable[[TissueBlock, np.ndarray], ContinuumCurve]] = {
     "fe": continuum.press,
     "felupe": felupe.press,
     "calculix": calculix.press,
@@ -91,7 +91,7 @@ def stored(name: str) -> ReferenceSite:
 
 
 @lru_cache(maxsize=64)
-def computed(block: Block | Kidney, solver: str) -> ContinuumCurve:
+def computed(block: TissueBlock | Kidney, solver: str) -> ContinuumCurve:
     """The curve of a site by a solver."""
     if isinstance(block, Kidney):
         return ON_KIDNEY[solver](block)

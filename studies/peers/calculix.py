@@ -21,7 +21,7 @@ import numpy as np
 from palpate.models.fe.element.mesh import TetMesh
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.peers import MissingError, continuum
-from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
+from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Tetrahedra, TissueBlock
 
 INSTALL = "apt-get install calculix-ccx"
 MM = 1e3  # [mm/m]
@@ -40,7 +40,7 @@ def version() -> str | None:
     return found[1] if found else "of unknown version"
 
 
-def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with CalculiX. The time of a load step is the time of the run over the number of load steps.
 
     MissingError: CalculiX is not installed. ArithmeticError: it did not converge; quotes the end of its output.

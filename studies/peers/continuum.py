@@ -45,7 +45,7 @@ STEPS = Settings(tolerance=1e-7, step=1.0, largest=1.0, least=1e-3)
 
 
 @dataclass(frozen=True)
-class Block:
+class TissueBlock:
     """Position of the patch on the block, and mesh density.
 
     place   x coordinate of the centre of the patch [m]
@@ -138,7 +138,7 @@ class Tetrahedra:
         return 0.5 * np.linalg.norm(sides, axis=1)
 
 
-def tetrahedra(block: Block) -> Tetrahedra:
+def tetrahedra(block: TissueBlock) -> Tetrahedra:
     axes = block.axes()
     points, cells = grid(*axes)
     corners = bricks(points, cells)
@@ -157,7 +157,7 @@ def tetrahedra(block: Block) -> Tetrahedra:
     return Tetrahedra(mesh, ratios, unit, fixed, under, top_grid(p, axes), x, y)
 
 
-def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with `fe.Solver`."""
     cut = tetrahedra(block)
     materials = {k: neo_hooke(YOUNG * float(h), block.poisson) for k, h in enumerate(cut.ratios)}

@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 from palpate.physics.extras import install, missing, package_version
 from palpate.physics.materials.hyperelastic import moduli
 from palpate.studies.peers import MissingError, continuum
-from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Pressure
+from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Pressure, TissueBlock
 
 INSTALL = install("bench")
 POINTS = 8  # Integration points of the pressure per direction of a face
@@ -34,7 +34,7 @@ def library() -> Any:
     return felupe
 
 
-def press(block: Block, levels: np.ndarray = LEVELS) -> ContinuumCurve:
+def press(block: TissueBlock, levels: np.ndarray = LEVELS) -> ContinuumCurve:
     """Press the block with FElupe. MissingError: it is not installed."""
     fem = library()
     axes = block.axes()

@@ -20,7 +20,7 @@ from palpate.models.fe.element.mesh import edge_nodes, six_volumes
 from palpate.models.fe.meshing.organ import SLAB
 from palpate.physics.extras import install, missing
 from palpate.studies.peers import MissingError, continuum
-from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, Block, ContinuumCurve, Tetrahedra
+from palpate.studies.peers.continuum import BED, LEVELS, POISSON, YOUNG, ContinuumCurve, Tetrahedra, TissueBlock
 
 INSTALL = install("bench")
 MATERIALS = {"Saint Venant-Kirchhoff": 0, "neo-Hookean": 1}
@@ -51,7 +51,7 @@ def library() -> Any:
     return mujoco
 
 
-def press(block: Block, levels: np.ndarray = LEVELS, material: str = "neo-Hookean") -> ContinuumCurve:
+def press(block: TissueBlock, levels: np.ndarray = LEVELS, material: str = "neo-Hookean") -> ContinuumCurve:
     """Press the block with MuJoCo.
 
     MissingError: MuJoCo is not installed. ArithmeticError: it does not come to rest, or elements are inverted.

@@ -12,7 +12,7 @@ from scipy import stats
 
 from palpate.physics.errors import ArgumentError
 from palpate.studies.psychophysics.file import ConstantBlock, Experiment, load
-from palpate.studies.psychophysics.fit import Estimate, Fit, fit
+from palpate.studies.psychophysics.fit import Fit, IntervalEstimate, fit
 from palpate.studies.psychophysics.functions import AT, HALF
 from palpate.studies.psychophysics.store import NONE, Row, parse, tables
 
@@ -38,7 +38,7 @@ class Outcome:
     of: str
     path: str
     unit: str
-    numbers: dict[str, Estimate]
+    numbers: dict[str, IntervalEstimate]
     lapse: float = math.nan
     guess: float = math.nan
     at: float = math.nan
@@ -144,8 +144,8 @@ def outcome(
 
 
 def _fitted(
-    common: dict[str, Any], fitted: Fit, numbers: dict[str, Estimate], of: str, levels: np.ndarray, x: np.ndarray,
-    hits: np.ndarray, sign: int, reference: float | None,
+    common: dict[str, Any], fitted: Fit, numbers: dict[str, IntervalEstimate], of: str, levels: np.ndarray,
+    x: np.ndarray, hits: np.ndarray, sign: int, reference: float | None,
 ) -> Outcome:  # fmt: skip
     seen = np.unique(x[np.isfinite(x)])
     return Outcome(
@@ -161,11 +161,11 @@ def _magnitude(rows: Sequence[Row]) -> dict[str, Any]:
     pairs = [(float(row["level"]), float(row["response"])) for row in rows if float(row["response"]) > 0.0]
     level, response = np.log(np.array(pairs)).T if pairs else (np.zeros(0), np.zeros(0))
     seen = np.unique(level)
-    exponent = Estimate(math.nan, math.nan, math.nan)
+    exponent = IntervalEstimate(math.nan, math.nan, math.nan)
     if len(seen) > 1 and len(pairs) > 2:
         line = stats.linregress(level, response)
         half = float(stats.t.ppf(0.975, len(pairs) - 2) * line.stderr)
-        exponent = Estimate(float(line.slope), float(line.slope) - half, float(line.slope) + half)
+        exponent = IntervalEstimate(float(line.slope), float(line.slope) - half, float(line.slope) + half)
     means = [float(np.exp(response[level == one].mean())) for one in seen]
     counts = [int((level == one).sum()) for one in seen]
     return {"of": "magnitude", "numbers": {"exponent": exponent}, "levels": np.exp(seen).tolist(), "shares": means,
@@ -182,7 +182,7 @@ def _mean(outcomes: Sequence[Outcome]) -> Iterator[Outcome]:
         if len(values) < 2:
             continue
         half = float(stats.t.ppf(0.975, len(values) - 1) * stats.sem(values))
-        numbers[name] = Estimate(float(values.mean()), float(values.mean()) - half, float(values.mean()) + half)
+        numbers[name] = IntervalEstimate(float(values.mean()), float(values.mean()) - half, float(values.mean()) + half)
     first = outcomes[0]
     yield Outcome(
         first.task, ALL, first.block, sum(one.trials for one in outcomes), first.of, first.path, first.unit, numbers

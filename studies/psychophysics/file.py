@@ -38,7 +38,7 @@ _Grid = Annotated[
 _Quantity = Annotated[float | str, msgspec.Meta(description="a number, or one with its unit")]
 
 
-class Block(msgspec.Struct, kw_only=True):
+class TrialBlock(msgspec.Struct, kw_only=True):
     """Keys of all blocks. `set` applies to this block only; `catch` is the share of trials without signal; blocks of
     `practice` are not analysed."""
 
@@ -52,14 +52,14 @@ class Block(msgspec.Struct, kw_only=True):
     catch: _Share = 0.0
 
 
-class ConstantBlock(Block):
+class ConstantBlock(TrialBlock):
     """Constant stimuli: each level is repeated, in random order."""
 
     levels: _Grid
     repeats: _Count = 10
 
 
-class StaircaseBlock(Block):
+class StaircaseBlock(TrialBlock):
     """An up-down staircase, or several interleaved ones, one for each start."""
 
     start: _Quantity | list[float | str]
@@ -72,7 +72,7 @@ class StaircaseBlock(Block):
     most: _Quantity | None = None
 
 
-class QuestBlock(Block):
+class QuestBlock(TrialBlock):
     """QUEST+ over the levels, with grids of threshold, spread and lapse rate."""
 
     levels: _Grid
@@ -83,7 +83,7 @@ class QuestBlock(Block):
     trials: _Count = 40
 
 
-PROCEDURES: dict[str, type[Block]] = {"constant": ConstantBlock, "staircase": StaircaseBlock, "quest+": QuestBlock}
+PROCEDURES: dict[str, type[TrialBlock]] = {"constant": ConstantBlock, "staircase": StaircaseBlock, "quest+": QuestBlock}
 
 
 class Experiment(msgspec.Struct, kw_only=True):
@@ -147,7 +147,7 @@ def load(path: Path) -> tuple[Experiment, YamlSource]:
     return given, source
 
 
-def _block(name: str, source: YamlSource, faults: Faults) -> Block | None:
+def _block(name: str, source: YamlSource, faults: Faults) -> TrialBlock | None:
     data, within = source.data, f"block {name!r}"
     word = data.get("procedure") if isinstance(data, dict) else None
     if not isinstance(word, str) or word not in PROCEDURES:

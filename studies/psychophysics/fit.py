@@ -28,7 +28,7 @@ FAR = 12.0  # The finer grid leaves out points with a log likelihood this far be
 
 
 @dataclass(frozen=True)
-class Estimate:
+class IntervalEstimate:
     """A number with its 95 % interval."""
 
     value: float
@@ -40,10 +40,10 @@ class Estimate:
         """Whether the levels bound the interval on at least one side."""
         return math.isfinite(self.high) or (math.isfinite(self.low) and self.low != 0.0)
 
-    def times(self, factor: float) -> Estimate:
+    def times(self, factor: float) -> IntervalEstimate:
         """The estimate in another unit; a negative factor swaps the ends of the interval."""
         low, high = sorted((factor * self.low, factor * self.high))
-        return Estimate(factor * self.value, low, high)
+        return IntervalEstimate(factor * self.value, low, high)
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Fit:
     """A fitted function: a and b with intervals, and the rates at the maximum of the likelihood."""
 
     function: str
-    threshold: Estimate
-    spread: Estimate
+    threshold: IntervalEstimate
+    spread: IntervalEstimate
     guess: float
     lapse: float
 
@@ -124,7 +124,7 @@ def _profiled(
     return best, which
 
 
-def _interval(grid: np.ndarray, profile: np.ndarray, bottom: float) -> Estimate:
+def _interval(grid: np.ndarray, profile: np.ndarray, bottom: float) -> IntervalEstimate:
     """Best point of the grid, and where the profile has fallen by `DROP` on each side, by linear interpolation."""
     at, limit = int(np.argmax(profile)), profile.max() - DROP
     inside = np.flatnonzero(profile >= limit)
@@ -133,4 +133,4 @@ def _interval(grid: np.ndarray, profile: np.ndarray, bottom: float) -> Estimate:
         low = float(np.interp(limit, profile[inside[0] - 1 : inside[0] + 1], grid[inside[0] - 1 : inside[0] + 1]))
     if inside[-1] < len(grid) - 1:
         high = float(np.interp(-limit, -profile[inside[-1] : inside[-1] + 2], grid[inside[-1] : inside[-1] + 2]))
-    return Estimate(float(grid[at]), low, high)
+    return IntervalEstimate(float(grid[at]), low, high)

@@ -40,7 +40,7 @@ _Above = Annotated[float, msgspec.Meta(gt=0, description="a number above 0")]
 _Share = Annotated[float, msgspec.Meta(ge=0, le=0.5, description="a number from 0 to 0.5")]
 
 
-class Settings(msgspec.Struct, kw_only=True):
+class ObserverSettings(msgspec.Struct, kw_only=True):
     """Content of a file. criterion: the answer is yes above it; gain, exponent: of a magnitude; duration: replaces the
     duration of the experiment."""
 
@@ -58,13 +58,13 @@ class Settings(msgspec.Struct, kw_only=True):
     duration: Annotated[float, quantity("s", 1e-3, 3600)] | None = None
 
 
-def load(source: YamlSource) -> Settings:
+def load(source: YamlSource) -> ObserverSettings:
     """The observer that a file, or the `observer:` of an experiment, describes. GraphError: lists its faults."""
     faults = Faults()
     if not isinstance(source.data, dict):
         faults.add("observer: expected a mapping with feels and noise, or threshold and spread", "", source.place())
         faults.done()
-    given = fill(Settings, source, faults, "observer")
+    given = fill(ObserverSettings, source, faults, "observer")
     if given is not None and bool(given.feels) == (given.threshold is not None and given.spread is not None):
         faults.add("observer: expected either `feels`, or `threshold` and `spread`", "", source.place())
     faults.done()
@@ -79,7 +79,7 @@ class SimulatedObserver:
     """
 
     def __init__(
-        self, stimuli: Stimuli, settings: Settings, participant: str, session: int, begun: int,
+        self, stimuli: Stimuli, settings: ObserverSettings, participant: str, session: int, begun: int,
         done: Callable[[Trial], object] = lambda trial: None,
     ) -> None:  # fmt: skip
         self.stimuli, self.settings, self._done = stimuli, settings, done

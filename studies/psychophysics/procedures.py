@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from palpate.physics.errors import ArgumentError
-from palpate.studies.psychophysics.file import Block, ConstantBlock, QuestBlock, StaircaseBlock
+from palpate.studies.psychophysics.file import ConstantBlock, QuestBlock, StaircaseBlock, TrialBlock
 from palpate.studies.psychophysics.questplus import QuestPlus
 from palpate.studies.psychophysics.stimuli import Stimuli
 
@@ -115,7 +115,7 @@ Procedure = Constant | Staircase | Quest
 """`level`: next level, None at the end; `take` receives the answer; `most`: maximum number of trials, 0: unknown."""
 
 
-def procedures(name: str, block: Block, stimuli: Stimuli, random: np.random.Generator) -> list[Procedure]:
+def procedures(name: str, block: TrialBlock, stimuli: Stimuli, random: np.random.Generator) -> list[Procedure]:
     """The interleaved procedures of a block. ArgumentError, GraphError: invalid rule, steps or limits."""
     levels, at, origin = stimuli.levels[name], f"blocks.{name}.", stimuli.reference
     if isinstance(block, ConstantBlock):

@@ -22,7 +22,7 @@ FOLDERS = (
 )  # fmt: skip
 INSIDE = {
     "Broken", "ClosedError", "DisturbedError", "EndedError", "HangError", "Inverted", "MissingInput", "NotPositive",
-    "RefusedError", "UnheldError", "UntrustedError", "ZmtpError", "_Fault",
+    "RefusedError", "UnheldError", "UntrustedError", "ZmtpError", "_NoEquilibrium",
 }  # fmt: skip
 """Internal errors, which their callers always catch."""
 APART = {"MessageError"}

@@ -9,13 +9,13 @@ from palpate.physics.errors import ArgumentError
 from palpate.studies.accuracy import sites
 from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.peers import MissingError, continuum, felupe
-from palpate.studies.peers.continuum import RADIUS, Block, press
+from palpate.studies.peers.continuum import RADIUS, TissueBlock, press
 
 FIRST = np.array([0.03, 0.1])
 
 
 def test_cells_and_their_moduli_come_in_one_order():
-    block = Block(3e-3, 3, nodule=True)
+    block = TissueBlock(3e-3, 3, nodule=True)
     points, cells = grid(*block.axes())
     away = np.linalg.norm(points[cells].mean(axis=1) - (0.0, 0.0, -6e-3), axis=1)
     assert (block.hardness()[away < 1.5e-3] == 10.0).all()
@@ -23,14 +23,14 @@ def test_cells_and_their_moduli_come_in_one_order():
 
 
 def test_the_hardness_holds_the_volume_of_the_nodule():
-    block = Block(0.0, 5, nodule=True)
+    block = TissueBlock(0.0, 5, nodule=True)
     sizes = np.einsum("i,j,k->kji", *(np.diff(a) for a in block.axes())).ravel()
     volume = 2.0 * np.sum((block.hardness() - 1.0) / 9.0 * sizes)
     assert volume == pytest.approx(4.0 / 3.0 * np.pi * 4e-3**3, rel=0.06)
 
 
 def test_the_load_is_that_of_the_pressure():
-    block = Block(0.01, 3)
+    block = TissueBlock(0.01, 3)
     points, cells = grid(*block.axes())
     from palpate.models.fe.element.mesh import bricks, quadratic
 
@@ -45,7 +45,7 @@ def test_the_load_is_that_of_the_pressure():
 
 def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_one():
     right = sites.stored("middle")
-    coarse, finer = (press(Block(0.0, n), FIRST).indentation for n in (1, 2))
+    coarse, finer = (press(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
     assert (coarse < finer).all()  # displacement elements are too stiff
     assert (finer < right.indentation[:2] + right.band[:2]).all()
     assert finer == pytest.approx(right.indentation[:2], rel=0.04)
@@ -54,7 +54,7 @@ def test_the_stored_reference_is_met_on_a_coarse_mesh_and_is_softer_on_a_finer_o
 def test_an_outside_solver_meets_it_on_its_own_elements():
     pytest.importorskip("felupe")
     right = sites.stored("middle")
-    assert felupe.press(Block(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
+    assert felupe.press(TissueBlock(0.0, 1), FIRST).indentation == pytest.approx(right.indentation[:2], rel=0.05)
 
 
 @pytest.mark.parametrize("name", sorted({p for t in TOUCHES.values() if t.place for p in sites.on_path(t.place)}))
@@ -92,7 +92,7 @@ def test_references_are_rebuilt_with_their_band(tmp_path, monkeypatch):
         place = sites.stored("middle")
     finally:
         sites.stored.cache_clear()
-    coarse, finer = (press(Block(0.0, n), FIRST).indentation for n in (1, 2))
+    coarse, finer = (press(TissueBlock(0.0, n), FIRST).indentation for n in (1, 2))
     assert place.indentation == pytest.approx(finer)
     assert place.band == pytest.approx((finer - coarse) / 3.0)
     assert place.about["command"] == "here"

@@ -13,7 +13,7 @@ from palpate.studies.accuracy.cases import TOUCHES
 from palpate.studies.accuracy.cells import one
 from palpate.studies.accuracy.score import CHARGED
 from palpate.studies.peers import MissingError, calculix, mujoco
-from palpate.studies.peers.continuum import BED, POISSON, YOUNG, Block, press, tetrahedra
+from palpate.studies.peers.continuum import BED, POISSON, YOUNG, TissueBlock, press, tetrahedra
 
 EDGES = [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]
 FIRST = np.array([0.03, 0.1])
@@ -53,7 +53,9 @@ def linear_tetrahedra(block, force):
 
 @with_calculix
 @pytest.mark.parametrize(
-    "block", [Block(0.0, 1), Block(0.04, 1), Block(0.0, 1, nodule=True)], ids=["middle", "edge", "nodule"]
+    "block",
+    [TissueBlock(0.0, 1), TissueBlock(0.04, 1), TissueBlock(0.0, 1, nodule=True)],
+    ids=["middle", "edge", "nodule"],
 )
 def test_calculix_on_the_same_tetrahedra_meets_ours(block):
     own, theirs = press(block, FIRST), calculix.press(block, FIRST)
@@ -65,37 +67,39 @@ def test_calculix_on_the_same_tetrahedra_meets_ours(block):
 def test_mujoco_rests_where_linear_elasticity_on_linear_tetrahedra_does(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     force = 1e-3
-    found = mujoco.press(Block(0.0, 1), np.array([force])).indentation[0]
-    assert found == pytest.approx(linear_tetrahedra(Block(0.0, 1), force), rel=2e-3)
+    found = mujoco.press(TissueBlock(0.0, 1), np.array([force])).indentation[0]
+    assert found == pytest.approx(linear_tetrahedra(TissueBlock(0.0, 1), force), rel=2e-3)
     assert not list(tmp_path.iterdir())  # nor a file of warnings
 
 
 @with_mujoco
 def test_linear_tetrahedra_are_stiffer_than_quadratic_ones_and_come_nearer_on_a_finer_mesh():
-    right = press(Block(0.0, 3), FIRST[:1]).indentation
-    coarse, fine = (mujoco.press(Block(0.0, n), FIRST[:1]).indentation for n in (1, 2))
+    right = press(TissueBlock(0.0, 3), FIRST[:1]).indentation
+    coarse, fine = (mujoco.press(TissueBlock(0.0, n), FIRST[:1]).indentation for n in (1, 2))
     assert (coarse < fine).all() and (fine < right).all()
 
 
 @with_mujoco
 def test_a_harder_nodule_is_felt_by_mujoco():
-    with_nodule, without = (mujoco.press(Block(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (True, False))
+    with_nodule, without = (
+        mujoco.press(TissueBlock(0.0, 1, nodule), FIRST[:1]).indentation for nodule in (True, False)
+    )
     assert with_nodule < 0.9 * without
 
 
 @with_mujoco
 def test_elements_that_mujoco_turns_inside_out_are_a_failure():
     with pytest.raises(ArithmeticError, match="inside out"):
-        mujoco.press(Block(0.0, 2), np.array([0.5, 0.9]), material="Saint Venant-Kirchhoff")
+        mujoco.press(TissueBlock(0.0, 2), np.array([0.5, 0.9]), material="Saint Venant-Kirchhoff")
 
 
 def test_a_solver_that_is_not_installed_is_told_with_the_cure(monkeypatch):
     monkeypatch.setattr(calculix.shutil, "which", lambda name: None)
     with pytest.raises(MissingError, match="apt-get install calculix-ccx"):
-        calculix.press(Block(0.0, 1))
+        calculix.press(TissueBlock(0.0, 1))
     monkeypatch.setattr(mujoco, "version", lambda: None)
     with pytest.raises(MissingError, match="pip install"):
-        mujoco.press(Block(0.0, 1))
+        mujoco.press(TissueBlock(0.0, 1))
 
 
 def test_the_command_says_how_to_install_what_is_missing(monkeypatch, tmp_path):

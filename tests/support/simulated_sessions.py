@@ -2,7 +2,7 @@
 
 from palpate.studies.psychophysics.analysis import Outcome, outcome
 from palpate.studies.psychophysics.file import load
-from palpate.studies.psychophysics.observer import Settings, SimulatedObserver
+from palpate.studies.psychophysics.observer import ObserverSettings, SimulatedObserver
 from palpate.studies.psychophysics.schedule import schedule
 from palpate.studies.psychophysics.session import judged
 from palpate.studies.psychophysics.stimuli import Stimuli
@@ -34,9 +34,9 @@ blocks:
           spread: {{geomspace: [100, 1000, 8]}}, catch: 0.25, trials: 100}}
 """
 DESIGNS = {
-    "staircase": (STAIRCASE, Settings(threshold=600.0, spread=1.6, lapse=0.02, function="weibull"), "jnd"),
-    "constant": (CONSTANT, Settings(threshold=3100.0, spread=400.0, lapse=0.02), "pse"),
-    "quest+": (QUEST, Settings(threshold=1100.0, spread=300.0, lapse=0.02, guess=0.1), "jnd"),
+    "staircase": (STAIRCASE, ObserverSettings(threshold=600.0, spread=1.6, lapse=0.02, function="weibull"), "jnd"),
+    "constant": (CONSTANT, ObserverSettings(threshold=3100.0, spread=400.0, lapse=0.02), "pse"),
+    "quest+": (QUEST, ObserverSettings(threshold=1100.0, spread=300.0, lapse=0.02, guess=0.1), "jnd"),
 }
 """An experiment, an observer, and the number that shall come out as the observer's threshold."""
 

@@ -15,7 +15,7 @@ from palpate.cli.terminal.output import console, drawn, print_json, say, table
 from palpate.launch.run.progress import steps
 
 if TYPE_CHECKING:
-    from palpate.studies.psychophysics.fit import Estimate
+    from palpate.studies.psychophysics.fit import IntervalEstimate
 
 EXAMPLE = "palpate experiment kidney-stiffness --simulate"
 
@@ -102,7 +102,7 @@ def _analyse(folder: Path, as_json: bool) -> None:
         say(one)
 
 
-def _shown(number: Estimate) -> list[str]:
+def _shown(number: IntervalEstimate) -> list[str]:
     if not number.known:
         return ["", "not determined"]
     ends = [f"{end:.4g}" if math.isfinite(end) else "open" for end in (number.low, number.high)]

@@ -23,7 +23,7 @@ class ConvergenceError(PalpateError, ArithmeticError):
     """The smallest load step fails; the message has the load and the cause. The solver keeps its last state."""
 
 
-class _Fault(ArithmeticError):
+class _NoEquilibrium(ArithmeticError):
     """A load step fails; the message is the cause."""
 
 
@@ -145,8 +145,8 @@ class Solver:
             for contact in self.contacts:
                 fault = contact.leapt(self.displacement, self.load, u, load)
                 if fault:
-                    raise _Fault(fault)
-        except (_Fault, Inverted, UnheldError) as error:
+                    raise _NoEquilibrium(fault)
+        except (_NoEquilibrium, Inverted, UnheldError) as error:
             self._last = None
             for contact in self.contacts:
                 contact.back()
@@ -156,7 +156,7 @@ class Solver:
         return "", self.iterations - before
 
     def _newton(self, load: float) -> np.ndarray:
-        """Displacement (N,3) in equilibrium at a load: Newton iteration with augmented contact. _Fault: no
+        """Displacement (N,3) in equilibrium at a load: Newton iteration with augmented contact. _NoEquilibrium: no
         convergence."""
         # initial guess: extrapolation of the last step, else a linear step
         goal = np.zeros_like(self.displacement)
@@ -171,13 +171,13 @@ class Solver:
             error = float(np.linalg.norm(rest))
             scale = max(now.size, float(np.linalg.norm(now.force)), self._body.floor / settings.tolerance)
             if not np.isfinite(error):
-                raise _Fault("a force is not finite")
+                raise _NoEquilibrium("a force is not finite")
             done = error <= settings.tolerance * scale
             deep = error <= max(LOOSE, settings.tolerance) * scale and any(c.deep() for c in self.contacts)
             if done:
                 fault = self._support.adrift(u, load, self.contacts, self._body.tangent.pattern)
                 if fault:
-                    raise _Fault(fault)
+                    raise _NoEquilibrium(fault)
             # augmentation: update the contact multipliers
             if done or deep:
                 for contact in self.contacts:
@@ -187,12 +187,12 @@ class Solver:
                 return u
             if deep:
                 if used >= settings.iterations:
-                    raise _Fault(f"penetration stays above its bound after {used} iterations")
+                    raise _NoEquilibrium(f"penetration stays above its bound after {used} iterations")
                 now, since = self._body.balance(u, load), 0
             # Newton step; a correction larger than the extrapolation discards the extrapolation
             if since >= settings.iterations:
                 worst = int(np.argmax(np.linalg.norm(rest, axis=1)))
-                raise _Fault(
+                raise _NoEquilibrium(
                     f"no convergence in {since} iterations, residual {error / scale:.2g} of the forces, largest at "
                     f"node {worst}, {point_text(self.mesh.points[worst])}"
                 )

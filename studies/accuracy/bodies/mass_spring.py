@@ -15,7 +15,7 @@ from palpate.studies.accuracy.reference import HERTZ
 from palpate.studies.fit_body import power_law
 
 
-class _LawOnly(MassSpring):
+class _SpringLaw(MassSpring):
     """Computes the terminal law, not the surface."""
 
     wanted = chain.LAW
@@ -25,7 +25,9 @@ def methods() -> list[Method]:
     forms = [spread("kernel", kernel, kernel) for kernel in ("wendland", "cosine")]
     finer = (*steps(), *meshes(), *reaches(), *forms)
     return [
-        Method("series", "laws in series, no surface", of_body(_LawOnly, _slab), tuple(steps()), _no_nodule, law=True),
+        Method(
+            "series", "laws in series, no surface", of_body(_SpringLaw, _slab), tuple(steps()), _no_nodule, law=True
+        ),
         Method("MassSpring", "MassSpring, law of a ball", of_body(MassSpring, _slab), finer, only_slab),
         Method("MassSpring-calibrated", "MassSpring, calibrated", of_body(MassSpring, _calibrated), finer, only_slab),
     ]

@@ -6,7 +6,7 @@ import numpy as np
 from pytest import approx
 
 from palpate.models.fe import Solver, TetMesh, box, ogden
-from palpate.models.fe.axisymmetric import Indenter, RoundBody, _Press, cylinder, layer, press
+from palpate.models.fe.axisymmetric import Indenter, RoundBody, _AxisymmetricPress, cylinder, layer, press
 from palpate.models.fe.solve.solver import Settings
 from palpate.physics.materials.hyperelastic import uniaxial
 from palpate.physics.materials.neo_hooke import neo_hooke
@@ -60,7 +60,7 @@ def test_the_side_folds_onto_the_plate_and_not_through_it():
     body, depth = cylinder(RADIUS, HEIGHT, 4), 7.5e-3
     above = []
     for line in (body.side, body.base):  # where the plate may be touched; the base never does
-        state = _Press(body, ogden(0.499, 14.3e3, 3.0), Indenter(body.top, True, line))
+        state = _AxisymmetricPress(body, ogden(0.499, 14.3e3, 3.0), Indenter(body.top, True, line))
         assert math.isfinite(state.advance(0.5 * depth))
         assert math.isfinite(state.advance(depth))
         height = (body.points + state.u)[body.side, 1]

@@ -22,7 +22,7 @@ from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.entry_point import NO_FLOATS
 from palpate.physics.materials.neo_hooke import neo_hooke
 from palpate.studies.peers import continuum
-from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, Block, graded
+from palpate.studies.peers.continuum import BED, POISSON, RADIUS, SIDE, STEPS, YOUNG, TissueBlock, graded
 
 UP = (0.0, 0.0, 1.0)
 
@@ -160,7 +160,7 @@ def cut(apart, cells):
     units = []
     for place in (-apart / 2, apart / 2):
         fixed[continuum.stuck(mesh.points, place, RADIUS), :2] = True
-        units.append(continuum.on_triangles(mesh.points, top, Block(place=place).pressure))
+        units.append(continuum.on_triangles(mesh.points, top, TissueBlock(place=place).pressure))
     return mesh, fixed, under, units
 
 

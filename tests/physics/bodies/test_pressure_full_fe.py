@@ -12,7 +12,7 @@ from palpate.models.fe.element.mesh import EDGES
 from palpate.models.fe.solve.solver import Solver
 from palpate.nodes.deformation import ReducedFE
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
+from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, TissueBlock, tetrahedra
 
 UP = (0.0, 0.0, 1.0)
 RINGS = 5
@@ -41,7 +41,7 @@ def displacement_gradient(mesh, face, u):
     return np.einsum("fai,fqaj->fqij", u[element], gradient)
 
 
-class Layered(Block):
+class Layered(TissueBlock):
     """With layers of an eighth, an eighth, a quarter and a half of a cell under the top, where its stress is taken."""
 
     def axes(self):

@@ -18,7 +18,7 @@ from palpate.physics.contact import subsurface
 from palpate.physics.contact.spread import KERNELS
 from palpate.physics.contact.subsurface import PAIRS, point_stress, strain_energy_of, under_patch, von_mises_of
 from palpate.physics.materials.neo_hooke import neo_hooke
-from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, Block, tetrahedra
+from palpate.studies.peers.continuum import BED, POISSON, STEPS, YOUNG, TissueBlock, tetrahedra
 
 R, NU = 8e-3, 0.3
 AT = np.array([0.3, -0.5, 0.7])
@@ -120,7 +120,7 @@ def test_equivalent_stress_and_energy_of_a_pull_and_of_shear():
 
 def test_full_elements_have_the_same_stress_below_a_patch():
     """`fe.Solver`, a light load, a surface that is free to slide; means of rings a quarter of R wide and deep."""
-    block, force = Block(0.0, 3, radius=R, sticks=False), 1e-3
+    block, force = TissueBlock(0.0, 3, radius=R, sticks=False), 1e-3
     cut = tetrahedra(block)
     bed = ElasticFoundation(cut.under, BED * YOUNG)
     law = {0: neo_hooke(YOUNG, POISSON)}
