@@ -219,3 +219,17 @@ def test_a_file_that_is_rewritten_is_read_again(tmp_path):
     assert surface_mesh(file, 0) is second
     save(tmp_path / "k.stl")
     assert surface_mesh(file, 0) is first
+
+
+def test_a_file_that_is_too_large_is_refused_without_reading_it(tmp_path, monkeypatch):
+    """Here a sparse one: its digest took 10 s for each GB."""
+
+    def read(*_):
+        raise AssertionError("the file is read")
+
+    path = tmp_path / "hole.stl"
+    path.touch()
+    os.truncate(path, 3 << 30)
+    monkeypatch.setattr(surfaces, "file_digest", read)
+    with pytest.raises(SettingError, match="has 3221 MB, expected at most 268 MB"):
+        surface_mesh(str(path), 100)
