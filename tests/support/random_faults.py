@@ -46,6 +46,10 @@ times as fast in one process and 13 times in several: nobody is at the end befor
 
 NOT_FUSED = ("stops itself", "exits", "forks", "starts a program")
 """What a node does to its whole process: a stopped run waits, an exit ends it, and its children are the user's."""
+HARMLESS = ("sends a frame twice", "steps the clock")
+NO_HANG = (*HARMLESS, "garbles a frame")
+"""Faults for which a process that is not scheduled for a second must not count as one that hangs: the run continues, or
+ends with another error."""
 
 
 class Fault(NamedTuple):
@@ -106,7 +110,7 @@ def _length(fault: Fault) -> float:
 
 def run(fault: Fault, folder: Path) -> list[str]:
     """Run it; what did not hold, nothing where all did."""
-    patience = "5" if fault.kind == "busy" else "1"
+    patience = "5" if fault.kind == "busy" or fault.what in NO_HANG else "1"
     mark, own = uuid.uuid4().hex, folder / "own"
     own.mkdir()
     file = folder / "run.mcap"
@@ -266,7 +270,7 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
     finished = "ticks in" in told  # a signal that came as the run was over
     if breaks and code == 0 and not finished:
         wrong.append("the exit code is 0")
-    if code and (fault.kind == "busy" or fault.what in ("sends a frame twice", "steps the clock")):
+    if code and (fault.kind == "busy" or fault.what in HARMLESS):
         wrong.append("it ended by what does no harm")
     if "Traceback" in told and "unlucky.py" not in told:  # that of a node's own code is what its author needs
         wrong.append("a traceback")
