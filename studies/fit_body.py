@@ -4,7 +4,7 @@ By default MassSpring has the force law of a ball; under a patch of fixed width 
 is recorded once and computed again by the reference. Its indentation s and force f during contact determine
 
     MassSpring   f = K <s + tau s'>^n (1 + c s')    K, n, c, tau by least squares of f: for each n and tau a linear
-                 problem in K and K c >= 0
+                 problem in K and K c >= 0; with a stiffness map, f over its factor under the finger
     BeamBundle   all moduli times a and all relaxation times times b, by least squares of s under the loads of the
                  reference. Below the strain limit s is linear in 1/a, so the best a for each b has a closed form
 
@@ -87,12 +87,14 @@ def fit_body(
         senders = [sender for sender, spec in graph.nodes.items() if Contact in spec.streams.values()]
         loaders = [edge.producer for edge in graph.nodes[name].edges]
         pressed: list[tuple[float, ...]] = []
+        feet: list[tuple[float, float, float]] = []
         steps: list[tuple[list[PatchLoad], list[float]]] = []
 
         def on_tick(players: Sequence[Player]) -> None:
             for sent in (message for sender in senders for message in players[0].last(sender)):
                 if isinstance(sent, Contact) and sent.force > 0.0 and sent.indentation > 0.0:
                     pressed.append((sent.indentation, sent.indentation_rate, sent.force))
+                    feet.append(sent.foot)
             if cls is BeamBundle:
                 steps.append(_loads_and_depths(players[0], loaders, name))
 
@@ -104,11 +106,10 @@ def fit_body(
                 "touch: --duration '3 s'"
             )
         # Fit the constants, then compute the touch with them.
-        caution = ""
+        caution, spec = "", graph.nodes[name]
         if cls is MassSpring:
-            law: dict[str, Any] = power_law(*np.array(pressed).T)
+            law: dict[str, Any] = power_law(*np.array(pressed).T, MassSpring(**spec.settings).relative_stiffness(feet))
         else:
-            spec = graph.nodes[name]
             law, caution = layer_constants(BeamBundle(**spec.settings), steps, spec.every / graph.rate)
         fitted = {f"{name}.{key}": value for key, value in law.items()}
         _, last = compare(recording, [[f"{key}={value}" for key, value in fitted.items()]], reference=base)
@@ -134,13 +135,18 @@ def words(errors: dict[str, float]) -> str:
     return f"{shares}; force {100 * errors['worst']:.2g} % at worst"
 
 
-def power_law(depth: np.ndarray, rate: np.ndarray, force: np.ndarray) -> dict[str, Any]:
-    """K [N/m^n], n in [1, 3], c >= 0 [s/m] and tau in [0, `MOST_RETARDATION`] [s] of f = K <s + tau s'>^n (1 + c s')
-    through s [m], s' [m/s] and f [N] (T,)."""
+def power_law(
+    depth: np.ndarray, rate: np.ndarray, force: np.ndarray, relative: np.ndarray | float = 1.0
+) -> dict[str, Any]:
+    """K [N/m^n], n in [1, 3], c >= 0 [s/m] and tau in [0, `MOST_RETARDATION`] [s] of
+    f = K q^(2n - 1) <s + tau s'>^n (1 + c s') through s [m], s' [m/s] and f [N] (T,).
+
+    relative  q [1] (T,) of the stiffness map of MassSpring under each sample
+    """
     deepest = float(depth.max())
 
     def solved(n: float, tau: float) -> tuple[np.ndarray, float]:
-        elastic = np.maximum((depth + tau * rate) / deepest, 0.0) ** n
+        elastic = relative ** (2.0 * n - 1.0) * np.maximum((depth + tau * rate) / deepest, 0.0) ** n
         return optimize.nnls(np.stack([elastic, elastic * rate], axis=1), force)
 
     def exponent(tau: float) -> float:

@@ -1,18 +1,22 @@
 """The mass-spring body (docs/equations/mass-spring.md)."""
 
-from typing import Annotated
+from collections.abc import Sequence
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+import scipy  # imports its slow submodules at their first use
 
-from palpate.messages import Load, Surface
-from palpate.nodes.base import ARRAY, CompiledNode, Out, Part, Switch
+from palpate.messages import Load, Surface, Vector3
+from palpate.nodes.base import ARRAY, TABLE, CompiledNode, Out, Part, Switch
 from palpate.nodes.base.contacts import SEVERAL, make_room, send_laws
 from palpate.nodes.base.nodule import WithNodule
+from palpate.nodes.deformation.reduced_fe import ReducedFE
 from palpate.physics.bodies.mass_spring import (
     AT_REST,
     NodalBody,
     deeper,
+    factor_at,
     mean_hardness,
     move,
     nodal_body,
@@ -21,10 +25,11 @@ from palpate.physics.bodies.mass_spring import (
     shared,
     shifted,
 )
+from palpate.physics.bodies.place_energy import surface_gradient
 from palpate.physics.contact.terminal import indentation
-from palpate.physics.exact import row_times
+from palpate.physics.exact import exp, log, row_times
 from palpate.physics.kernel import kernel
-from palpate.physics.records import floats, form, integers, lend_first, nth, one, unpacking, vector
+from palpate.physics.records import floats, form, integers, lend_first, nth, one, put, unpacking, vector
 
 NotNegative = msgspec.Meta(ge=0)
 
@@ -52,7 +57,11 @@ class MassSpring(CompiledNode, WithNodule):
     """Kelvin-Voigt: viscosity over modulus."""
     tangential_stiffness: Annotated[float, "N/m", msgspec.Meta(gt=0)] = 300.0
     tangential_damping: Annotated[float, "N s/m", NotNegative] = 3.0
-    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3  # Of the patch under each of several fingers
+    radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 8e-3
+    """Of the patch under each of several fingers, and of the patch of the stiffness map."""
+    stiffness_map: Annotated[Literal["uniform", "basis"], "1"] = "uniform"
+    """How K depends on the place: not; or as the stiffness of deformation.ReducedFE, from its stored basis of this
+    surface without nodule. K is then the stiffness on a half-space, and the finger is pushed towards softer places."""
 
     energy = Part(
         "energy", "stored",
@@ -62,11 +71,13 @@ class MassSpring(CompiledNode, WithNodule):
         "shape", "nodes", "displacement",
         about="The displaced vertices of the surface and their displacement [m], under the forces of all contacts.",
     )  # fmt: skip
-    State = SEVERAL | {"body": form(NodalBody), "hard": ARRAY, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY}
-    """The surface; factor on K of each vertex, with a nodule; of each contact: its normal force [N], that including the
-    coupled ones, factor on K."""
+    State = SEVERAL | {
+        "body": form(NodalBody), "hard": ARRAY, "ground": TABLE, "forces": ARRAY, "acting": ARRAY, "factors": ARRAY,
+    }  # fmt: skip
+    """The surface; factor on K of each vertex, with a nodule or map; with a map that of `factor_at`; of each
+    contact: its normal force [N], that including the coupled ones, factor on K."""
 
-    shared = "hard", "body.law", "body.nodal", "body.edges"
+    shared = "hard", "ground", "body.law", "body.nodal", "body.edges"
 
     _count = 1  # of contacts; kept over a start, so that their arrays exist before the first step
 
@@ -74,10 +85,38 @@ class MassSpring(CompiledNode, WithNodule):
         super().start()
         if self.area != "fixed":
             self._notes.append("MassSpring: its force law K s^n stays; scene.surface.area changes only its surface")
-        self._hardness = self.hardness() if self.nodule_radius > 0.0 else None
+        mapped = self.stiffness_map == "basis"
+        self._hardness = self.hardness() if self.nodule_radius > 0.0 or mapped else None
         if self._hardness is not None:
             self.hold("hard", self._hardness)
+        if self._hardness is not None and mapped:
+            mesh = self.mesh()
+            turning = surface_gradient(mesh, mesh.normals).reshape(-1, 9)
+            self.hold("ground", np.hstack([mesh.vertices, self._hardness[:, None], turning]))
         self._make(self._count)
+
+    def check(self) -> None:
+        if self.stiffness_map == "basis":
+            self._reference().basis()
+
+    def hardness(self) -> np.ndarray:
+        """Factor [1] (V) on K of each surface vertex, of nodule and stiffness map. SettingError: no basis is stored."""
+        factor = super().hardness()
+        if self.stiffness_map == "basis":
+            factor = factor * exp((2.0 * self.exponent - 1.0) * log(self._reference().relative_stiffness()))
+        return factor
+
+    def relative_stiffness(self, feet: Sequence[Vector3]) -> np.ndarray | float:
+        """Stiffness [1] (p) of the stiffness map at the vertices nearest to these points [m] (p), over that of a
+        half-space; 1 without a map. SettingError: no basis is stored."""
+        if self.stiffness_map == "uniform":
+            return 1.0
+        nearest = scipy.spatial.cKDTree(self.mesh().vertices).query(feet)[1]
+        return self._reference().relative_stiffness()[nearest]
+
+    def _reference(self) -> ReducedFE:
+        names = "surface", "position", "rotation", "vertices", "file_unit", "spacing", "radius"
+        return ReducedFE(**{name: getattr(self, name) for name in names})
 
     def resize(self, counts: list[int]) -> None:
         if counts[0] != self._count:
@@ -116,25 +155,39 @@ class MassSpring(CompiledNode, WithNodule):
                 coupling[j, i] = coupling[i, j]
         # indentation of each contact, and its terminal law for the next step
         stored, factors = 0.0, floats(own.factors)
+        mapped, slopes, reached = own.ground.shape[0] > 0, floats(own.slopes), 0.0
         for i in range(load.count):
             each = nth(load, i)
             acting[i] = row_times(coupling[i], forces) if several else forces[i]
-            if own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
+            if mapped:
+                nodes, normal, ground = integers(each.nodes), vector(each.normal), floats(own.ground)
+                factor = factor_at(nodes, vector(each.foot), normal, ground, own.radius, slopes[i])
+                factors[i] = factor if factor > 0.0 else factors[i]
+            elif own.hard.shape[0] > 0 and each.nodes.shape[0] > 0:
                 normal, hardness = vector(each.normal), floats(own.hard)
                 factors[i] = mean_hardness(integers(each.nodes), floats(each.forces), normal, hardness)
             stiffness, previous = own.stiffness * factors[i], laws[i, 4]
+            if mapped:  # the indentation that the contact has computed with the law of the former place
+                reached = indentation(acting[i], dt, laws[i, 0], own.exponent, own.damping, laws[i, 3], previous)
             moving, rest = retarded(stiffness, own.exponent, own.retardation, dt)
             s = indentation(acting[i], dt, moving, own.exponent, own.damping, rest * previous, previous)
             if not acting[i] > 0.0 and s < AT_REST:
                 s = 0.0
             laws[i, 0], laws[i, 3], laws[i, 4] = moving, rest * s, s
-            if own.energy:
+            if own.energy or mapped:
                 grown = own.exponent + 1.0
                 share = forces[i] / acting[i] if acting[i] > 0.0 else 1.0
                 stored += share * (stiffness * max(s, 0.0) ** grown / grown)
+                for k in range(3 if mapped else 0):
+                    slopes[i, k] *= -share * (stiffness * max(reached, 0.0) ** grown / grown)
         if own.energy:
             one(out.stored, stored)
         send_laws(own, out)
+        if mapped:
+            out.shape_operator.count = 9
+            put(out.tangential_gradient, vector(slopes[0, :3]))
+            for k in range(9):
+                out.shape_operator.values[k] = slopes[0, 3 + k]
         out.step, out.relaxation = dt, own.retardation
         if not own.shape:
             return

@@ -22,9 +22,10 @@ from palpate.physics.bodies.condensed_body import CondensedBody, condensed_body,
 from palpate.physics.bodies.half_space_range import CAUSES, caution
 from palpate.physics.bodies.large_displacement import nonlinearity
 from palpate.physics.bodies.sampled_body import SampledBasis, SampledBody, sampled_body
+from palpate.physics.bodies.true_patch import MEAN
 from palpate.physics.contact.spread import TABLES
 from palpate.physics.entry_point import NO_FLOATS
-from palpate.physics.exact import product
+from palpate.physics.exact import exp, product
 from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.kernel import kernel
 from palpate.physics.records import floats, form, integers, nth, one, unpacking, vector
@@ -217,6 +218,14 @@ class ReducedFE(CompiledNode, WithNodule):
             residual = turned(basis.residual_compliance)
             return SampledBasis(vertices, basis.triangles, residual, modes, basis.points, basis.bend), given
         return Basis(vertices, basis.triangles, turned(basis.compliance)), given
+
+    def relative_stiffness(self) -> np.ndarray:
+        """Stiffness [1] (V) under a patch of `radius` round each vertex of the surface, over that of a half-space.
+        SettingError: the basis is missing."""
+        body = self._made()
+        model, true = body.model, body.model.true
+        softness = (model.weights * body.ground.softness[model.corners]).sum(axis=1)
+        return (1.0 - true.held) * true.normal * MEAN / self.radius * exp(-softness)
 
     def coarse_mesh(self) -> Mesh:
         """The surface to which the organ is condensed, in its frame."""

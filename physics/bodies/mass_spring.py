@@ -119,6 +119,53 @@ def mean_hardness(nodes, forces, normal, hardness):
 
 
 @kernel(error_model="numpy")
+def factor_at(nodes, foot, normal, ground, radius, out):
+    """Factor on K [1] at a foot point p [m] (3): mean over the loaded vertices with weights (1 - |x - p|²/R²)², R the
+    radius [m] of the patch, so that it depends on the place alone. 0 without a vertex within R.
+
+    Fill `out` (12): derivative of its logarithm [1/m] (3) along the surface, and shape operator [1/m] (9) row by row.
+    normal [1] (3);  ground (V,13)  of each vertex: x [m] (3), factor, shape operator [1/m] (9)
+    """
+    total = factor = 0.0
+    out[:] = 0.0
+    for i in range(nodes.size):
+        near = _nearness(nodes[i], foot, ground, radius)
+        if near > 0.0:
+            row, weight = ground[nodes[i]], near * near
+            total += weight
+            factor += weight * row[3]
+            for k in range(9):
+                out[3 + k] += weight * row[4 + k]
+    if not total > 0.0:
+        return 0.0
+    for k in range(9):
+        out[3 + k] /= total
+    mean = factor / total
+    for i in range(nodes.size):
+        near = _nearness(nodes[i], foot, ground, radius)
+        if near > 0.0:
+            row = ground[nodes[i]]
+            share = 4.0 * near * (row[3] - mean) / (radius * radius * factor)
+            for k in range(3):
+                out[k] += share * (row[k] - foot[k])
+    outward = dot(out, normal)
+    for k in range(3):
+        out[k] -= outward * normal[k]
+    return mean
+
+
+@kernel(error_model="numpy")
+def _nearness(node, foot, ground, radius):
+    """1 - |x - p|²/R² [1] of a vertex; 0 of one that the mesh does not have."""
+    if not 0 <= node < len(ground):
+        return 0.0
+    square = 0.0
+    for k in range(3):
+        square += (ground[node, k] - foot[k]) ** 2
+    return 1.0 - square / (radius * radius)
+
+
+@kernel(error_model="numpy")
 def admit(node, where, active, state, count):
     """Slot of a node in the compact list, appended at rest if it is new; returns the slot and the count."""
     slot = where[node]

@@ -97,6 +97,19 @@ def weight_slopes(mesh: Mesh, corners: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.stack(list(across), axis=1))
 
 
+def surface_gradient(mesh: Mesh, values: np.ndarray) -> np.ndarray:
+    """Gradient [1/m] (V,k,3) along the surface of the piecewise linear field with these values (V,k), at each vertex:
+    mean over its triangles, weighted with their areas."""
+    triangles = mesh.triangles
+    area = np.linalg.norm(mesh.face_vectors, axis=1)
+    slopes = np.einsum("t,tai,tak->tki", area, weight_slopes(mesh, triangles), values[triangles])
+    total, weight = np.zeros((*values.shape, 3)), np.zeros(len(values))
+    for a in range(3):
+        np.add.at(total, triangles[:, a], slopes)
+        np.add.at(weight, triangles[:, a], area)
+    return total / np.maximum(weight, 1e-300)[:, None, None]
+
+
 @kernel
 def along(ground, nodes, touched, tilt, normal, radius, power, compliance, force, gradient, shape):
     """Fill `gradient` [N] (3), g, and `shape` [1/m] (3,3), the shape operator S, under a load.

@@ -1,4 +1,5 @@
-"""MassSpring: with Hertz's law of a ball, with and without a surface, and calibrated to ReducedFE."""
+"""MassSpring: with Hertz's law of a ball, with and without a surface, and calibrated to ReducedFE with its stiffness
+map."""
 
 from functools import lru_cache
 from typing import Any
@@ -42,7 +43,7 @@ def _slab(touch: BenchCase) -> dict[str, Any]:
 
 
 def _calibrated(touch: BenchCase) -> dict[str, Any]:
-    """As `palpate fit body`: K, n, c and tau from ReducedFE on one test case, used for all of them."""
+    """As `palpate fit body` with a stiffness map: K, n, c and tau from ReducedFE on one test case, used for all."""
     elastic = {"damping": 0.0, "retardation": 0.0} if touch.retardation == 0.0 else {}
     return _constants() | elastic | (NODULE if touch.nodule else {})
 
@@ -55,7 +56,9 @@ def _constants() -> dict[str, Any]:
     depth, force = pressed.values["indentation"], pressed.values["force"]
     rate = np.diff(depth, prepend=0.0) / np.diff(pressed.times, prepend=-pressed.times[1])
     touching = (force > 0.0) & (depth > 0.0)
-    return power_law(depth[touching], rate[touching], force[touching])
+    mapped = {"stiffness_map": "basis"}
+    relative = MassSpring(**chain.surface_of(TOUCHES["hold"]), **mapped).relative_stiffness([(0.0, 0.0, 0.0)])
+    return power_law(depth[touching], rate[touching], force[touching], relative) | mapped
 
 
 def _no_nodule(touch: BenchCase) -> str:

@@ -1,0 +1,141 @@
+"""The stiffness map of MassSpring: stiffness of the organ under each place, and an energy that depends on it alone."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from formulas import series
+from pressing import Spreader
+from pytest import approx
+
+from palpate.messages import Load
+from palpate.nodes.base import SettingError
+from palpate.nodes.contact import Series
+from palpate.nodes.deformation import MassSpring
+from palpate.physics.bodies.mass_spring import factor_at
+from palpate.physics.bodies.place_energy import on_hand, surface_gradient
+from palpate.physics.contact.series import exponential
+from palpate.physics.contact.terminal import Terminal
+from palpate.physics.geometry.mesh import plane
+from palpate.physics.geometry.mesh_closest import MeshClosestPoint
+from palpate.studies.fit_body import power_law
+
+STEP = 1e-3
+LINEAR = {"stiffness": 250.0, "exponent": 1.0, "damping": 0.0, "position": (0.0, 0.0, 0.0)}
+
+
+@lru_cache
+def ground(surface):
+    mesh = MassSpring(surface=surface, **LINEAR).mesh()
+    return mesh, MeshClosestPoint(mesh), Spreader(mesh, 8e-3, "biweight")
+
+
+class Hand:
+    """A hand that moves a fingertip over mapped springs, the work that it puts in and the work that it gets out [J]."""
+
+    def __init__(self, surface, slopes=True, **law):
+        self.mesh, self.closest, self.spread = ground(surface)
+        self.body = MassSpring(surface=surface, stiffness_map="basis", **LINEAR | law)
+        self.body.start()
+        self.finger = exponential(Series().finger_stiffness, Series().finger_hardening)
+        self.law, self.compression, self.slopes = Terminal(250.0, 1.0, 0.0, 0.0, 0.0), 0.0, slopes
+        self.at, self.force, self.taken, self.given = None, np.zeros(3), 0.0, 0.0
+
+    def to(self, foot, normal, approach):
+        at, n = foot - approach * normal, tuple(normal.tolist())
+        push, self.compression, _ = series(approach, STEP, self.compression, self.finger, 0.0, self.law)
+        count = self.spread.spread(foot, normal, -max(push, 1e-9) * normal)
+        nodes, forces = self.spread.nodes[:count].copy(), self.spread.forces[:count].copy()
+        sent = self.body.step([Load(nodes=nodes, forces=forces, foot=tuple(foot.tolist()), normal=n)], dt=STEP)
+        self.law = Terminal(
+            sent.stiffness, sent.exponent, sent.damping, sent.rest_indentation, sent.previous_indentation
+        )
+        force = push * normal
+        if self.slopes:
+            force = force + on_hand(np.array(sent.tangential_gradient), np.array(sent.shape_operator), approach, n)
+        if self.at is not None:
+            part = -0.5 * (force + self.force) @ (at - self.at)
+            self.taken, self.given = self.taken + max(part, 0.0), self.given - min(part, 0.0)
+        self.at, self.force = at, force
+
+    def gained(self, path, approach, steps=150):
+        """Work out beyond the work in, over the latter: down at the first point, along the path, up at the last."""
+        feet, normals, *_ = self.closest.find(path)
+        ramp = np.linspace(0.0, approach, steps)
+        for e in ramp:
+            self.to(feet[0], normals[0], e)
+        for foot, normal in zip(feet, normals, strict=True):
+            self.to(foot, normal, approach)
+        for e in ramp[::-1]:
+            self.to(feet[-1], normals[-1], e)
+        return (self.given - self.taken) / self.taken
+
+
+def closed_path(seed, steps=600):
+    """A random smooth closed path (T,3) over the plane, out to its border at 50 mm."""
+    rng = np.random.default_rng(seed)
+    phase = np.linspace(0.0, 2.0 * np.pi, steps)
+    waves = sum(
+        rng.normal(0.0, 12e-3 / k, (2, 1)) * np.cos(k * phase + rng.uniform(0.0, 6.3, (2, 1))) for k in (1, 2, 3)
+    )
+    x, y = np.clip(waves + np.array([[0.04], [rng.uniform(-0.04, 0.04)]]), -0.05, 0.05)
+    return np.stack([x, y, np.zeros(steps)], axis=1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("law", [{}, {"exponent": 1.5, "stiffness": 3e3}, {"retardation": 0.02}])
+def test_a_closed_path_over_the_edge_at_constant_depth_gains_no_energy(seed, law):
+    """Elastic springs lose 0.01 to 0.4 % of the work, in proportion to the step."""
+    gained = Hand("plane", **law).gained(closed_path(seed), 10e-3)
+    assert gained <= 0.0
+    assert gained > -5e-3 or "retardation" in law
+
+
+@pytest.mark.parametrize("there", [1, -1])
+def test_nor_does_a_press_here_a_slide_and_a_lift_there_which_the_normal_force_alone_gains(there):
+    path = np.linspace((0.0, 0.0, 0.0), (0.05, 0.02, 0.0), 500)[::there]
+    assert -1e-3 < Hand("plane").gained(path, 10e-3) <= 0.0
+    assert abs(Hand("plane", slopes=False).gained(path, 10e-3)) > 0.3
+
+
+@pytest.mark.parametrize("there", [1, -1])
+def test_over_a_curved_surface_what_is_gained_is_that_of_its_triangles(there):
+    """0.62 % with 3000 vertices; 2.9 % by the normal force alone."""
+    path = np.linspace((-0.0432, -0.0027, 0.0145), (0.0275, -0.0076, 0.0195), 500)[::there]
+    assert abs(Hand("kidney").gained(path, 10e-3)) < 0.01 < 0.025 < abs(Hand("kidney", False).gained(path, 10e-3))
+
+
+def test_the_factor_depends_on_the_place_alone_and_its_gradient_is_its_derivative():
+    hand, at, step = Hand("plane"), np.array([0.041, 0.013, 0.0]), 1e-5
+    up, out, factors = np.array([0.0, 0.0, 1.0]), np.zeros(12), hand.body.hardness()
+    table = np.hstack([hand.mesh.vertices, factors[:, None], np.zeros((len(factors), 9))])
+
+    def factor(foot):
+        count = hand.spread.spread(foot, up, -up)
+        return factor_at(hand.spread.nodes[:count], foot, up, table, 8e-3, out)
+
+    ways = np.eye(3)[:2] * step
+    change = [(factor(at + way) - factor(at - way)) / (2.0 * step) for way in ways]
+    mean = factor(at)
+    assert out[:2] * mean == approx(change, rel=1e-5) and out[2] == 0.0
+    assert change[0] < -3.0 and 0.7 < mean < 1.0
+
+
+def test_a_gradient_of_a_linear_field_is_exact():
+    mesh = plane(0.02, 100)
+    field = np.stack([3.0 * mesh.vertices[:, 0] - mesh.vertices[:, 1], mesh.vertices[:, 1]], axis=1)
+    assert surface_gradient(mesh, field) == approx(np.tile([[3.0, -1.0, 0.0], [0.0, 1.0, 0.0]], (100, 1, 1)), abs=1e-9)
+
+
+def test_a_surface_without_a_basis_is_refused_with_the_command_that_builds_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    for call in (MassSpring.check, MassSpring.start):
+        with pytest.raises(SettingError, match="palpate build basis --set surface=fingertip"):
+            call(MassSpring(surface="fingertip", stiffness_map="basis"))
+
+
+def test_the_fit_finds_the_stiffness_on_a_half_space():
+    depth = np.linspace(1e-4, 4e-3, 200)
+    relative = np.linspace(0.8, 1.2, 200)
+    found = power_law(depth, np.zeros(200), 300.0 * relative**2 * depth**1.5, relative)
+    assert found["exponent"] == approx(1.5, abs=2e-3) and found["stiffness"] == approx(300.0, rel=0.01)
