@@ -37,9 +37,9 @@ def copied(
     return target
 
 
-def replayed(path: Path, *more: str) -> str:
+def replayed(path: Path, *more: str, command: str = "replay") -> str:
     """What a replay says of a file that it cannot read."""
-    result = CliRunner().invoke(app, ["replay", str(path), *more], env={"COLUMNS": "400", "NO_COLOR": "1"})
+    result = CliRunner().invoke(app, [command, str(path), *more], env={"COLUMNS": "400", "NO_COLOR": "1"})
     assert result.exit_code != 0 and "Traceback" not in result.output
     return result.stderr
 
@@ -59,6 +59,12 @@ BYTES = {
 def test_bytes_that_are_no_message_are_told_with_the_file(good, tmp_path, stream, what, how):
     path = copied(good, tmp_path / "bad.mcap", payload=lambda n, k, d: BYTES[what] if (n, k) == (stream, 20) else d)
     assert str(path) in replayed(path, *how)
+
+
+@pytest.mark.parametrize("what", BYTES)
+def test_a_comparison_names_the_file_whose_bytes_are_no_message(good, tmp_path, what):
+    path = copied(good, tmp_path / "bad.mcap", payload=lambda n, k, d: BYTES[what] if (n, k) == ("drag", 20) else d)
+    assert str(path) in replayed(path, "--set", "spring.every=1", command="compare")
 
 
 def plans():

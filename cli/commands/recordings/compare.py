@@ -41,6 +41,7 @@ def compare(
     from palpate.records.compare import RECORDED
     from palpate.records.compare import compare as work
     from palpate.records.reader import Recording
+    from palpate.records.stored import damaged
     from palpate.views.pictures.compare import draw
 
     wanted = [[given] for given in sets or []] + [shlex.split(given) for given in variants or []]
@@ -51,7 +52,7 @@ def compare(
     if base is None and len(wanted) == 1:
         base = []
     recording = Recording(file)
-    with ticks("computing", silent=as_json) as show:
+    with damaged(file), ticks("computing", silent=as_json) as show:
         outcomes = work(recording, wanted, reference=base, show=show)
     target = out or file.with_name(f"{file.stem}-compare.png")
     paths = [] if no_pictures else drawn(draw, outcomes, target)
