@@ -79,6 +79,7 @@ def fit_body(
             f"{graph.path}: node {name!r} is {cls.__name__}, expected one with a constant to calibrate: "
             "deformation.MassSpring or deformation.BeamBundle"
         )
+    spec = graph.nodes[name]
     base = list(reference) or [f"{name}.use=deformation.ReducedFE"]
     with tempfile.TemporaryDirectory() as folder:
         recording = record_touch(launch, Path(folder) / "touch.mcap")
@@ -106,7 +107,7 @@ def fit_body(
                 "touch: --duration '3 s'"
             )
         # Fit the constants, then compute the touch with them.
-        caution, spec = "", graph.nodes[name]
+        caution = ""
         if cls is MassSpring:
             law: dict[str, Any] = power_law(*np.array(pressed).T, MassSpring(**spec.settings).relative_stiffness(feet))
         else:

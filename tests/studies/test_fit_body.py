@@ -48,6 +48,16 @@ def test_a_spring_fitted_to_another_gets_its_constants(tmp_path):
     assert settings["exponent"] == fitted.overrides["tissue.exponent"] and "after:  force" in file.read_text()
 
 
+def test_a_spring_with_a_stiffness_map_gets_the_constants_of_a_half_space(tmp_path):
+    """The reference has no map: its K divided by the factor of 1.02 to 1.03 on the kidney's top."""
+    (tmp_path / "mapped.yaml").write_text("extends: kidney\nscene: {tissue: {stiffness_map: basis}}\n")
+    launch = find(str(tmp_path / "mapped.yaml")).but(duration=0.27, overrides=TAP)
+    reference = ["tissue.stiffness_map=uniform", "tissue.stiffness=900", "tissue.exponent=1.3", "tissue.damping=2"]
+    fitted = fit_body(launch, tmp_path / "fitted.yaml", reference)
+    assert fitted.overrides["tissue.stiffness"] == approx(900.0 / 1.025 ** (2 * 1.3 - 1), rel=0.05)
+    assert find(str(tmp_path / "fitted.yaml")).load().nodes["tissue"].settings["stiffness_map"] == "basis"
+
+
 def test_a_bundle_fitted_to_one_of_twice_the_moduli_gets_them(tmp_path):
     beams = ("tissue.use=deformation.BeamBundle",)
     launch = find("kidney").but(duration=0.27, overrides=TAP + beams)
