@@ -109,7 +109,9 @@ def fit_body(
         # Fit the constants, then compute the touch with them.
         caution = ""
         if cls is MassSpring:
-            law: dict[str, Any] = power_law(*np.array(pressed).T, MassSpring(**spec.settings).relative_stiffness(feet))
+            relative = MassSpring(**spec.settings).relative_stiffness(feet)
+            depth, rate, force = np.array(pressed).T
+            law: dict[str, Any] = power_law(depth, rate, force, relative)
         else:
             law, caution = layer_constants(BeamBundle(**spec.settings), steps, spec.every / graph.rate)
         fitted = {f"{name}.{key}": value for key, value in law.items()}
