@@ -82,9 +82,8 @@ class _Filling:
                 if self.player.missing is not None:
                     node, stream, lost = self.player.missing
                     if self.stored.cut:  # within this tick, or before earlier messages that were still on their way
-                        self.report.nodes[
-                            node
-                        ].stopped = f"from tick {tick} on: {stream!r} of tick {lost} is not in the truncated file"
+                        why = f"from tick {tick} on: {stream!r} of tick {lost} is not in the truncated file"
+                        self.report.nodes[node].stopped = why
                     else:  # an input of the step did not reach the logger
                         difference = Difference(stream, lost, "message", "1", f"used by {node!r}", "not in the file")
                         self.report.nodes[node].first = difference

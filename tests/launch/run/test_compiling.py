@@ -29,7 +29,7 @@ def test_the_first_run_says_that_it_compiles_once(terminal):
             screen.show(Result(), "starting", {"tissue": "tissue"}, kernels)
     printed = capture.get()
     assert printed.count("compiling the kernels for this processor: once") == 1
-    assert ("2 of about" in printed) is terminal  # beside the bar
+    assert ("2 of about" in printed) is terminal  # next to the bar
 
 
 def test_a_run_that_loads_its_kernels_says_nothing():
