@@ -8,6 +8,7 @@ import time
 import urllib.error
 import urllib.request
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -140,6 +141,14 @@ def test_a_port_in_use_is_told(server):
 def test_a_graph_without_a_hand_is_refused(tmp_path):
     with pytest.raises(PageError, match="DeviceState"):
         steered(find("softness"), tmp_path)
+
+
+@pytest.mark.parametrize("scene", ["afferents", "mine.yaml"])
+def test_a_page_takes_a_scene_by_name_or_by_file(scene, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text("extends: afferents\n")
+    planned = steered(find("nodule").but(scene=scene), tmp_path)[0].plan()
+    assert "afferents" in planned.order and "palpate-pointer" in planned.order
 
 
 def test_another_body_takes_a_run_of_its_own_and_what_was_touched_can_be_replayed(server):

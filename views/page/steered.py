@@ -105,13 +105,11 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
             if key in spec.settings:
                 nodes[name][key] = spec.settings[key]
     data: dict[str, Any] = {"extends": str(launch.graph.absolute()), "nodes": nodes}
-    if launch.scene is not None:
-        data["scene"] = launch.scene if isinstance(launch.scene, dict) else str(Path(launch.scene).absolute())
     file = folder / f"{launch.graph.stem}.yaml"
     file.write_text(yaml.safe_dump(data))
     # Overrides of the hand, as of --organ, are already in the settings of the devices; no other node reads them.
     overrides = tuple(o for o in launch.overrides if isinstance(o, str) or o.keys[:2] != ("scene", "hand"))
-    return LaunchFile(graph=file, clock="real", overrides=overrides), sockets
+    return LaunchFile(graph=file, scene=launch.scene, clock="real", overrides=overrides), sockets
 
 
 def touched(planned: Plan) -> Touched:

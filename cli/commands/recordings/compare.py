@@ -96,8 +96,8 @@ def _print(variants: list[Variant]) -> None:
             say(f"{name}: {note}", "yellow", wrap=True)
     first = variants[0]
     say(
-        f"Differences from A, whose peaks are {first.force.scale:.3f} N, {first.indentation.scale * 1e3:.3f} mm and "
-        f"{first.shape.scale * 1e3:.3f} mm. {error_sentence(first.plan.graph)} step: the nodes that were changed (of "
-        "A, or else the body); all: one tick.",
+        f"Differences from A, whose peaks are {first.force.scale:.3f} N (force on the hand: normal and lateral), "
+        f"{first.indentation.scale * 1e3:.3f} mm and {first.shape.scale * 1e3:.3f} mm. "
+        f"{error_sentence(first.plan.graph)} step: the changed nodes (of A, or else the body); all: one tick.",
         wrap=True,
     )

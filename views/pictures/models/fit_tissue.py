@@ -50,7 +50,7 @@ def forces(fit: TissueFit) -> Figure:
     axes[0].legend(fontsize=8)
     for axis, label in zip(axes[1:], ("indentation [mm]", "time [s]"), strict=False):
         axis.axhline(0.0, color="k", lw=0.5)
-        axis.set(xlabel=label, ylabel="fit less force [N]")
+        axis.set(xlabel=label, ylabel="fit minus force [N]")
     return out
 
 
@@ -71,7 +71,7 @@ def profiles(fit: TissueFit) -> Figure:
         if fit.estimate.withheld:  # its interval is the whole range of the search
             axis.plot([], [], " ", label="interval withheld")
         else:
-            axis.axvspan(interval.low, interval.high, color="0.9", label="interval reported")
+            axis.axvspan(interval.low, interval.high, fc="0.9", ec="0.6", lw=0.8, label="interval reported")
         if p.log and at[0] > 0.0 and at[-1] > 4.0 * at[0]:
             log_ticks(axis)
         else:
