@@ -1,6 +1,9 @@
 """`palpate picture --at` and `--film`: the surface at one instant and through a recording."""
 
 import importlib.util
+import os
+import signal
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from palpate.messages import Pose
 from palpate.nodes.base import Stream
 from palpate.nodes.logger import Mcap
 from palpate.records.reader import Recording
+from palpate.views.errors import PictureError
 from palpate.views.surface import film as films
 from palpate.views.surface.colour import COLOURS
 
@@ -49,6 +53,24 @@ def test_a_film_has_its_frames_and_the_surface_moves_in_it(file, tmp_path):
     assert about["fps"] == 10.0
     middle = slice(height // 6, None), slice(None, 3 * width // 4)  # no title, no colour bar
     assert np.abs(frames[-1][middle] - frames[0][middle]).max() > 60
+
+
+@pytest.mark.parametrize("stop", [KeyboardInterrupt, None])
+def test_ctrl_c_during_a_film_stays_an_interrupt_though_it_ends_ffmpeg(stop, tmp_path):
+    pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra film)")
+    figure = pytest.importorskip("matplotlib.figure").Figure(figsize=(0.64, 0.48))
+
+    def frames():
+        yield figure
+        for children in Path(f"/proc/{os.getpid()}/task").glob("*/children"):
+            for child in map(int, children.read_text().split()):
+                if "ffmpeg" in Path(f"/proc/{child}/comm").read_text():
+                    os.kill(child, signal.SIGKILL)
+        if stop is not None:
+            raise stop
+
+    with pytest.raises(stop or PictureError, match="ffmpeg" if stop is None else None):
+        films._write(tmp_path / "film.mp4", frames(), 10.0, lambda count: None)
 
 
 def test_a_gif_is_written_frame_by_frame(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
 from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-BATCH = 100  # instants drawn at a time: 140 MB of pixels
+BATCH = 25  # instants drawn at a time: more would draw for a minute without progress where the processor draws
 ENDINGS = (".mp4", ".gif")
 DPI = 100
 QUICKEST = 50.0  # [1/s] frame rate of a GIF; browsers slow down faster ones
@@ -88,6 +89,7 @@ def film(
     by_time = instants_at(touch, shown, np.unique(chosen).tolist())
     check(of, [one.surface for one in by_time], str(file))
     rows = np.searchsorted(np.unique(chosen), chosen)
+    done(0.0)
     with replacing(target) as part:
         frames = _frames(shown.mesh, [by_time[row] for row in rows], of)
         _write(part, frames, rate, lambda drawn: done(drawn / count))
@@ -140,10 +142,16 @@ def _write(target: Path, frames: Iterator[Figure], rate: float, done: Callable[[
         look = {"animation.ffmpeg_path": imageio_ffmpeg.get_ffmpeg_exe()}
         writer = FFMpegWriter(fps=fps)
     first = next(frames)
-    with rc_context(look), writer.saving(first, str(target), DPI):
-        for number, _ in enumerate(chain([first], frames), 1):
-            writer.grab_frame()
-            done(number)
+    try:
+        with rc_context(look), writer.saving(first, str(target), DPI):
+            for number, _ in enumerate(chain([first], frames), 1):
+                writer.grab_frame()
+                done(number)
+    except subprocess.CalledProcessError as error:
+        stop = error.__context__
+        if stop is not None and not isinstance(stop, Exception):  # Ctrl-C ends ffmpeg, too
+            raise stop from None
+        raise PictureError(f"{target}: the film was not written, since ffmpeg ended with {error.returncode}") from None
 
 
 def _recorded(touch: TouchStreams) -> tuple[np.ndarray, np.ndarray]:
