@@ -238,6 +238,14 @@ def settings(kind: type[Node]) -> dict[str, Setting]:
     return by_name
 
 
+def words_of(hint: Any) -> tuple[str, ...]:
+    """The words of a Literal type; otherwise empty."""
+    parts = typing.get_args(hint)
+    if typing.get_origin(hint) is typing.Literal:
+        return parts
+    return next((words for part in parts if (words := words_of(part))), ())
+
+
 def convert(setting: Setting, value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):  # from a notebook
         value = value.tolist()
@@ -247,6 +255,8 @@ def convert(setting: Setting, value: Any) -> Any:
         text = str(error).replace("`", "")
         if "unknown field" in text and isinstance(setting.type, type) and issubclass(setting.type, msgspec.Struct):
             text += f"; expected {', '.join(setting.type.__struct_fields__)}"
+        if "enum" in text and (words := words_of(setting.type)):
+            text += f"; expected {' or '.join(map(str, words))}"
         raise SettingError(f"setting {setting.name!r} [{setting.unit}]: found {value!r}. {text}.") from None
 
 

@@ -11,6 +11,7 @@ from palpate.launch.testing import FakeBus
 from palpate.messages import Force, Friction, Pose, Torque
 from palpate.nodes.base import Node, SettingError, inputs, outputs, settings
 from palpate.nodes.base.node import convert
+from palpate.nodes.deformation import MassSpring
 
 
 class Drag(Node):
@@ -69,6 +70,11 @@ def test_ports_and_settings_come_from_the_class():
 def test_a_wrong_setting_is_refused_by_name(given, text):
     with pytest.raises(SettingError, match=text):
         Drag(**given)
+
+
+def test_a_wrong_word_is_refused_with_the_words_that_are_valid():
+    with pytest.raises(SettingError, match="found 'bases'.*; expected uniform or basis"):
+        MassSpring(stiffness_map="bases")
 
 
 def test_the_bus_runs_a_step_for_each_driving_message():

@@ -10,6 +10,7 @@ import msgspec
 from palpate.engine.faults import Faults, choices
 from palpate.launch.load.values.source import YamlSource
 from palpate.launch.load.values.units import UnitError, convert
+from palpate.nodes.base.node import words_of
 
 Line = TypeVar("Line", bound=msgspec.Struct)
 
@@ -48,7 +49,7 @@ def fill(kind: type[Line], line: YamlSource, faults: Faults, within: str = "", *
             faults.add(f"{name} [{unit}]: {error}", "", place, **about)
         except msgspec.ValidationError:
             expected = f", expected {meta.description}" if meta.description else ""
-            words = _words(field.type)
+            words = words_of(field.type)
             cure = choices(f"{key.capitalize()}s", str(value), words) if words else ""
             faults.add(f"{name}{f' [{unit}]' if unit else ''}: found {value!r}{expected}", cure, place, **about)
         refused |= field.required and field.name not in given
@@ -66,11 +67,3 @@ def _marks(hint: Any) -> Iterator[msgspec.Meta]:
     yield from (part for part in parts if isinstance(part, msgspec.Meta) and part.description)
     for part in parts:
         yield from _marks(part)
-
-
-def _words(hint: Any) -> tuple[str, ...]:
-    """The words of a Literal type; otherwise empty."""
-    parts = typing.get_args(hint)
-    if typing.get_origin(hint) is typing.Literal:
-        return parts
-    return next((words for part in parts if (words := _words(part))), ())
