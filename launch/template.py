@@ -1,4 +1,4 @@
-"""Templates of a new node and its test."""
+"""Templates for a new node and its test."""
 
 import keyword
 import re

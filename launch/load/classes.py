@@ -48,7 +48,7 @@ def find_class(use: str, sends: Iterable[type[Message]] = ()) -> type[Node]:
 
     sends  message types that the graph expects from it: the error lists classes that send them
 
-    ClassError: no such module or class, not a node, a package is missing, or the class is malformed.
+    ClassError: module, class or a package missing, not a node, or the class is malformed.
     """
     module_name, _, name = use.rpartition(".")
     if not module_name or not all(part.isidentifier() for part in use.split(".")):
@@ -190,7 +190,7 @@ def senders(kind: type[Message]) -> list[str]:
 
 def takers(kind: type[Message], cls: type[Node]) -> list[str]:
     """Names of the shipped classes with an input that takes several messages of a type: those with the same outputs as
-    a class, or all if there are none."""
+    a class, or all if no class has the same outputs."""
     found = {e.use: e.cls for e in catalogue()[0] if not issubclass(e.cls, Observer)}
     ports = {use: inputs(cls) for use, cls in found.items()}
     several = [use for use, its_ports in ports.items() if any(p.many and p.type is kind for p in its_ports)]

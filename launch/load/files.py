@@ -1,4 +1,4 @@
-"""Finding and reading graph and scene files: `extends:`, scenes, and single values set from outside."""
+"""Finds and reads graph and scene files: `extends:`, scenes, and single values set from outside."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def find_file(
 
     words  other valid values, for the error
 
-    GraphError: no such file; lists the shipped ones.
+    GraphError: not found; lists the shipped files.
     """
     given = Path(os.path.expanduser(name))
     tried = [(base or Path.cwd()) / given, folder / given, folder / f"{name}.yaml"]
@@ -100,9 +100,10 @@ def _mapping(source: YamlSource) -> dict[str, Any]:
 
 
 def read_scene(scene: str | Path | Mapping[str, Any] | None, graph: YamlSource, faults: Faults) -> YamlSource:
-    """The scene of a graph: `scene` if given, else the graph's scene, else an empty one.
+    """The scene of a graph: `scene` if given, otherwise the graph's scene, otherwise an empty one.
 
-    If it cannot be read, the rest is checked with the shipped scene with the most similar name. GraphError: none is.
+    If it cannot be read, the graph is checked with the shipped scene of the most similar name. GraphError: no similar
+    name.
     """
     named = graph.data.get("scene")
     try:

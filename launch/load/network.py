@@ -13,7 +13,8 @@ from palpate.nodes.base.carrier import Carrier
 def unknown_delays(nodes: dict[str, NodeSpec], wires: Iterable[Wire], rate: float) -> Iterator[str]:
     """A note for each controller whose `delay` [samples] is shorter than the delay of the network in its loop [s].
 
-    Such a controller permits a stiffness that is unstable, so the force oscillates and injects energy into the hand.
+    With too short a delay the controller permits an unstable stiffness: the force oscillates and injects energy into
+    the hand.
     """
     path = [w for w in wires if issubclass(w.port.type, Contact | Contacts | Proximity | Pose)]
 

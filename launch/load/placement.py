@@ -94,8 +94,8 @@ def apart(plan: Plan) -> Placement:
 
 
 def auto(plan: Plan, times: Mapping[str, float] | None = None, cores: Collection[int] | None = None) -> Placement:
-    """The force path in one process, all else in another: within a process a message costs a function call, between
-    processes a wake-up, and with more processes than cores the force path would wait for others.
+    """The force path in one process, all other nodes in another. Within a process a message costs a function call,
+    between processes a wake-up; with more processes than cores the force path would wait for other processes.
 
     times  [s] median step of each node. If the path takes more than `SHARE` of a period, its slowest node whose output
            the path uses only in the next tick (a body) gets a separate process and core, and computes in parallel. The

@@ -62,8 +62,8 @@ def _order(graph: Graph, running: set[str]) -> Iterator[str]:
 def _wanted(graph: Graph, edges: dict[str, tuple[Edge, ...]], streams: list[str]) -> dict[str, frozenset[str]]:
     """Body fields of each stream that a node reads or an effect needs.
 
-    All fields are computed of a stream that is wanted by name or read only by observers. Of other streams an observer
-    gets the fields computed for other readers and its `fields:`.
+    All fields of a stream are computed if it is wanted by name or read only by observers. Of other streams an observer
+    gets the fields computed for other readers and those in its `fields:`.
     """
     kinds = graph.streams
     fields: dict[str, frozenset[str]] = dict.fromkeys(streams, frozenset())

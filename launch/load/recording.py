@@ -11,7 +11,7 @@ from palpate.nodes.logger import Mcap
 def set_recording(
     graph: Graph, file: Path | None, leave_out: Sequence[str] = (), thin: Mapping[str, int] | None = None
 ) -> None:
-    """Make the graph's logger write to this file; add a logger if there is none. Without a file no logger runs.
+    """Make the graph's logger write to this file; add a logger if it has none. Without a file no logger runs.
 
     leave_out, thin  streams not to record, or to record every n-th message of, in addition to those of the graph
 

@@ -72,9 +72,10 @@ def tissues() -> tuple[dict[str, dict[str, Any]], dict[str, str]]:
 
 @lru_cache
 def _records(folder: Path) -> tuple[dict[str, tuple[dict[str, Any], Location]], dict[str, str]]:
-    """Records by name with their places, unchecked, since the check compiles kernels; and the tissues left out.
+    """Records by name with their places, and the tissues left out. The records are not checked, because the check
+    compiles kernels.
 
-    GraphError: two records of one name.
+    GraphError: two records have the same name.
     """
     found: dict[str, tuple[dict[str, Any], Location]] = {}
     left_out: dict[str, str] = {}
@@ -119,7 +120,7 @@ def settings(name: str, place: Location) -> dict[str, float | None]:
     """Settings that replace the name in a scene's `tissue`: a power law for MassSpring, `young` for ReducedFE. The
     constants of BeamBundle were fitted to another tissue, so they are removed.
 
-    GraphError: no such tissue; suggests names, or says why it was left out.
+    GraphError: an unknown or excluded tissue; suggests names, or gives the reason.
     """
     from palpate.physics.materials.hyperelastic import poisson_of, rest_moduli
 

@@ -41,7 +41,7 @@ class _InputEntry(msgspec.Struct, rename={"sender": "from"}):
 
 
 def find_streams(given: str, kinds: Kinds) -> list[str]:
-    """The streams that "node" or "node.Message" names; empty if there are none."""
+    """The streams that "node" or "node.Message" names; empty if it names no stream."""
     name, _, message = given.partition(".")
     return [s for s, kind in kinds.get(name, {}).items() if not message or kind.__name__ == message]
 

@@ -1,4 +1,4 @@
-"""Makes the job of each worker from a plan and a placement."""
+"""Builds the job of each worker from a plan and a placement."""
 
 import os
 

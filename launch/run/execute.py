@@ -126,7 +126,7 @@ def execute(
     # Place the nodes and make the jobs of the workers, with the provenance for the recording.
     crowded = False
     if fit_cores and launch.place is None and clock == "real":
-        # With more processes on the force path than cores they wait for one another: 9 on 2 cores do not keep 1 kHz.
+        # More processes on the force path than cores wait for one another: 9 processes on 2 cores do not keep 1 kHz.
         crowded = len(force_path(planned)) > len(os.sched_getaffinity(0))
     times = step_times(planned) if crowded or launch.place == AUTO else {}
     place = auto(planned, times) if crowded else launch.placement(planned, times)
@@ -236,8 +236,8 @@ def _clock(launch: LaunchFile, planned: Plan) -> str:
 
 
 def _key(joined: frozenset[str], network: Network) -> Key | None:
-    """The key for TCP: none if unencrypted, the key of the rig if workers run on other machines, else a new one.
-    RunError: no such key."""
+    """The key for TCP: None if unencrypted, the key of the rig if workers run on other machines, otherwise a new key.
+    RunError: the key is missing."""
     from palpate.launch.run.wire import keys
 
     if network.unencrypted:

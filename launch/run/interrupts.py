@@ -12,7 +12,7 @@ STOPPING = "stopping; Ctrl-C again ends the run at once\n"
 
 @contextlib.contextmanager
 def interrupts(handler: Callable[[int], None], numbers: Sequence[int] = ENDING) -> Iterator[None]:
-    """Call `handler` with the number of each such signal while the block runs. No effect outside the main thread."""
+    """Call `handler` with the number of each of these signals while the block runs; only in the main thread."""
     before = {}
     try:
         for number in numbers:

@@ -1,4 +1,4 @@
-"""Runs of one graph side by side in this process, on simulated time: lanes (engine/lanes.py) of what files describe."""
+"""Runs many lanes (`engine/lanes.py`) of a graph file in parallel in this process, on simulated time."""
 
 import math
 import os
@@ -33,16 +33,17 @@ from palpate.nodes.base import CompiledNode
 from palpate.nodes.logger import Mcap
 from palpate.physics.errors import ArgumentError
 
-BLOCK = 0.02  # [s] that a call of compiled code may take: Ctrl-C waits for it
+BLOCK = 0.02  # [s] target duration of a call of compiled code, because Ctrl-C waits for its end
 FIRST = 8  # ticks of the first call
-PROBES = 4  # lanes for each of which the graph is loaded
+PROBES = 4  # up to this number of lanes the graph is loaded for each lane
 
 
 @dataclass(frozen=True)
 class Prepared:
-    """What a lane runs.
+    """A lane that is ready to run.
 
-    graph  checked;  job  all nodes that the kept streams need
+    graph  the checked graph
+    job    all nodes that the recorded streams need
     """
 
     graph: Graph
@@ -50,13 +51,17 @@ class Prepared:
 
     @cached_property
     def structure(self) -> list[Any]:
-        """What lanes that run side by side have in common: all but the settings."""
+        """Everything except the settings; parallel lanes must agree in it."""
         return [self.job.rate, [msgspec.structs.replace(node, settings={}) for node in self.job.nodes]]
 
 
 def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | None = None) -> Prepared:
-    """What a lane of this run has to compute for these fields of streams; `graph` is that of the launch file, if
-    already read, and is changed. GraphError, ArgumentError: what is wrong."""
+    """The lane of a run that computes these fields of streams.
+
+    graph  the graph of the launch file, if already read; it is modified
+
+    GraphError: faults of the graph. ArgumentError: a node cannot run in a lane, or the clock is real.
+    """
     graph = graph or launch.load()
     set_recording(graph, None)
     graph.wanted = None
@@ -78,12 +83,15 @@ def prepare(launch: LaunchFile, keep: Sequence[tuple[str, str]], graph: Graph | 
 def prepare_all(
     launch: LaunchFile, over: Mapping[str, Sequence[Any]], lanes: int, keep: Sequence[tuple[str, str]]
 ) -> list[Prepared]:
-    """What each lane of this run has to compute, with the values that `over` gives it for paths as of `--set`.
+    """All lanes of a run.
 
-    A graph takes some 10 ms to load. Numbers that it hands to settings as they are, at the least and the greatest value
-    and at 0, are put there without loading it again for each lane; nodes check them when they are made.
+    over  values of each lane, by path as in `--set`
 
-    GraphError, ArgumentError: what is wrong.
+    Loading a graph takes about 10 ms. A path whose values reach settings unchanged is not loaded for each lane: its
+    values are written into these settings, and the nodes check them when they are built. The test loads the graph with
+    the smallest and the largest value and with 0.
+
+    GraphError, ArgumentError: see `prepare`.
     """
 
     def load(lane: int, values: Mapping[str, Any]) -> Prepared:
@@ -123,8 +131,8 @@ def prepare_all(
 
 
 def _follows(base: Prepared, other: Prepared, usual: float, value: float) -> set[tuple[int, str]] | None:
-    """The settings, by place of the node and name, in which a graph with another value differs from `base`, which has
-    the usual one; None where it differs in more than in settings that are these values."""
+    """The settings (index of the node, name) that equal `usual` in `base` and `value` in `other`; None if the two
+    differ in anything else."""
     if other.structure != base.structure:
         return None
     found = set()
@@ -138,7 +146,7 @@ def _follows(base: Prepared, other: Prepared, usual: float, value: float) -> set
 
 
 def check_compiled(planned: Plan) -> None:
-    """ArgumentError: a node of the plan is not one that lanes can run."""
+    """ArgumentError: a node of the plan cannot run in a lane."""
     name = planned.graph.path.stem
     for node in planned.order:
         kind = planned.graph.nodes[node].cls
@@ -152,14 +160,15 @@ def check_compiled(planned: Plan) -> None:
 
 
 class LaneRun:
-    """Lanes of graphs of one structure.
+    """Parallel lanes with the same structure.
 
-    prepared  what each lane runs
-    keep      stream and name of the fields that are kept
-    rows      number of values of each that are kept;  every  divisor of the ticks of which
+    prepared  the lanes
+    keep      stream and name of the fields to record
+    rows      number of recorded values of each field, the last ones
+    every     divisor of the ticks whose values are recorded
 
-    `failures` has why a lane does not run, or stopped, by its number. ArgumentError: the structures differ. NodeError:
-    no node starts.
+    `failures` has the error of each lane that did not start or that stopped, by lane number. NodeError: a node of the
+    first lane does not start.
     """
 
     def __init__(self, prepared: Sequence[Prepared], keep: Sequence[tuple[str, str]], rows: int, every: int = 1):
@@ -181,8 +190,8 @@ class LaneRun:
         self.restart()
 
     def restart(self, prepared: Sequence[Prepared] = ()) -> None:
-        """Put all lanes at their beginning, with these settings, of the same structure, if any are given. Images of the
-        settings before are dropped."""
+        """Reset all lanes to their start. New lanes, if given, replace the settings; they have the same structure.
+        Images of settings that are no longer used are dropped."""
         self._prepared = prepared or self._prepared
         self.failures.clear()
         former, self._images = self._images, {}
@@ -198,9 +207,11 @@ class LaneRun:
         self.worker.stop()
 
     def image(self, place: int, job: NodeJob, former: Mapping[Any, NodeImage] = MappingProxyType({})) -> NodeImage:
-        """A node at its start with the settings of a job; those that are equal start once. NodeError.
+        """The started node with the settings of a job; nodes with equal settings are started once.
 
-        former  images that are still valid
+        former  images of the previous settings, which are reused
+
+        NodeError: the node does not start.
         """
         key = place, repr(sorted(job.settings.items()))
         if key not in self._images:
@@ -209,12 +220,16 @@ class LaneRun:
         return self._images[key]
 
     def run(self, ticks: int, threads: int | None = None, done: Callable[[int], None] = lambda ticks: None) -> None:
-        """Run each lane up to this number of ticks, in threads. `done` is called with the number of ticks that all
-        lanes have run, now and then. KeyboardInterrupt: the threads have ended."""
+        """Run this number of ticks of each lane, in threads.
+
+        done  called ten times a second with the sum of the ticks of all lanes
+
+        On KeyboardInterrupt the threads are stopped before it is raised.
+        """
         todo = iter([lane for lane in range(self.lanes.count) if lane not in self.failures])
         lock, stop, ran = threading.Lock(), threading.Event(), [0]
 
-        # Each thread takes lane after lane, in blocks of ticks of at most about `BLOCK` seconds.
+        # Each thread runs one lane after another, in blocks of ticks that take about `BLOCK` seconds at most.
         def work() -> None:
             block = FIRST
             while not stop.is_set():

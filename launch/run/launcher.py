@@ -334,8 +334,8 @@ class Launcher:
         if isinstance(answer, reports.Started):
             member.pid = answer.pid
             return
-        # The last report was sent before the process ended, but may arrive after this answer, on a busy machine much
-        # later. A process with one of these exit codes has certainly sent it.
+        # The last report was sent before the process ended, but it may arrive after this answer, on a busy machine
+        # seconds later. A process with one of these exit codes has certainly sent it.
         silence = Silence()
         limit = LAST_REPORT if answer.status in (0, reports.REPORTED) else 0.5 if answer.status > 0 else 0.002
         while member.alive and silence.poll() < limit * 1e9:

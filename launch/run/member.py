@@ -32,7 +32,7 @@ class WorkerHandle:
     flushed    its nodes have ended, and their messages are being delivered
     clean_exit its nodes have ended without failure, and all their messages were delivered
     awaits     stream and tick of the message that it waits for
-    awaited    number of heartbeats since that message was sent; None: not sent as far as is known
+    awaited    number of heartbeats since that message was sent; None: not known to be sent
     """
 
     job: Job

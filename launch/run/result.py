@@ -54,8 +54,8 @@ class Result:
 
 
 LATE, OVERDUE = 1e-3, 1e-2
-"""[1] Largest fractions of ticks that are left out, and answered after the next one began, in a run that counts as real
-time."""
+"""[1] Limits of a run that counts as real time: fraction of ticks left out, and of ticks answered after the next one
+began."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +109,7 @@ def verdict(result: Result, plan: Plan, ticks: int | None) -> Verdict | None:
 
 
 def _percent(share: float) -> str:
-    """With enough digits to distinguish a good run from a perfect one."""
+    """A percentage with enough digits to distinguish a good run from a perfect one."""
     percent = 100.0 * share
     return f"{percent:.2f} %" if percent > 99.0 or 0.0 < percent < 1.0 else f"{percent:.0f} %"
 

@@ -42,7 +42,7 @@ def test_a_busy_machine_is_reported_before_the_start(clock, capsys, monkeypatch)
     monkeypatch.setattr(os, "getloadavg", lambda: (3.0, 0.1, 0.1))
     run(clock, ())
     assert "This machine is busy: its load average is 3.0 on 2 cores" in capsys.readouterr().err
-    assert busy(own=2.0) == ""
+    assert busy(included=2.0) == ""
     with progress.steps("fit body", 1, timed=False):
         pass
     assert capsys.readouterr().err.splitlines() == ["fit body"]

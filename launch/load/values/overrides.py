@@ -16,7 +16,7 @@ LONG = 80  # longest Python text quoted in a fault
 
 
 def overrides(given: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
-    """Overrides of a text, several texts, or nodes by name with their model or their settings. ArgumentError."""
+    """Overrides of a text, several texts, or nodes by name with their model or settings. ArgumentError: other types."""
     if isinstance(given, str):
         return [given]
     if isinstance(given, Mapping):

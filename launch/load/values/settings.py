@@ -26,7 +26,7 @@ FIXED = ("effects", "wanted")  # keys of a scene that concern the graph as a who
 
 @dataclass(frozen=True)
 class Offer:
-    """One key that a `with:` offers to one node; `taken`: the node has this setting and its line does not set it."""
+    """One key that `with:` offers to one node; `taken`: the node has this setting, and its line does not set it."""
 
     path: str
     key: str
@@ -120,8 +120,8 @@ def check_offers(offers: list[Offer], scene: Scene, faults: Faults) -> None:
     """A fault for each key of a `with:` mapping that is not a setting of any class.
 
     A model ignores keys of the models that may replace it; so a key is known if a class of the node's module, another
-    user of the same mapping, a `when:` or `$path`, or a shipped class has it. A truth value may also be an effect of
-    the scene that no node of this graph reads, unless it resembles the name of a setting.
+    user of the same mapping, a `when:` or `$path`, or a shipped class has it. A boolean may also be an effect of the
+    scene that no node of this graph reads, unless its key resembles the name of a setting.
     """
     taken: set[tuple[str, str]] = set()
     names: dict[type[Node], dict[str, Setting]] = {}

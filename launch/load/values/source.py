@@ -1,7 +1,7 @@
 """YAML as plain data with the position of each key.
 
-Numbers follow YAML 1.2: `2e3` is a number. `on`, `off`, `yes` and `no` are truth values, as in YAML 1.1. Duplicate
-keys, merge keys and tags are errors.
+Numbers follow YAML 1.2: `2e3` is a number. `on`, `off`, `yes` and `no` are booleans, as in YAML 1.1. Duplicate keys,
+merge keys and tags are errors.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class YamlSource:
         return Location()
 
     def sub(self, *keys: Any) -> YamlSource:
-        """The part under these keys; data None if there is none."""
+        """The part under these keys; its data is None if the keys are missing."""
         data = self.data
         for key in keys:
             data = data.get(key) if isinstance(data, dict) else None
@@ -183,7 +183,7 @@ class _Builder:
 
 
 def scalar(text: str) -> Any:
-    """The value of an unquoted word: null, truth value, number or text."""
+    """The value of an unquoted word: null, boolean, number or text."""
     word = text.lower()
     if word in _WORDS:
         return _WORDS[word]

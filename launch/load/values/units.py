@@ -1,7 +1,7 @@
 """Quantities with units, "6 mm" or "0.4 kN/m", turned into numbers of another unit of the same dimension.
 
     quantity     = number [unit]
-    unit         = factor { ("*" | "·" | " " | "/") factor }       "/" holds for the next factor only
+    unit         = factor { ("*" | "·" | " " | "/") factor }       "/" applies to the next factor only
     factor       = (symbol | "1" | "(" unit ")") [power]           power: ^2, ^-1, ^1.5, ², ³, or m2
 
 Numbers are kept as fractions until the end, so that "6 mm" is the same float as 0.006. The radian counts as 1, as in
@@ -29,7 +29,7 @@ class UnitError(PalpateError, ValueError):
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: how many of the SI unit it is, and its dimension."""
+    """A unit: its factor to the SI unit, and its dimension."""
 
     factor: Fraction
     dimension: Dimension

@@ -1,1 +1,1 @@
-"""The sockets between the processes of a run, what goes over them, and listening to a run from outside."""
+"""The sockets between the processes of a run, their protocol, and access to a run from other programs."""

@@ -4,8 +4,8 @@
     FOLDER/RUN/GROUP.force  FOLDER/RUN/GROUP.observers   of each worker: for nodes, and for external programs
     FOLDER/RUN/GROUP.members                             for the observers of the run
 
-FOLDER is `palpate` in the user's runtime folder (XDG_RUNTIME_DIR), else /tmp/palpate-UID. The launcher holds a lock in
-the folder of its run, so that stale folders of killed launchers can be recognised.
+FOLDER is `palpate` in the user's runtime folder (XDG_RUNTIME_DIR), otherwise /tmp/palpate-UID. The launcher locks the
+folder of its run, so that stale folders of killed launchers can be recognised.
 """
 
 import contextlib
@@ -80,7 +80,7 @@ def runs() -> Iterator[tuple[str, list[str]]]:
 
 
 def _in_use(path: Path) -> bool:
-    """Whether the launcher of this run lives. A stray file is no run."""
+    """Whether the launcher of this run is alive. A stray file is no run."""
     import fcntl
 
     try:

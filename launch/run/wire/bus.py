@@ -215,7 +215,7 @@ class Bus:
             self._observed.disconnect(self._sources.pop(group))
 
     def overheard(self, wait: bool) -> bytes | None:
-        """The next frame for the observers here; None if there is none, with `wait` after `POLL_INTERVAL`."""
+        """The next frame for the observers here; None if none has arrived, with `wait` within `POLL_INTERVAL`."""
         try:
             return self._observed.recv(0 if wait else zmq.NOBLOCK)
         except zmq.Again:

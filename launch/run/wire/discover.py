@@ -32,7 +32,7 @@ def running() -> list[Running]:
 
 
 def find(name: str | None = None) -> Running:
-    """The run of this name, or the only one. RunError: no such run, or several without a name."""
+    """The run of this name, or the only one. RunError: it is not active, or several are active and no name is given."""
     live_runs = running()
     if name is not None:
         live_runs = [run for run in live_runs if run.name.startswith(name)]
@@ -69,7 +69,7 @@ def alive(run: Running) -> bool:
 def messages_of(stream: str, run: str | None) -> Iterator[Message]:
     """The messages of a stream of a run; their type is found by their fields.
 
-    RunError: no such run or stream. PalpateError: a message of no known type.
+    RunError: unknown run or stream. PalpateError: a message of unknown type.
     """
     live_run = find(run)
     kind: type[Message] | None = Health if stream == HEALTH else None

@@ -51,7 +51,7 @@ class Inlet:
         self._between = False  # whether the next byte begins a frame
 
     def connect(self, path: str) -> None:
-        """Connect to the outlet at this path, and retry while nobody listens."""
+        """Connect to the outlet at this path, and retry until it listens."""
         self._path = path
         self._apart.add(self)
         self.reach()
@@ -66,7 +66,7 @@ class Inlet:
             end.setblocking(False)
             end.connect(self._path)
             end.send(zmtp.GREETING + connection.ready)
-        except OSError:  # nobody listens
+        except OSError:  # the outlet does not listen yet
             end.close()
             return
         end.setblocking(True)

@@ -1,7 +1,7 @@
 """Encryption and authentication of TCP connections: ZeroMQ's CURVE, with one key pair for all machines of a rig.
 
-Everyone with the key file can take part in runs, read their streams and send messages; nobody else can, and frames
-cannot be read or changed on the network. A run on one machine makes a temporary key.
+Only users with the key file can take part in runs, read their streams and send messages. Frames cannot be read or
+changed on the network. A run on one machine makes a temporary key.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class ReaderConnection:
         return f"group {self.group!r}" if self.group else f"process {self.pid}"
 
     def write(self, data: bytes) -> int:
-        """Send a frame; returns the number of bytes sent. OSError: the reader is gone."""
+        """Send a frame; returns the number of bytes sent. OSError: the reader has disconnected."""
         if self.rest and not self.finish():
             return 0
         try:
@@ -76,7 +76,7 @@ class ReaderConnection:
         self.queued += len(data)
 
     def finish(self) -> bool:
-        """Send queued data as far as possible; returns whether the queue is empty. OSError: the reader is gone."""
+        """Send queued data as far as possible; returns whether the queue is empty. OSError: reader disconnected."""
         try:
             sent = self.end.sendmsg(islice(self.rest, MOST_BUFFERS), (), _NOW)
         except BlockingIOError:
@@ -92,7 +92,7 @@ class ReaderConnection:
 class Sender:
     """Sends one stream.
 
-    far    publisher for readers on other machines; None: there are none
+    far    publisher for readers on other machines; None: no such readers
     holds  called repeatedly while a reader's buffer is full (it may raise)
     """
 

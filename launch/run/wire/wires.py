@@ -1,6 +1,6 @@
 """The launcher's control channel to its workers, and the streams that workers read from one another.
 
-Orders go out, reports come in. Orders to a worker wait until it has subscribed.
+The launcher sends orders and receives reports. Orders to a worker wait until it has subscribed.
 """
 
 from collections import Counter

@@ -60,7 +60,7 @@ def properties(data: bytes) -> dict[bytes, bytes]:
 
 
 def subscription(flags: int, body: bytes) -> tuple[bool, bytes] | None:
-    """A subscription (True) or cancellation (False) and its topic; None for other frames. ZmtpError: a bad command."""
+    """Subscription (True) or cancellation (False) and topic; None for other frames. ZmtpError: malformed command."""
     if flags == COMMAND:
         name, topic = split_command(body)
         return (name == b"SUBSCRIBE", topic) if name in (b"SUBSCRIBE", b"CANCEL") else None

@@ -1,1 +1,1 @@
-"""What a worker does: its life, its nodes, and the loops on each clock."""
+"""Workers: start and end, nodes, and the loop of each clock."""

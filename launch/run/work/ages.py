@@ -1,4 +1,4 @@
-"""How long an input may be held on the real clock; `real` derives from these ages the time until the device stops."""
+"""Ages up to which inputs are held on the real clock; `real` derives the time until the device stops from them."""
 
 from palpate.engine.job import Job
 from palpate.engine.slot import Input, Slot

@@ -10,8 +10,8 @@ the device is free of a node that stops after less than 20 ms:
 * Nodes that it drives stop at once, since a step needs a new driving message. The other nodes depend on it only
   through held inputs.
 * A node for which the input is optional continues without it after `HELD` (no tissue: no force).
-* A node for which the input is required stops after `HELD`, and its readers begin to hold its last message. All n such
-  inputs of the graph share `HELD`: each is held for HELD / n (`Job.links`).
+* A node for which the input is required stops after `HELD`, and its readers begin to hold its last message. All n
+  required inputs of the graph share `HELD`: each is held for HELD / n (`Job.links`).
 * The device holds the last torque for `RELEASED`: n (HELD / n) + RELEASED = 16 ms; then the torque ramps to zero in
   4 ms. If only an optional input is missing, the controller ramps the force down within 4 ms after `HELD`.
 

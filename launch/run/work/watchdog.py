@@ -27,7 +27,7 @@ def watched(patience: float | None, last: float | None = None) -> Iterator[None]
     A timer signal checks the running call, so that the loop has no overhead. Each check counts at most a quarter of the
     patience, so that a stalled machine is not a hang. Compiled code that never returns, or a system call that waits for
     a disk, blocks the handler: then the process prints a traceback and exits after `last` [s] (default: `LAST` or twice
-    the patience, whichever is longer). No effect outside the main thread and on systems without such a timer.
+    the patience, whichever is longer). No effect outside the main thread and on systems without timer signals.
     """
     before: object = None
     spent, checked = 0.0, time.monotonic()
@@ -67,7 +67,7 @@ def _running(frame: FrameType | None) -> object:
     while frame is not None:
         if frame.f_code in (Slot.step.__code__, ObserverSlot.take.__code__):
             slot = frame.f_locals["self"]
-            # an observer takes many messages in one call: a starved process may need seconds for all of them
+            # An observer handles many messages in one call: a process without processor time may need seconds.
             return id(slot), slot.health.step.count, frame.f_locals.get("stream"), frame.f_locals.get("tick")
         if frame.f_code in (Worker.start.__code__, Worker.stop.__code__):
             return frame.f_code, frame.f_locals["self"].started

@@ -79,7 +79,7 @@ def _print(cells: list[Cell], files: dict[str, Path]) -> None:
     ]  # fmt: skip
     for sentence in (advice(summary), *elsewhere(cells)):
         say(sentence, wrap=True)
-    if why := busy(own=1):
+    if why := busy(included=1):
         say(f"{why}: p50 and p99 are too long.", "yellow")
     console().print(table(heads, rows, fixed=heads[1:], bold=best(summary)))
     say(LEGEND, wrap=True)
