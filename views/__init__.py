@@ -1,1 +1,1 @@
-"""What people look at: pictures of a recording, and the pages in the browser."""
+"""Pictures of recordings, and pages in the browser."""

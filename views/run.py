@@ -90,7 +90,7 @@ class Run:
         return name in self._recording.streams
 
     def __getitem__(self, name: str) -> Any:
-        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: no such stream or field."""
+        """A stream, `run["contact"]`, or a field, `run["contact.force"]`. RecordingError: unknown stream or field."""
         if not isinstance(name, str):
             raise RecordingError(
                 f"{self.path}: found [{name!r}], expected the name of a stream: {', '.join(self.streams)}; "
@@ -124,7 +124,7 @@ class Run:
         without arrays of variable length. Several streams are joined by tick, each with its name as upper column level,
         `table["contact"]["force [N]"]`; missing messages are NaN.
 
-        RecordingError: pandas is missing, or no such stream.
+        RecordingError: pandas is missing, or an unknown stream.
         """
         try:
             import pandas

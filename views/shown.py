@@ -1,4 +1,4 @@
-"""What pictures and pages show of a graph: the streams of each finger, and the surfaces of all bodies as one."""
+"""The part of a graph that pictures and pages show: the streams of each finger, and one surface of all bodies."""
 
 from __future__ import annotations
 

@@ -39,8 +39,8 @@ KEPT = 400  # limit of buffered messages of a finger's small streams between two
 Last = dict[type[Message], Message]
 Curve = dict[str, list[float]]  # times [s], forces [N] and indentations [m] of a contact: `t`, `f`, `s`
 
-VERSION = 1  # of the records for external renderers (docs/renderers.md)
-RATE = 60.0  # [1/s] of frames while a renderer listens
+VERSION = 1  # version of the records for external renderers (docs/renderers.md)
+RATE = 60.0  # [1/s] frame rate while a renderer listens
 MESH = struct.Struct("<4sHHIIfI")
 """Magic, version, fingers, vertices, triangles, thickness of the fingertip [m], 0."""
 FRAME = struct.Struct("<4sHHIId")  # Magic, version, fingers, moved vertices, late ticks, time [s]
@@ -197,25 +197,25 @@ def now(last: Last, thickness: float) -> dict[str, Any]:
     """The last message of each type as plain data for the page; thickness [m] of the fingertip."""
     contact, near, pose = last[Contact], last.get(Proximity), last.get(Pose)
     assert isinstance(contact, Contact)
-    told: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
-    told |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
+    head: dict[str, Any] = {"time": contact.time * 1e-9, "normal": contact.normal, "foot": contact.foot}
+    head |= {"load": contact.force, "depth": contact.indentation, "squeeze": contact.compression}
     if isinstance(near, Proximity) and isinstance(pose, Pose):
         distance = thickness - contact.compression
-        told["tip"] = [p - distance * n for p, n in zip(pose.position, near.normal, strict=True)]
-        told["up"] = near.normal
+        head["tip"] = [p - distance * n for p, n in zip(pose.position, near.normal, strict=True)]
+        head["up"] = near.normal
     if isinstance(friction := last.get(Friction), Friction):
-        told |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
+        head |= {"stick": friction.stick, "drag": sum(f * f for f in friction.force) ** 0.5}
     if isinstance(force := last.get(Force), Force):
-        told |= {"force": force.force, "state": force.state, "energy": force.energy}
+        head |= {"force": force.force, "state": force.state, "energy": force.energy}
     if isinstance(band := last.get(ForceBand), ForceBand):
-        told |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
+        head |= {"band": [band.quantiles[0], band.quantiles[-1]] if band.quantiles else None, "mean": band.mean}
     if isinstance(pointed := last.get(Pointed), Pointed):
-        told |= {"sample": pointed.sample}
+        head |= {"sample": pointed.sample}
     if isinstance(pins := last.get(Pins), Pins):
-        told |= {"pins": pins.heights.tolist()}
+        head |= {"pins": pins.heights.tolist()}
     if isinstance(spikes := last.get(Spikes), Spikes):
-        told |= {"rates": spikes.rate.tolist(), "mean_rates": spikes.mean}
-    return told
+        head |= {"rates": spikes.rate.tolist(), "mean_rates": spikes.mean}
+    return head
 
 
 def mesh_frame(touched: Touched, about: dict[str, Any]) -> bytes:
@@ -261,9 +261,9 @@ def binary(data: bytes) -> bytes:
     return b"".join((begin, *map(_finger, fingers), indices, values))
 
 
-def _finger(told: dict[str, Any]) -> bytes:
-    state = TOUCHES * (told["load"] > 0.0) + TIP * ("tip" in told) + FORCE * ("force" in told)
-    state += FRICTION * ("stick" in told) + STICKS * bool(told.get("stick"))
-    places = told.get("tip", told["foot"]), told["foot"], told["normal"], told.get("force", ZERO)
-    numbers = told["load"], told["depth"], told["squeeze"]
+def _finger(head: dict[str, Any]) -> bytes:
+    state = TOUCHES * (head["load"] > 0.0) + TIP * ("tip" in head) + FORCE * ("force" in head)
+    state += FRICTION * ("stick" in head) + STICKS * bool(head.get("stick"))
+    places = head.get("tip", head["foot"]), head["foot"], head["normal"], head.get("force", ZERO)
+    numbers = head["load"], head["depth"], head["squeeze"]
     return FINGER.pack(*(number for place in places for number in place), *numbers, state)

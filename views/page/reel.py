@@ -109,12 +109,12 @@ class RecordingSource:
         }
 
     def begin(self, number: int, name: str) -> bytes:
-        """What a page has to know before it asks for a time; `number` says which of its recordings this is."""
+        """The first message to a page: surface, curves and colours. `number`: index of the recording on the page."""
         about = {"reel": number, "name": name, "colours": self._colours(), "others": self.curves[1:]}
         return mesh_frame(self.touched, about | self.curves[0])
 
     def _colours(self) -> list[str]:
-        """The colours that the surface can have, as it is where the force is greatest."""
+        """The available colours of the surface at the instant of the largest force."""
         time = max((f, t) for curve in self.curves for t, f in zip(curve["t"], curve["f"], strict=True))[1]
         newest = self.last(time)
         surface = self.touched.bodies.surface({name: one for name, one in newest.items() if isinstance(one, Surface)})

@@ -1,4 +1,4 @@
-"""The runs behind a page to touch, one after the other: anew for another body, an effect or a reset."""
+"""Runs a graph behind a page to touch, and restarts it for another body, an effect or a reset."""
 
 import tempfile
 import threading

@@ -113,12 +113,12 @@ def steered(launch: LaunchFile, folder: Path) -> tuple[LaunchFile, list[Path]]:
 
 
 def touched(planned: Plan) -> Touched:
-    """What the page shows of a plan that it steers. PageError: no body with a mesh, or no pose of the finger."""
+    """The part of a plan that a page shows and steers. PageError: no body with a mesh, or no pose of the finger."""
     return _shown(planned, (Surface, Pose, Proximity, Contact), _place(planned))
 
 
 def watched(planned: Plan, recorded: Sequence[Finger] = ()) -> Touched:
-    """What a page shows of a plan that it does not steer, or of its recording with these streams of each finger.
+    """The part of a plan that a page shows without steering it, or of its recording with these streams of each finger.
     PageError: no body with a mesh, or no contact."""
     needed = () if recorded else (Surface, Contact)
     return _shown(planned, needed, Placement([ProcessGroup("loop", planned.order)]), recorded)
@@ -171,7 +171,7 @@ def shapes(planned: Plan) -> Bodies:
 
 
 def _receptors(planned: Plan, node: str) -> Receptors:
-    """Places and types of the receptors of a node of afferents; empty where it cannot be made."""
+    """Positions and types of the receptors of a node of afferents; empty if the node cannot be made."""
     try:
         made = planned.make(node).made()  # type: ignore[attr-defined]
     except (AttributeError, SettingError):
@@ -202,7 +202,7 @@ class Pointers:
         self._steering: object = None
 
     def steer(self, page: object, finger: int, sample: Sample) -> None:
-        """Forward a sample of a page. PageError: no such finger."""
+        """Forward a sample of a page. PageError: unknown finger."""
         if finger >= len(self.sockets):
             raise PageError(f"finger: found {finger}, expected less than {len(self.sockets)}")
         self._steering = page

@@ -27,7 +27,7 @@ INSTANTS = 4
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where no spikes were recorded."""
+    """None if no spikes were recorded."""
     stream = touch.stream_of(Spikes)
     if stream is None or (made := population_of(touch, stream)) is None:
         return None
@@ -61,7 +61,7 @@ def draw(touch: TouchStreams) -> Figure | None:
 
 
 def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, edges: np.ndarray) -> None:
-    """Rates over the patch at the instants with most spikes of their quarter of the time."""
+    """Rates over the patch, at the instant with most spikes in each quarter of the time."""
     every = np.histogram(moment, edges)[0]
     quarters = np.array_split(np.arange(len(every)), min(INSTANTS, len(every)))
     begins = [edges[quarter[np.argmax(every[quarter])]] for quarter in quarters]
@@ -88,7 +88,7 @@ def _maps(part: Any, made: Population, unit: np.ndarray, moment: np.ndarray, edg
 
 
 def population_of(touch: TouchStreams, stream: str) -> Population | None:
-    """The receptors of the node that sent a stream; None where it cannot be made here."""
+    """The receptors of the node that sent a stream; None if it cannot be made here."""
     node = touch.make(stream)
     try:
         return node.made() if node is not None else None

@@ -9,7 +9,7 @@ from palpate.views.pictures.style import FAINT, FINGER, INK, NORMAL, REGION_A, T
 from palpate.views.pictures.touch import Columns, TouchStreams, millijoules, together, touches, work
 
 NOTHING = 1e-4  # [1] indentation over approach below which a tissue counts as rigid
-SPAN = 0.012  # [s] of the running mean of noisy samples: short compared with a press, long compared with the noise
+SPAN = 0.012  # [s] running mean of noisy samples: short compared with a press, long compared with the noise
 RATE_SPAN = 0.04  # [s] of the running mean for rates
 QUIET = 2e-3  # [1] noise over range below which samples are not smoothed
 STILL = 4e-3  # [m/s] largest rate of a hold, in a noisy approach

@@ -138,7 +138,7 @@ def _none(axes: Axes, text: str) -> None:
 def regions(
     time: np.ndarray, normal: np.ndarray, speed: np.ndarray, beyond: float = BEYOND_DIP
 ) -> tuple[slice | None, slice | None]:
-    """Regions A and B as slices of the samples; None if there is no such region.
+    """Regions A and B as slices of the samples; None if a region is missing.
 
     time    [s]   (n)  rising
     normal  [N]   (n)  normal force

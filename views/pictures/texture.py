@@ -12,14 +12,14 @@ from palpate.records.stored import RecordingError
 from palpate.views.pictures.style import FRICTION, SPEED, figure
 from palpate.views.pictures.touch import TouchStreams
 
-_spectrogram: Any = specgram  # of arrays, which its types do not say
+_spectrogram: Any = specgram  # its type hints lack arrays
 WINDOW = 0.05  # [s]
 RANGE = 50.0  # [dB]
-HIGHEST = 1000.0  # [Hz] that a finger feels
+HIGHEST = 1000.0  # [Hz] highest frequency that a finger feels
 
 
 def draw(touch: TouchStreams) -> Figure | None:
-    """None where nothing slid over a texture."""
+    """None if nothing slid over a texture."""
     stream = touch.stream_of(Vibration)
     if stream is None:
         return None

@@ -37,7 +37,7 @@ COLOURS = {
 
 
 def colour(name: str) -> Colour:
-    """The colour of this name. ArgumentError: no such colour."""
+    """The colour of this name. ArgumentError: unknown colour."""
     if name not in COLOURS:
         raise ArgumentError(f"--colour: found {name!r}, expected one of {', '.join(COLOURS)}")
     return COLOURS[name]
@@ -93,7 +93,7 @@ def round_up(length: float) -> float:
 
 
 def _round(value: float) -> float:
-    """The next of 1, 2, 5, 10 in its decade; 1 for what is not above zero."""
+    """The next of 1, 2, 5, 10 in its decade; 1 for values that are not positive."""
     if value <= 0.0:
         return 1.0
     decade = 10.0 ** math.floor(math.log10(value))

@@ -1,4 +1,4 @@
-"""Renders the deformed surface with pyvista in a subprocess, so that a crash of the graphics driver ends only that.
+"""Renders the deformed surface with pyvista in a subprocess, so that a crash of the graphics driver ends only this one.
 
 python -m palpate.views.surface.render views.npz pixels.npz
 """
@@ -105,8 +105,8 @@ def _draw(
 
 
 def _camera(plotter: Any, vertices: np.ndarray, balls: np.ndarray, heads: np.ndarray, shot: tuple, near: bool) -> None:
-    """Look at the whole surface, the fingers' places and the heads of their arrows so that they fill the picture, or at
-    the fingers from near."""
+    """Fill the picture with the whole surface, the fingers and the heads of their arrows, or with a close-up of the
+    fingers."""
     direction = np.array(VIEW) / np.linalg.norm(VIEW)
     axes = np.array([RIGHT, np.cross(direction, RIGHT), direction])
     seen, round_it, ahead = vertices @ axes.T, balls @ axes.T, heads @ axes.T

@@ -1,1 +1,1 @@
-"""Pictures of what models found: fits, scans, the layered fingertip."""
+"""Pictures of fits and of scanned fingertips."""

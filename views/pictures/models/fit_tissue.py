@@ -24,7 +24,7 @@ def draw_fit(fit: TissueFit, folder: Path) -> list[Path]:
 
 
 def forces(fit: TissueFit) -> Figure:
-    """Force over depth with the fit and the presses held out; residuals over depth and over time."""
+    """Force over depth with the fit and the held-out presses; residuals over depth and over time."""
     timed = all(p.time is not None for p in fit.presses)
     out = figure(14.0 if timed else 10.0, 4.4, f"Fit of the law {fit.law.name}")
     axes = out.subplots(1, 3 if timed else 2)
@@ -60,7 +60,7 @@ def _points(press: MeasuredPress, touch: float) -> np.ndarray:
 
 
 def profiles(fit: TissueFit) -> Figure:
-    """How much worse the best fit is with a parameter held: 1 is the end of its 95 % interval."""
+    """Profile of the sum of squares over each parameter, scaled so that it is 1 at the ends of the 95 % interval."""
     parameters = fit.estimate.parameters
     out = figure(max(3.6 * len(parameters), 5.0), 3.8, "Profile of each parameter")
     for axis, p in zip(out.subplots(1, len(parameters), squeeze=False)[0], parameters, strict=True):

@@ -1,4 +1,4 @@
-"""The picture of a fingertip that was read: the images with their outlines, and the beams that fill it."""
+"""Picture of a scanned fingertip: the images with their outlines, and the beams that fill it."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
     from palpate.models.scan import Outlines, Stack
 
-DEPTH, PITCH = 2e-3, 1.2e-3  # [m] of the press that the beams show; between beams
+DEPTH, PITCH = 2e-3, 1.2e-3  # [m] indentation at which the beams are shown; distance between beams
 COLOURS = {"skin": "#e07a1f", "tissue": "#f2c14e", "bone": "#4aa3df"}
 
 
 @look()
 def draw(tip: FingertipSurfaces, path: Path, stack: Stack, outlines: Outlines) -> None:
-    """Three images with the outlines found in them, the section along the finger, and the beams at a depth."""
+    """Draw three images with their outlines, the section along the finger, and the beams in contact."""
     x, y, z = (tip.origin[k] + tip.spacing[k] * np.arange(tip.skin.shape[k]) for k in range(3))
     out = figure(13.0, 7.4, "The fingertip in the images, and the beams that fill it")
     grid = out.add_gridspec(2, 3)
@@ -51,7 +51,7 @@ def draw(tip: FingertipSurfaces, path: Path, stack: Stack, outlines: Outlines) -
 
 
 def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:
-    """One slice as it was read, with its outlines."""
+    """Draw one slice of the scan with its outlines."""
     rows, columns = (0.5 * n * step * 1e3 for n, step in zip(stack.volume.shape[1:], stack.spacing[1:], strict=True))
     axes.imshow(stack.volume[number], cmap="gray", extent=(-columns, columns, rows, -rows), interpolation="nearest")
     for name, colour in COLOURS.items():
@@ -64,9 +64,9 @@ def _image(axes: Axes, stack: Stack, outlines: Outlines, number: int) -> None:
 
 
 def _beams(axes: Axes, tip: FingertipSurfaces, depth: float, pitch: float) -> None:
-    """The beams that touch at a depth [m], from below, where they stand in the finger."""
+    """Draw the beams in contact at a depth [m], seen from below, at their positions in the finger."""
     body = fill(tip, depth, pitch)
-    at = 1e3 * (body.points[:, :2] + lowest(tip, 0.0, depth)[0][:2])  # a bundle counts from the lowest point
+    at = 1e3 * (body.points[:, :2] + lowest(tip, 0.0, depth)[0][:2])  # a bundle's origin is the lowest point
     soft = body.lengths[:, [0, 1, 3]].sum(axis=1) * 1e3
     dots = axes.scatter(at[:, 0], at[:, 1], c=soft, s=14, cmap="viridis")
     axes.figure.colorbar(dots, ax=axes, label="soft length of the beam [mm]")
