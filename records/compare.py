@@ -97,7 +97,7 @@ def compare(
 
     variants   overrides of each, as for `palpate run --set`; an empty one is the recorded graph
     reference  overrides of the reference; None: the first of the variants
-    show       called now and then with the tick and the last tick
+    show       called repeatedly with the tick and the last tick
     on_tick    called at each tick with the players of the returned variants
 
     RecordingError, GraphError: an override does not fit. NodeError: a node raised.

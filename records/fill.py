@@ -31,7 +31,7 @@ Row = tuple[str, int, int, bytes]
 def fill(path: Path, file: IO[bytes], tolerance: float | None = None) -> tuple[Report, dict[str, int]]:
     """Write a recording of sources with all messages, up to the last check that agrees.
 
-    tolerance  as for `verify`; None: 0 for the arithmetic of the run, else `ELSEWHERE`
+    tolerance  as for `verify`; None: 0 with the arithmetic of the run, otherwise `ELSEWHERE`
 
     Returns the result of the checks, and the number of messages per stream. RecordingError: it cannot be computed.
     """
@@ -81,7 +81,7 @@ class _Filling:
                 sent = self.player.step(tick, payloads, now)
                 if self.player.missing is not None:
                     node, stream, lost = self.player.missing
-                    if self.stored.cut:  # within this tick, or before earlier messages that were still on their way
+                    if self.stored.cut:  # within this tick, or before earlier messages that were still in transit
                         why = f"from tick {tick} on: {stream!r} of tick {lost} is not in the truncated file"
                         self.report.nodes[node].stopped = why
                     else:  # an input of the step did not reach the logger
@@ -131,7 +131,7 @@ class _Filling:
         return len(row) * every - 1
 
     def _check(self, tick: int, payloads: dict[str, bytes], sent: dict[str, bytes]) -> bool:
-        """Compare the computed messages of this tick with stored checks; whether there were any, and all agreed."""
+        """Compare the computed messages of this tick with stored checks; True: there were checks, and all agree."""
         whole = {name: data for name, data in payloads.items() if name in self.player.computed and not is_head(data)}
         for part in self.player.parts:
             self._compare(part, tick, whole, sent)

@@ -1,8 +1,8 @@
 """Runs nodes of a plan on the messages of a recording.
 
 A recorded node steps at the ticks and times of its recorded messages, and gets as inputs the messages of the ticks in
-their `used`. So late, held, lost and absent messages of a live run are reproduced exactly, whatever the placement.
-A node that was not recorded, or has another divisor, follows the rules of simulated time.
+their `used`. So late, held, lost and absent messages of a live run are reproduced exactly for any placement. A node
+that was not recorded, or has another divisor, follows the rules of simulated time.
 """
 
 import inspect
@@ -231,7 +231,7 @@ class Player:
 
 
 def _every(plan: Plan, node: str) -> int | None:
-    """The divisor of a node of a plan; None: no such node."""
+    """The divisor of a node of a plan; None: unknown node."""
     spec = plan.graph.nodes.get(node)
     return None if spec is None else spec.every
 

@@ -108,7 +108,7 @@ class RecordedStream:
         """A field by name: Samples, or a list of arrays if their shape changes. A message by index, `[500]` or `[-1]`;
         several as a list, `[10:20]`.
 
-        RecordingError: no such field; suggests names. IndexError: out of range.
+        RecordingError: unknown field; suggests names. IndexError: out of range.
         """
         if isinstance(name, slice):
             return self.messages[name]

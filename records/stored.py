@@ -68,7 +68,7 @@ class StoredStream:
 
 @contextlib.contextmanager
 def damaged(path: Path, what: str = "") -> Iterator[None]:
-    """Turn exceptions about unexpected data of this file, or of this part of it, into RecordingError."""
+    """Turn exceptions on unexpected data of this file, or of one part of it, into RecordingError."""
     try:
         yield
     except PalpateError:
@@ -131,8 +131,7 @@ class Stored:
 
     @property
     def cut(self) -> bool:
-        """Whether the run's last messages may be missing: the file is truncated or damaged, or recovered from such a
-        file."""
+        """Whether the run's last messages may be missing: the file is truncated, damaged, or recovered."""
         return not self.complete or "recovered_from" in self.about
 
     @property
@@ -266,8 +265,8 @@ class Stored:
         return ticks
 
     def messages(self, name: str, within: tuple[float, float] | None = None) -> Iterator[Message]:
-        """The messages of one stream, or those within these times [s]. RecordingError: no such stream, or a message
-        does not fit its type."""
+        """The messages of one stream, or those within these times [s]. RecordingError: unknown stream, or a message
+        that does not fit its type."""
         kind = self.known(name).type
         begin, end = (-np.inf, np.inf) if within is None else (within[0] * 1e9 - 0.5, within[1] * 1e9 + 0.5)
         for stream, tick, time, payload in self.raw():
@@ -305,7 +304,7 @@ class Stored:
             raise RecordingError(f"{self.path}: stream {name!r}, tick {tick}: {error}") from None
 
     def stream_of(self, kind: type[Message]) -> str | None:
-        """The first stream of this message type, in the order of the graph; None if there is none."""
+        """The first stream of this message type, in the order of the graph; None if the recording has none."""
         wanted = full_name(kind)
         return next((name for name, stream in self.streams.items() if stream.schema["class"] == wanted), None)
 
@@ -321,7 +320,7 @@ class Stored:
         self.channels = {key: new if name == old else name for key, name in self.channels.items()}
 
     def known(self, name: str) -> StoredStream:
-        """The stream of this name. RecordingError: no such stream; suggests names."""
+        """The stream of this name. RecordingError: unknown stream; suggests names."""
         if name not in self.streams:
             raise RecordingError(f"{self.path}: no stream {name!r}. {choices('Streams', name, self.streams)}")
         return self.streams[name]

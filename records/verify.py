@@ -25,10 +25,10 @@ def verify(
 
     tolerance  0: the bytes must be equal. Otherwise numbers may differ by this fraction of the largest magnitude of
                their field so far, for platforms that round differently
-    show       called now and then with the tick and the last tick
+    show       called repeatedly with the tick and the last tick
 
-    If the file lacks messages, a node is checked up to there, and further as long as it agrees: after an unknown step
-    its state may differ.
+    If the file lacks messages, a node is checked up to the gap, and beyond it while its messages agree, because an
+    unknown step may have changed its state.
 
     RecordingError: the recording does not fit the plan. A node that raises counts as a difference.
     """

@@ -14,7 +14,7 @@ from palpate.physics.archive import replacing
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-_CHUNK = 4 << 20  # [B] holds several surfaces, which compress well together
+_CHUNK = 4 << 20  # [B] room for several surfaces, which compress well together
 
 
 def write_foxglove(

@@ -20,8 +20,8 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
 EXTENSION = "MPEG_haptic_material"
-WIDEST = 16_384  # Pixels of a texture that renderers accept
-EVERY = 4  # Points of the table of a texture per pixel: 4 pixels remain per shortest wavelength
+WIDEST = 16_384  # [pixels] largest width of a texture that renderers accept
+EVERY = 4  # points of a texture's table per pixel; this leaves 4 pixels per shortest wavelength
 FLOATS, INDICES = 5126, 5125  # glTF codes of float32 and uint32
 ATTRIBUTES, ELEMENTS = 34962, 34963  # glTF codes of the buffers of vertices and triangles
 

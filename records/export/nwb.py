@@ -22,7 +22,7 @@ COLUMNS = {
     "y": "position of the receptor in the patch, from its centre [m]",
     "depth": "depth of the receptor below the surface of the skin [m]",
 }
-"""Of the table of units, with their descriptions."""
+"""Columns of the table of units, with their descriptions."""
 
 
 def write_nwb(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:

@@ -1,4 +1,4 @@
-"""What exports of one stream to one file have in common."""
+"""Shared code of the exports that write one stream to one file."""
 
 from collections.abc import Sequence
 from pathlib import Path

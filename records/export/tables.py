@@ -15,7 +15,7 @@ from palpate.physics.extras import missing
 from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
-ROWS = 4096  # of a Parquet row group
+ROWS = 4096  # rows of a Parquet row group
 TIME, NANOSECONDS = "time [s]", "time [ns]"  # nanoseconds are exact, for joins
 
 

@@ -17,13 +17,13 @@ from palpate.records.reader import Recording
 from palpate.records.stored import RecordingError
 
 STEP = 0.02  # [s] between keyframes
-LEAST = 1e-3  # [1] of the peak below which a band is left out
+LEAST = 1e-3  # [1] smallest amplitude of an exported band, as a fraction of the peak
 
 
 def samples(recording: Recording, streams: Sequence[str] = ()) -> tuple[np.ndarray, float, np.ndarray]:
     """Lateral force [N] (n), its sampling [Hz] and the sliding speed [m/s] (n) of the first stream of vibrations.
 
-    RecordingError: there is none, or nothing slid.
+    RecordingError: no such stream, or nothing slid.
     """
     found = source(recording, Vibration, streams, "`palpate run texture` records one")
     blocks = cast(list[Vibration], list(recording.messages(found)))
