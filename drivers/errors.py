@@ -10,7 +10,7 @@ from palpate.physics.extras import missing
 class DeviceError(PalpateError, RuntimeError):
     """A device is missing, not permitted, unsuitable, or lost. The text says what was found and what to do next.
 
-    lost  whether the device was connected before: it may come back
+    lost  whether the device was connected before, and may return
     """
 
     def __init__(self, text: str, *, lost: bool = False) -> None:

@@ -1,6 +1,6 @@
 """The thread that communicates with a device: newest command out, newest sample in. The force loop never waits for it.
 
-It passes every command through the guard, keeps up traffic (some devices need it), reconnects to a lost device if
+It passes every command through the guard, sends continuously (some devices need it), reconnects to a lost device if
 requested, and sends zero force when it stops.
 """
 
@@ -22,7 +22,7 @@ PAUSE = 0.1  # [s] a longer time without an answer is an outage and does not cou
 
 
 class Driver(Protocol):
-    """Direct access to one device. All methods are called from one thread at a time."""
+    """Direct access to one device. Only one thread at a time calls its methods."""
 
     name: ClassVar[str]
     limits: Limits

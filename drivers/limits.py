@@ -1,9 +1,9 @@
 """The safety limits of each device, in one place. `guard.Guard` applies them to every command.
 
-Commands are forces [N], or torques [N m] of the device's arms. All numbers are this project's choice for careful use;
-no data sheet was checked for them. The Falcon's torque is that of a motor word of 4096 at 10 000 per N m, the factor of
-libnifalcon (FalconKinematicStamper::getForces), which has no limit there. At (0, 0, 0.11) m, 0.4096 N m per arm give
-7 to 17 N, consistent with the specified 9 N. `tests/drivers/test_limits.py` compares each with docs/devices.md.
+Commands are forces [N], or torques [N m] of the device's arms. This project chose all numbers for careful use; they are
+not from data sheets. The Falcon's torque is that of a motor word of 4096 at 10 000 per N m, the factor of libnifalcon
+(FalconKinematicStamper::getForces), which has no limit there. At (0, 0, 0.11) m, 0.4096 N m per arm give 7 to 17 N,
+consistent with the specified 9 N. `tests/drivers/test_limits.py` compares each number with docs/devices.md.
 """
 
 import math
@@ -42,4 +42,4 @@ LIMITS = {
     "inverse3": Limits(10.0, 10.0, 2.0, delay=2),
     "rawhid": Limits(5.0, 5.0, 1.5, delay=3),
 }
-"""By the name of the driver."""
+"""Limits by the name of the driver."""

@@ -14,7 +14,7 @@ from palpate.drivers.limits import LIMITS
 from palpate.drivers.transport.ftdi import Ftdi, payload
 from palpate.physics.device.falcon import FALCON, HOME, forward_kernel
 
-PATIENCE = 0.004  # [s] for an answer
+PATIENCE = 0.004  # [s] timeout for an answer
 PROBES = 20  # frames sent to see whether firmware runs
 JERK = 12  # [counts] largest deviation from the extrapolated angle per ms: 0.4 mm at the grip
 UNEVEN = 1.0  # [ms] error of the time between two samples

@@ -1,7 +1,7 @@
-"""Loads the firmware of a Falcon, which loses it when switched off.
+"""Loads the firmware into a Falcon, which loses it when it is switched off.
 
-The user provides the image: it came with the manufacturer's driver, and is in the open driver's source tree as
-`firmware/nvent_firmware.bin`. palpate does not contain it. Loading fails occasionally and is retried.
+palpate does not contain the image; the user provides it. It came with the manufacturer's driver, and the source tree of
+the open driver has it as `firmware/nvent_firmware.bin`. Loading fails occasionally and is retried.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ LETTER = b"\x41"
 BLOCK = 62  # [bytes] sent between two echoes: a packet without its modem bytes
 HELLOS = 100
 ATTEMPTS = 10
-REPLY = 0.5  # [s]
+REPLY = 0.5  # [s] timeout for an answer
 
 
 class RefusedError(Exception):

@@ -1,15 +1,15 @@
 """Frames of a running Falcon: 16 bytes each way, `<`, 14 bytes, `>`.
 
 Three signed 16-bit words of four nibbles each, the least significant first, every nibble sent as 0x41 + nibble; one
-byte of state; one filler. To the device the words are motor commands, from it encoder counts. The words' bytes lie in
-0x41 .. 0x50 and so hold neither `<` nor `>`.
+byte of state; one filler. To the device the words are motor commands, from it encoder counts. Bytes of words are in
+0x41 .. 0x50, so they contain neither `<` nor `>`.
 """
 
 from typing import NamedTuple
 
 LENGTH = 16
 BASE = 0x41
-LARGEST = 4096  # of a motor word
+LARGEST = 4096  # largest motor word
 WORD_PER_TORQUE = -1.0e4  # [1/(N m)] empirical, of the open driver
 HOMING, GREEN, BLUE, RED = 0x1, 0x2, 0x4, 0x8  # bits of the host's state byte
 

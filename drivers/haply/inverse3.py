@@ -23,7 +23,7 @@ from palpate.drivers.transport.websocket import WebSocket
 
 NAME = "Haply Inverse service"
 ADDRESS = "ws://localhost:10001"
-PATIENCE = 0.005  # [s] for a state
+PATIENCE = 0.005  # [s] timeout for a state
 CALM = 10  # [1] cycles without backlog after which a state counts as current
 GRIPS = ("wireless_verse_grip", "verse_grip")
 

@@ -24,7 +24,7 @@ COMMAND, STATE, INFO = 1, 2, 3
 ENABLE, HOME, ASK_INFO = 1, 2, 4  # flags of a command
 HOMED, TRIPPED, FAULT = 1, 2, 4  # flags of a state
 TORQUES = 1  # flag of an info: counts are of joints, commands are torques
-PATIENCE = 0.004  # [s] for a state
+PATIENCE = 0.004  # [s] timeout for a state
 WATCHDOG = 20  # [ms] without a command after which the device switches its motors off
 _COMMAND, _STATE, _INFO = struct.Struct("<BBHBBH6h"), struct.Struct("<BBHHBBI6iH"), struct.Struct("<BBHBB6f6f")
 _REVERSED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # the bits of each byte in reverse order
@@ -98,12 +98,12 @@ def unpack(report: bytes) -> RawCommand | RawState | Info | None:
 
 
 def fits(entry: dict[str, Any]) -> bool:
-    """Whether an entry of hidapi's list may speak the protocol; `open` then checks its answer."""
+    """Whether a device of hidapi's list may support the protocol; `open` then checks its answer."""
     return entry.get("usage_page") == USAGE_PAGE and entry.get("usage") == USAGE
 
 
 class RawHidDriver(PortDriver[HidPort]):
-    """A device that speaks the protocol, with up to three axes."""
+    """A device with the protocol and up to three axes."""
 
     name = NAME
     limits = LIMITS["rawhid"]
@@ -158,7 +158,7 @@ class RawHidDriver(PortDriver[HidPort]):
         return DeviceSample(now, position=where, buttons=state.buttons)
 
     def _newest(self, deadline: float) -> RawState | None:
-        """The newest state that has a new sequence number; None when none came before `deadline` [s]."""
+        """The newest state with a new sequence number; None if none arrives before `deadline` [s]."""
         port = self.port
         while (left := deadline - time.monotonic()) > 0.0:
             for report in reversed(burst(lambda timeout: port.read(LENGTH, timeout), left)):

@@ -1,1 +1,1 @@
-"""The connections to a device. Each has only a few methods, so that an emulator can take the place of the device."""
+"""Connections to a device. Each has only a few methods, so that an emulator can replace the device."""

@@ -71,7 +71,7 @@ class UsbHid:
 
     def write(self, report: bytes) -> None:
         try:
-            sent = self.device.write(b"\0" + report)  # report number 0: it has none
+            sent = self.device.write(b"\0" + report)  # report number 0: reports without a number
         except (OSError, ValueError):
             raise self._gone() from None
         if sent < 0:

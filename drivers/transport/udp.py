@@ -8,7 +8,7 @@ from palpate.drivers.errors import DeviceError
 class Udp:
     """A socket connected to one host.
 
-    DeviceError: no such host.
+    DeviceError: unknown host.
     """
 
     def __init__(self, host: str, port: int, name: str) -> None:
