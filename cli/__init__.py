@@ -1,1 +1,1 @@
-"""What people type: commands, their help, tables and progress."""
+"""The command line: commands, their help, tables and progress."""

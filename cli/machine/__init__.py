@@ -1,1 +1,1 @@
-"""What `palpate doctor` looks at: this machine, and how late it wakes a process."""
+"""The checks of `palpate doctor`: this machine, and the latency of its wake-ups."""

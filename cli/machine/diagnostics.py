@@ -1,4 +1,4 @@
-"""Diagnostics of this machine: what palpate can use, and the remedy for what is missing."""
+"""Diagnostics of this machine, with a remedy for each missing function."""
 
 import ctypes
 import importlib.metadata

@@ -1,1 +1,1 @@
-"""What the commands share: options, printing, progress, errors without traceback."""
+"""Shared by the commands: options, printing, progress, errors without traceback."""

@@ -134,7 +134,7 @@ def chosen(
 
 
 def check_new(files: Iterable[Path], force: bool) -> None:
-    """ArgumentError: a file exists, and is not to be overwritten. OSError: it cannot be written."""
+    """ArgumentError: a file exists, and `force` is not set. OSError: it cannot be written."""
     from palpate.physics.errors import ArgumentError
     from palpate.physics.writable import check_file
 
@@ -214,6 +214,6 @@ def thin_factors(given: list[str]) -> dict[str, int]:
 
 
 def one_of(option: str, value: str | None, *words: str) -> None:
-    """BadParameter: the value of an option is none of these words."""
+    """BadParameter: the value of an option is not one of these words."""
     if value not in (None, *words):
         raise typer.BadParameter(f"{option}: found {value!r}, expected {' or '.join(words)}")

@@ -96,7 +96,7 @@ def _data(outcome: RunOutcome, drawn: list[Path]) -> dict[str, Any]:
 
 
 def _pictures(outcome: RunOutcome, folder: Path | None, silent: bool) -> list[Path]:
-    """Draw the pictures of a run that was not interrupted. If there are none, add the reason to the run's notes."""
+    """Draw the pictures of a run that was not interrupted. Without pictures, add the reason to the run's notes."""
     from palpate.records.stored import RecordingError
     from palpate.views.errors import PictureError
 

@@ -46,7 +46,7 @@ def new(
 ) -> None:
     """Write a graph, scene, study, experiment, launch file or node.
 
-    Each is valid as it stands: a copy of a shipped file with its comments, a launch file, or a node with its test.
+    Each is valid without changes: a copy of a shipped file with its comments, a launch file, or a node with its test.
     """
     one_of("KIND", kind, *KINDS, NODE)
     if kind != NODE and (takes, sends, compiled) != (TAKES, SENDS, False):

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from palpate.messages import Health
 
 EXAMPLE = "palpate top --once"
-LONGEST_GAP = 0.25  # [s] counted at most between two reports: a node sends five a second, unless the machine stalls
+LONGEST_GAP = 0.25  # [s] limit of the counted time between two reports: a node sends five per second
 
 
 def top(

@@ -56,7 +56,7 @@ def fingertip(
 
 
 def _pressing(plate: str, material: str, depth: float, cells: int, friction: float) -> Pressing:
-    """The pressing that the options describe. MeshError: an option is invalid."""
+    """The press that the options describe. MeshError: an option is invalid."""
     from palpate.models.fe.element.mesh import MeshError
     from palpate.models.fe.meshing.fingertip import FingertipDimensions, divisor_and_bone
     from palpate.models.fe.study.pressing import Pressing
