@@ -14,7 +14,7 @@ OPEN = 3  # length of a vector of open length
 
 
 def example(kind: type, loaded: bool) -> Any:
-    """A message of this type.
+    """A plausible message of this type.
 
     loaded  True: a light touch, typical numbers for each unit, arrays of one row. False: all zero, arrays empty
 

@@ -7,9 +7,9 @@ A record begins with the header:
     time     as in the message [ns]
     present  the inputs that its sender had, as a bit mask in port order: bit n for entry n of `used`
 
-The fields follow by name: numbers, flags and vectors of fixed length as they are; a word as its index among those that
-the field declares (`OneOf`); a vector of open length, of at most `ROOM` numbers, as `count` and `values`; an array as
-`address` and `shape` in the sender's memory.
+The fields follow by name: numbers, flags and vectors of fixed length unchanged; a word as its index among the words of
+the field (`OneOf`); a vector of open length, of at most `ROOM` numbers, as `count` and `values`; an array as `address`
+and `shape` in the sender's memory.
 """
 
 import ctypes

@@ -50,8 +50,8 @@ class Subsurface(Message):
 class Spikes(Message):
     """Spikes of tactile afferents since the message before.
 
-    unit    [1]   (s)  which afferent fired: a place among those of the sender, one type after the other
-    moment  [s]   (s)  when, on the graph's clock, at the receptor; conduction along the nerve is left out
+    unit    [1]   (s)  index of the afferent that fired, among those of the sender, which are sorted by type
+    moment  [s]   (s)  time of the spike at the receptor, on the graph's clock; conduction along the nerve is left out
     mean    [1/s] (3)  mean rates of all SA1, RA1 and PC afferents, smoothed over the sender's `smoothing`
     rate    [1/s] (n)  smoothed rate of each afferent; empty if no node reads it
     """
