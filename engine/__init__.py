@@ -1,1 +1,1 @@
-"""What every way of running shares: the plan, the jobs, the step of a node, the clocks, what is counted."""
+"""Shared by runs, replays and tests: the plan, the jobs, the step of a node, the clocks, the counters."""

@@ -82,8 +82,8 @@ class NodeImage:
 class Lanes:
     """Independent runs of a graph.
 
-    segment  of the graph, with its nodes just started
-    count    number of lanes; `place` each one before it runs
+    segment  segment of the graph, with nodes that have started and not stepped
+    count    number of lanes; call `place` for each before it runs
     """
 
     def __init__(self, segment: Segment, count: int) -> None:
@@ -126,8 +126,8 @@ class Lanes:
         words[(self._clock + CLOCK.fields["failed"][1]) // 8] = -1  # type: ignore[index]
 
     def keep(self, fields: Sequence[tuple[RecordOutput, str]], rows: int, every: int = 1) -> None:
-        """Keep these message fields at the ticks that `every` divides, the last `rows` of them, in `columns`, each of
-        shape (lanes, rows, ...). Call it before `place`."""
+        """Record these message fields in `columns`, each of shape (lanes, rows, ...): the last `rows` values, at the
+        ticks that `every` divides. Call it before `place`."""
         forms = [output.record.dtype.fields[name][:2] for output, name in fields]  # type: ignore[index]
         self.columns = [np.zeros((self.count, rows), dtype) for dtype, _ in forms]
         self._sources = np.array(

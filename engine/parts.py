@@ -1,4 +1,4 @@
-"""Which nodes of a graph belong to one finger."""
+"""Assigns the nodes of a graph to fingers."""
 
 from collections import Counter
 from collections.abc import Iterable
