@@ -1,1 +1,1 @@
-"""Builders of what the reduced bodies read: bases."""
+"""Builders of the bases of reduced bodies."""

@@ -23,23 +23,24 @@ from palpate.physics.geometry.mesh import Mesh
 from palpate.physics.materials.hyperelastic import MIXED_FROM
 from palpate.physics.writable import check_folder
 
-INDEX = "index.json"  # Of the folder of shipped bases, whose files have readable names
-MOST = 2500  # Vertices of a condensed surface; its dense compliance matrix then uses 0.5 GB
-MOST_ELEMENTS = 18_000  # Elements of a sampled body; the selection of its points then uses 3 GB
+INDEX = "index.json"  # index of the folder of shipped bases, whose files have readable names
+MOST = 2500  # limit of vertices of a condensed surface; its dense compliance matrix then uses 0.5 GB
+MOST_ELEMENTS = 18_000  # limit of elements of a sampled body; the selection of its points then uses 3 GB
 
 
 Begin = Callable[..., Callable[[float], None]]
-"""Begins a stage of a build with a name, a note, and None if its length is unknown; returns a function of its share."""
+"""Begins a stage of a build with a name, a note, and None if its duration is unknown; returns a function that takes the
+fraction done."""
 
 
 def silent(name: str, note: str, total: float | None = 1.0) -> Report:
-    """Shows nothing."""
+    """Show no progress."""
     return unheard
 
 
 def expected(node: ReducedFE, vertices: int) -> str:
-    """Estimated duration of a build on one idle core, as text: measured were 12 s of CPU time for 300 vertices and 34 s
-    for 602. A sampled basis takes longer, because the full model is pressed."""
+    """Estimated duration of a build on one idle core, as text. Measured: 12 s of CPU time for 300 vertices, 34 s for
+    602. A sampled basis takes longer, because the full model is pressed."""
     seconds = 10.0 + 24.0 * (vertices / 602) ** 1.5
     return "several minutes" if node.model == "sampled" else f"roughly {seconds:.0f} s"
 

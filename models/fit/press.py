@@ -11,8 +11,8 @@ from palpate.messages import Contact, Pose
 from palpate.models.fit.sessions import SessionError
 
 HEAD = ["subject", "session", "depth [mm]", "rate [mm/s]", "force [N]"]
-AROUND = 10e6  # [ns] before and after a sample, over which its rate is averaged, because of encoder quantization
-NOISE = 5.0  # [1] Standard deviations above the force before the press, above which a force is not noise
+AROUND = 10e6  # [ns] averaging time of the rate before and after a sample, because of encoder quantization
+NOISE = 5.0  # [1] noise limit of a force, in standard deviations of the force before the press
 
 
 @dataclass(frozen=True)

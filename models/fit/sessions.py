@@ -24,7 +24,7 @@ UNITS = {
     "force": {"N": 1.0, "mN": 1e-3},
 }
 MOST = {"depth": 1.0, "force": 1e4}  # Upper bounds in SI units; a larger value means a wrong unit in the header
-NOISE = 0.05  # [1] Largest negative force, over a subject's largest force, that counts as noise
+NOISE = 0.05  # [1] largest negative force that counts as noise, as a fraction of the subject's largest force
 STIFFNESS = (5.0, 1e5)
 """[N/m] Range of largest force over depth for soft tissue under a probe of the size of a fingertip."""
 LABELS = ("subject", "session")

@@ -1,9 +1,9 @@
 """Autoregressive models of a texture from a recording of a finger or a tool that slides over it.
 
-The recording is cut into windows of steady speed and force. Windows of similar speed and force make a model
-(Yule-Walker on their mean autocovariance), labelled with their medians; one order, the least sum of BIC, serves all, so
-that line spectral frequencies can be interpolated (H. Culbertson, J. Unwin, K. J. Kuchenbecker, IEEE Trans. Haptics 7
-(2014) 381-393, whose segments are found by the signal instead). A speed in the middle is predicted from the others.
+The recording is cut into windows of steady speed and force. Windows with similar speed and force give one model
+(Yule-Walker on their mean autocovariance), labelled with their medians. All models have the order with the lowest sum
+of BIC, so that line spectral frequencies can be interpolated (H. Culbertson, J. Unwin, K. J. Kuchenbecker, IEEE Trans.
+Haptics 7 (2014) 381-393, who segment by the signal instead). A speed in the middle is predicted from the others.
 """
 
 from pathlib import Path
@@ -18,12 +18,12 @@ from palpate.physics.texture.autoregressive import line_spectrum, spectrum, yule
 from palpate.physics.texture.surface import read_table, third_octaves
 
 WINDOW = 0.1  # [s]
-STEADY = 0.2  # [1] change of speed or force within a window beyond which it is left out
-RATIO = 1.25  # of speeds, and of forces, that one model stands for
-LEAST = 8  # windows of a model
+STEADY = 0.2  # [1] largest relative change of speed and force in a window that is used
+RATIO = 1.25  # [1] largest ratio of the speeds, and of the forces, of one model
+LEAST = 8  # smallest number of windows of a model
 ORDERS = range(4, 41)
-LOWEST = 20.0  # [Hz] motion of the hand lies below
-DRAWS = 400  # of the bootstrap
+LOWEST = 20.0  # [Hz] high-pass limit; the motion of the hand is below
+DRAWS = 400  # number of bootstrap samples
 
 
 class RecordedCell(NamedTuple):
@@ -39,7 +39,7 @@ def fit_texture(path: Path, held_out: float | None = None) -> Texture:
 
     held_out  speed [m/s] that is predicted from the others; None: one in the middle
 
-    SessionError: what is wrong.
+    SessionError: an unusable file, or an unknown speed.
     """
     try:
         sampling, quantity, cells = _cells(path)
@@ -110,7 +110,7 @@ def _cells(path: Path) -> tuple[float, str, list[RecordedCell]]:
 
 
 def _groups(values: np.ndarray) -> np.ndarray:
-    """Number (n) of the group of each value (n) > 0: a group begins where the last one would span more than RATIO."""
+    """Group number (n) of each value (n) > 0. The largest value of a group is at most RATIO times the smallest."""
     numbers, number, begin = np.zeros(len(values), int), -1, 0.0
     for i in np.argsort(values):
         if number < 0 or values[i] > RATIO * begin:
@@ -120,7 +120,7 @@ def _groups(values: np.ndarray) -> np.ndarray:
 
 
 def _models(cells: list[RecordedCell], sampling: float) -> list[Model]:
-    """A model of each cell, all of the order with the least sum of BIC."""
+    """A model of each cell; all have the order with the lowest sum of BIC."""
     most = min(ORDERS[-1], cells[0].windows.shape[1] // 8)
     covariances = [_covariance(cell.windows, most) for cell in cells]
     bic = np.zeros(most + 1)

@@ -13,9 +13,9 @@ import numpy as np
 from palpate.models.scan.stack import ScanError, Stack, checked, cross_sections, oriented
 
 MOST_PACKED = 1032  # [1] Largest compression ratio of deflate (zlib, technical details)
-MOST_VOXELS = 1 << 28  # [1] Of a stack: 1 GB in memory, 4 l at 0.25 mm
-MOST_FILE = 1 << 30  # [bytes] Of all files of a DICOM series
-MOST_HEAD = 1 << 24  # [bytes] Before the voxels of a NIfTI file
+MOST_VOXELS = 1 << 28  # [1] limit of a stack: 1 GB in memory, 4 l at 0.25 mm
+MOST_FILE = 1 << 30  # [bytes] limit of all files of a DICOM series together
+MOST_HEAD = 1 << 24  # [bytes] limit of the data before the voxels of a NIfTI file
 DEFLATED = b"1.2.840.10008.1.2.1.99"  # Transfer syntax of deflated DICOM files
 
 

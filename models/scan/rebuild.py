@@ -18,7 +18,7 @@ from palpate.models.scan.outline import Outlines, distance, enclosed
 from palpate.models.scan.stack import ScanError, Stack
 from palpate.physics.fingertip.surfaces import FingertipSurfaces, cast, fill
 
-MARGIN = 1.5e-3  # [m] Of air around the finger
+MARGIN = 1.5e-3  # [m] margin of air around the finger
 
 
 class Rebuilt(NamedTuple):

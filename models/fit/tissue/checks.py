@@ -18,13 +18,13 @@ from palpate.models.fit.tissue.rigs import Law, Parameter, Values
 
 SHARES = (0.3, 0.2, 0.14, 0.1, 0.07, 0.05, 0.035, 0.025)
 """[1] Last fractions of the indentation in which a plateau is searched."""
-FLAT = 0.3  # [1] Slope at the end of the loading over the mean slope, below which the force has stopped rising
-TIES = 4  # Number of rows with exactly the peak force from which on the sensor counts as saturated
-WIDE = 0.005  # [1] Least range of indentation of these rows, over the largest indentation
-SURE = 3.3  # Standard errors above which a drift is significant
-HARMLESS = 0.02  # [1] Shift of an end of an interval, over the parameter, below which a misfit is not reported
+FLAT = 0.3  # [1] slope at the end of the loading, over the mean slope, below which the force is constant
+TIES = 4  # number of rows with exactly the peak force at which the sensor counts as saturated
+WIDE = 0.005  # [1] smallest range of indentation of these rows, over the largest indentation
+SURE = 3.3  # standard errors above which a drift is significant
+HARMLESS = 0.02  # [1] largest relative shift of an interval's end by a misfit that is not reported
 EXACT = 3e-4  # [1] RMS over the peak below which a misfit is ignored, since no law and no sensor is more accurate
-BLOCKS_MOST = 8  # Largest number of blocks of rows in contact whose means are compared with the noise
+BLOCKS_MOST = 8  # largest number of blocks of rows in contact whose means are compared with the noise
 DRIFT, BENT, RATE = "a baseline that drifts", "a smooth factor over the depth", "a factor that rises with the rate"
 BLOCKS = "blocks"
 UNLIKELY = 0.02  # p-value below which another shape of the force is also fitted

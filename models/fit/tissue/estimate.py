@@ -27,7 +27,7 @@ from palpate.models.fit.tissue.rigs import Law, Parameter
 STARTS = 10
 INDISTINGUISHABLE = 0.97  # [1] Correlation above which two parameters cannot be distinguished
 LEVEL = 0.95
-STEP = 1e-6  # Of the differences of a Jacobian, in search coordinates
+STEP = 1e-6  # finite-difference step of a Jacobian, in search coordinates
 LEAST_EFFECTIVE = 3.0
 """Lower bound of the independent residuals per unknown. A law that misfits leaves fewer, and no statistic then measures
 the error of its parameters; the report describes the misfit separately."""
