@@ -1,4 +1,4 @@
-"""Property tests of bytes draw large inputs; how long that takes says nothing on a busy machine."""
+"""Property tests of bytes draw large inputs, so their deadline is disabled for busy machines."""
 
 from hypothesis import HealthCheck, settings
 

@@ -1,4 +1,4 @@
-"""`palpate devices`, and a press that becomes a session."""
+"""`palpate devices`, and `palpate fit record`."""
 
 import json
 import re
@@ -27,7 +27,7 @@ def run(*words):
 
 @pytest.fixture
 def bus(tmp_path, monkeypatch):
-    """A kernel's folders with a Falcon, a raw-HID device and an ordinary mouse."""
+    """The kernel's folders for a Falcon, a raw-HID device and an ordinary mouse."""
     usb, dev = tmp_path / "usb", tmp_path / "dev"
     for name, words in {"1-1": FALCON, "1-2": BOARD, "1-3": MOUSE}.items():
         (usb / name).mkdir(parents=True)
@@ -43,23 +43,23 @@ def bus(tmp_path, monkeypatch):
     return dev
 
 
-def test_devices_lists_what_is_plugged_in(bus):
+def test_devices_lists_the_connected_devices(bus):
     data = json.loads(run("devices", "--json").stdout)
     falcon, board = data["devices"]
     assert (falcon["name"], falcon["use"], falcon["port"]) == ("Novint Falcon", "device.Falcon", "1:7")
     assert falcon["serial"] == "FT1" and falcon["next"] == ""
     assert (board["use"], board["ids"], board["next"]) == ("device.RawHid", "16c0:0486", "")
-    assert board["port"] == board["file"] == str(bus / "hidraw10"), "of its first interface"
+    assert board["port"] == board["file"] == str(bus / "hidraw10"), "the file of the first interface"
 
 
-def test_a_hid_device_that_the_kernel_has_no_file_for_is_listed(bus):
+def test_a_hid_device_without_a_device_file_is_listed(bus):
     for name in ("1-2:1.0", "1-2:1.1"):
         shutil.rmtree(bus.parent / "usb" / "1-2" / name)
     board = json.loads(run("devices", "--json").stdout)["devices"][1]
     assert board["port"] == "" and board["next"].startswith("no hidraw file")
 
 
-def test_devices_says_what_to_do_next(bus, monkeypatch):
+def test_devices_prints_the_next_step(bus, monkeypatch):
     (bus / "bus" / "usb" / "001" / "007").unlink()
     assert "--install-udev" in json.loads(run("devices", "--json").stdout)["devices"][0]["next"]
     monkeypatch.setattr(discover, "find_spec", lambda module: None)
@@ -78,7 +78,7 @@ def test_the_udev_rule_is_written_and_names_every_device(tmp_path, monkeypatch):
         assert line.startswith("#") or re.fullmatch(r'[A-Z]+=="\w+"(, [A-Za-z{}]+(==|\+?=)"\w+")+', line), line
 
 
-def test_a_rule_that_cannot_be_written_says_how(tmp_path, monkeypatch):
+def test_a_rule_that_cannot_be_written_is_an_error_with_a_remedy(tmp_path, monkeypatch):
     monkeypatch.setattr(discover, "RULE", str(tmp_path / "none" / "70-palpate.rules"))
     outcome = run("devices", "--install-udev")
     assert outcome.exit_code == 1 and "sudo" in outcome.stderr and "Traceback" not in outcome.stderr
@@ -87,8 +87,8 @@ def test_a_rule_that_cannot_be_written_says_how(tmp_path, monkeypatch):
 EMULATED = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]
 
 
-def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sample(tmp_path):
-    """As docs/devices.md shows it, with the defaults: the sample has K 3000 N/m^1.5, n 1.5 and c 5 s/m."""
+def test_a_press_on_both_emulators_gives_the_law_of_the_sample(tmp_path):
+    """The example of docs/devices.md with the defaults: the sample has K 3000 N/m^1.5, n 1.5 and c 5 s/m."""
     out = tmp_path / "press.csv"
     recorded = run("fit", "record", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert recorded.exit_code == 0, recorded.output
@@ -96,12 +96,12 @@ def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sa
     whole = recording.read_bytes()
     again = run("fit", "record", out, "--subject", "gel", "--session", "1", "--duration", 4, *EMULATED)
     assert again.exit_code == 2 and "exists. Use another --session" in again.stderr
-    assert recording.read_bytes() == whole, "refused before the first press was written over"
+    assert recording.read_bytes() == whole, "the second press was rejected before the recording was overwritten"
     lines = [line for line in recorded.stdout.splitlines() if line.startswith("next: ")]
     assert len(lines) == 1 and str(recording) in lines[0]
     assert "8 more sessions" in recorded.stdout
     words = shlex.split(lines[0].removeprefix("next: palpate "), comments=True)
-    fitted = run(*words, "--json", "-o", tmp_path / "fit")  # the command that it names works
+    fitted = run(*words, "--json", "-o", tmp_path / "fit")  # the suggested command works
     assert fitted.exit_code == 0, fitted.output
     values = {name: p["value"] for name, p in json.loads(fitted.stdout)["parameters"].items()}
     forces = [values["stiffness"] * d ** values["exponent"] for d in (1e-3, 3e-3, 5e-3)]  # K and n trade off
@@ -110,9 +110,9 @@ def test_a_press_on_both_emulators_becomes_a_session_whose_law_is_that_of_the_sa
     depth, rate, force = rows[:, 0] * 1e-3, rows[:, 1] * 1e-3, rows[:, 2]
     assert depth == pytest.approx(np.arange(0, 5.1e-3, 0.5e-3))
     error = np.abs(force - 3e3 * depth**1.5 * (1 + 5.0 * rate))
-    assert np.sort(error)[-3] < 0.05, error  # a machine that is busy for 30 ms reads a depth late
+    assert np.sort(error)[-3] < 0.05, error  # a stall of 30 ms delays the reading of one depth
     assert error.max() < 0.3, error
-    assert force[0] == pytest.approx(0.0, abs=0.01), "sensor and hand begin at the same place"
+    assert force[0] == pytest.approx(0.0, abs=0.01), "sensor and hand start at the same position"
 
 
 def test_sessions_of_one_subject_are_counted(tmp_path):
@@ -122,7 +122,7 @@ def test_sessions_of_one_subject_are_counted(tmp_path):
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_the_depth_is_counted_from_where_the_force_leaves_the_noise(noise):
+def test_the_depth_starts_where_the_force_exceeds_the_noise(noise):
     forces = (
         noise * np.random.default_rng(0).standard_normal(1000)
         + 3e3 * np.clip(np.arange(1000) - 700, 0, None) ** 1.5 * 1e-7
@@ -131,7 +131,7 @@ def test_the_depth_is_counted_from_where_the_force_leaves_the_noise(noise):
     assert 700 <= _onset(forces[: first + 1]) <= 700 + (40 if noise else 0)
 
 
-def test_a_table_without_a_last_line_end_is_added_to_on_a_line_of_its_own(tmp_path):
+def test_a_session_starts_a_new_line_after_a_missing_line_end(tmp_path):
     file = tmp_path / "p.csv"
     press = Loading(np.arange(3.0), np.ones(3), np.arange(3.0))
     add_session(file, "a", "1", press)
@@ -140,7 +140,7 @@ def test_a_table_without_a_last_line_end_is_added_to_on_a_line_of_its_own(tmp_pa
     assert [line.split(",")[1] for line in file.read_text().splitlines()[1:]] == ["1"] * 3 + ["2"] * 3
 
 
-def test_another_file_is_not_added_to(tmp_path):
+def test_a_file_with_another_header_is_rejected(tmp_path):
     file = tmp_path / "other.csv"
     file.write_text("a,b\n1,2\n")
     with pytest.raises(
@@ -150,7 +150,7 @@ def test_another_file_is_not_added_to(tmp_path):
     assert file.read_text() == "a,b\n1,2\n"
 
 
-def test_faults_take_units_and_name_those_that_there_are():
+def test_faults_accept_units_and_errors_list_the_known_faults():
     given = "{latency: 2 ms, dropouts: 0.01, garbled: 0.01, glitches: 0.01, noise: 0.2, unplug: 5, back: 8, flaky: 3}"
     graph = find("falcon").but(overrides=("device.port=emulator", f"device.faults={given}")).load()
     assert graph.nodes["device"].settings["faults"]["latency"] == 2e-3
@@ -163,7 +163,7 @@ def test_faults_take_units_and_name_those_that_there_are():
             find("falcon").but(overrides=(f"device.faults={wrong}",)).load()
 
 
-def test_reconnect_is_for_graphs_with_a_device(tmp_path):
+def test_reconnect_requires_a_device(tmp_path):
     good = run(
         "run",
         "falcon",

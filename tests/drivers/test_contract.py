@@ -1,4 +1,4 @@
-"""What every node with a device keeps to, whichever device it is: run against its emulator."""
+"""The contract of all device nodes, each tested with its emulator."""
 
 import re
 import time
@@ -30,7 +30,7 @@ HAPTIC = ["falcon", "rawhid", "inverse3"]
 
 @pytest.fixture
 def made(request):
-    """Makes a started node on a bus; it is stopped at the end."""
+    """Creates a started node on a bus, and stops it after the test."""
     nodes = []
 
     def make(name, **settings):
@@ -45,7 +45,7 @@ def made(request):
 
 
 def run(bus, seconds, until=lambda message: False):
-    """The last message after so much time in which the machine runs, or the first for which `until` holds."""
+    """The last message after this running time of the machine [s], or the first for which `until` is true."""
     left, looked = seconds, time.monotonic()
     while left > 0.0:
         (message,) = bus.run(1)
@@ -58,13 +58,13 @@ def run(bus, seconds, until=lambda message: False):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_it_answers_and_never_holds_up_the_loop(name, made):
+def test_a_node_answers_and_never_blocks_the_loop(name, made):
     node, bus = made(name)
     run(bus, 3.0, lambda m: node.exchange.answers > 20)
     assert node.exchange.answers > 20
     begun = time.thread_time()
     messages = bus.run(300)
-    assert time.thread_time() - begun < 0.3, "1 ms of processor time a step, FakeBus included"
+    assert time.thread_time() - begun < 0.3, "1 ms of processor time per step, FakeBus included"
     assert all(isinstance(m, DeviceState | Contact) for m in messages)
     assert type(node).hardware and type(node).sink
 
@@ -78,10 +78,8 @@ FIRST = '{"inverse3": [{"device_id": "A1"}]}'
     [(raw, raw.RawHidDriver, INFO, 8), (inverse3, inverse3.Inverse3Driver, FIRST, 1)],
     ids=["rawhid", "inverse3"],
 )
-def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it_may_take(
-    monkeypatch, module, driver, answer, late
-):
-    """What it answers comes when the machine goes on."""
+def test_a_request_is_repeated_after_a_stall_as_long_as_the_timeout(monkeypatch, module, driver, answer, late):
+    """The answer arrives after the stall."""
     clock, answers = [0.0], iter([type(answer)()] * late)
 
     def read(*_):
@@ -94,7 +92,7 @@ def test_a_device_is_asked_again_where_the_machine_stood_still_for_as_long_as_it
 
 
 @pytest.mark.parametrize("name", HAPTIC)
-def test_the_force_comes_in_slowly_and_not_before_homing(name, made):
+def test_the_force_ramps_up_after_homing(name, made):
     node, bus = made(name, ramp=0.3)
     state = bus.run(1)[0]
     assert node.exchange.guard.gain < 0.5
@@ -116,14 +114,14 @@ def test_a_silent_device_gets_no_force(name, made):
 
 @pytest.mark.parametrize("reconnect", [False, True])
 @pytest.mark.parametrize("name", KINDS)
-def test_a_device_that_stops_answering_is_an_error_with_its_name(name, reconnect):
-    """One that is waited for is an error if it stays silent."""
+def test_a_silent_device_is_an_error_with_its_name(name, reconnect):
+    """With `reconnect` too, if it stays silent until the end."""
     kind, given, held = KINDS[name]
     node = kind(port="emulator", reconnect=reconnect, faults=EmulatedFaults(silent=0.3), **given)
     called = rf"DeviceError: the {node.driver().name} does not answer any more: .* [\d.]+ s\. Check"
     bus, notes = FakeBus(node, **held), []
 
-    def goes_on():
+    def answers():
         bus.run(1)
         notes.extend(node.notes())
         return not any("does not answer any more" in note for note in notes)
@@ -131,7 +129,7 @@ def test_a_device_that_stops_answering_is_an_error_with_its_name(name, reconnect
     try:
         with pytest.raises(Exception) as told:
             for _ in range(20_000):
-                if not goes_on():
+                if not answers():
                     break
                 time.sleep(0.001)
             assert reconnect
@@ -143,7 +141,7 @@ def test_a_device_that_stops_answering_is_an_error_with_its_name(name, reconnect
     assert not any("rate" in note for note in notes)
 
 
-def test_a_silent_device_that_answers_again_is_taken_up_again(made):
+def test_a_silent_device_that_answers_again_is_used_again(made):
     node, bus = made("inverse3", reconnect=True, faults=EmulatedFaults(silent=0.3, back=1.5))
     notes: list[str] = []
     run(bus, 15.0, lambda _: notes.extend(node.notes()) or "The device is back." in notes)
@@ -154,14 +152,14 @@ def test_a_silent_device_that_answers_again_is_taken_up_again(made):
 @pytest.mark.parametrize("name", HAPTIC)
 def test_a_released_dead_man_button_gives_no_force(name, made):
     node, bus = made(name, ramp=0.0, deadman=0x8000)
-    assert run(bus, 30.0, lambda m: m.homed).homed, "from here on nothing but the button keeps the force away"
+    assert run(bus, 30.0, lambda m: m.homed).homed, "from here on only the button blocks the force"
     answers = node.exchange.answers
     run(bus, 30.0, lambda m: node.exchange.answers > answers + 20)
     assert node.exchange.answers > answers + 20 and node.exchange.guard.gain == 0.0
 
 
-@pytest.mark.parametrize("name", [n for n in KINDS if n != "netft"])  # a datagram knows of no plug
-def test_a_pulled_plug_is_one_clear_line(name, made):
+@pytest.mark.parametrize("name", [n for n in KINDS if n != "netft"])  # UDP does not detect a pulled plug
+def test_a_pulled_plug_is_an_error_of_one_line(name, made):
     _, bus = made(name, faults=EmulatedFaults(unplug=0.3))
     with pytest.raises(DeviceError, match=r"gone.*(Plug it in|Start it) again") as told:
         run(bus, 8.0)
@@ -169,7 +167,7 @@ def test_a_pulled_plug_is_one_clear_line(name, made):
 
 
 @pytest.mark.parametrize("name", ["falcon", "rawhid"])
-def test_a_device_that_is_back_is_taken_up_again(name, made):
+def test_a_reconnected_device_is_used_again(name, made):
     node, bus = made(name, reconnect=True, faults=EmulatedFaults(unplug=0.3, back=0.9))
     notes: list[str] = []
 
@@ -185,7 +183,7 @@ def test_a_device_that_is_back_is_taken_up_again(name, made):
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_stopping_is_safe_at_any_time(name):
+def test_stopping_sends_zero_force_at_any_time(name):
     kind, given, _ = KINDS[name]
     node = kind(port="emulator", **given)
     node.stop()
@@ -195,7 +193,7 @@ def test_stopping_is_safe_at_any_time(name):
     assert node.exchange._thread is None
 
 
-def test_a_device_slower_than_the_graph_is_told_once(made):
+def test_a_device_slower_than_the_graph_is_reported_once(made):
     node, bus = made("inverse3", faults=EmulatedFaults(latency=0.0015))
     run(bus, 30.0, lambda m: node.steps > 2000 and node.exchange.rate > 0.0)
     (note,) = node.notes()
@@ -205,7 +203,7 @@ def test_a_device_slower_than_the_graph_is_told_once(made):
 
 
 @pytest.mark.parametrize(("graph", "names"), [("falcon", ["falcon"]), ("cartesian", HAPTIC[1:])])
-def test_the_graphs_know_the_delay_of_their_devices(graph, names):
+def test_the_graphs_have_the_delay_of_their_devices(graph, names):
     plan = find(graph).plan()
     controller = plan.make("controller")
     assert controller.passivity and controller.delay >= max(LIMITS[name].delay for name in names)

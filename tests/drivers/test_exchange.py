@@ -1,4 +1,4 @@
-"""The thread that talks to a device never holds up the loop, and leaves no force behind."""
+"""The thread that communicates with a device never blocks the loop, and ends with zero force."""
 
 import time
 from dataclasses import replace
@@ -13,7 +13,7 @@ from palpate.drivers.limits import Limits
 
 
 class Slow:
-    """A driver whose answers can be made to take long, to fail, or not to come."""
+    """A driver with slow, failing or missing answers."""
 
     name = "slow thing"
     limits = Limits(command=5.0, power=100.0, speed=10.0, ramp=0.01)
@@ -48,7 +48,7 @@ def until(condition, seconds=5.0):
         if condition():
             return
         time.sleep(0.002)
-    raise AssertionError("it did not happen")
+    raise AssertionError("the condition did not become true")
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def press(driver, exchange):
     until(pressed)
 
 
-def test_a_device_that_takes_long_does_not_hold_up_the_loop(pair):
+def test_a_slow_device_does_not_block_the_loop(pair):
     driver, exchange = pair
     until(lambda: exchange.answers > 3)
     driver.pause = 0.5
@@ -81,16 +81,16 @@ def test_a_device_that_takes_long_does_not_hold_up_the_loop(pair):
     assert exchange.answers < 1000
 
 
-def test_when_the_loop_dies_the_force_goes(pair):
+def test_the_force_goes_to_zero_when_the_loop_dies(pair):
     driver, exchange = pair
     press(driver, exchange)
     until(lambda: driver.sent[-1][1] == 0.0)
     sent = [c for _, c in driver.sent]
     pressed = sent.index(2.0)
-    assert 0.0 in sent[pressed : pressed + 500]  # after 25 ms, in cycles of one at least
+    assert 0.0 in sent[pressed : pressed + 500]  # after 25 ms, in cycles of at least 1 ms
 
 
-def test_when_answers_are_missing_the_force_goes(pair):
+def test_the_force_goes_to_zero_when_answers_are_missing(pair):
     driver, exchange = pair
     press(driver, exchange)
     driver.answers = False
@@ -109,7 +109,7 @@ def test_stopping_commands_zero_and_closes(pair):
     assert [c for _, c in driver.sent[-3:]] == [0.0, 0.0, 0.0] and driver.closed == 1
 
 
-def test_a_machine_that_stands_still_while_it_stops_still_commands_zero(pair):
+def test_a_stall_during_the_stop_does_not_prevent_the_zero_command(pair):
     driver, exchange = pair
     press(driver, exchange)
     driver.pause = 0.1
@@ -117,7 +117,7 @@ def test_a_machine_that_stands_still_while_it_stops_still_commands_zero(pair):
     waited = []
 
     def join(seconds):
-        """The first wait is over before anything could run."""
+        """The first wait ends before the thread can run."""
         waited.append(seconds)
         if len(waited) > 1:
             thread.join(seconds)
@@ -128,7 +128,7 @@ def test_a_machine_that_stands_still_while_it_stops_still_commands_zero(pair):
     assert sum(waited) == pytest.approx(2.0)
 
 
-def test_a_device_that_is_gone_is_told(pair):
+def test_a_lost_device_is_an_error(pair):
     driver, exchange = pair
     until(lambda: exchange.answers > 3)
     driver.error = DeviceError("the device is gone.", lost=True)
@@ -144,7 +144,7 @@ def test_a_device_that_is_gone_is_told(pair):
     until(lambda: driver.closed == 1)
 
 
-def test_a_driver_that_fails_is_told_by_name(pair):
+def test_an_exception_of_the_driver_is_an_error_with_its_type(pair):
     driver, exchange = pair
     driver.error = ZeroDivisionError("by zero")
     until(lambda: driver.closed)
@@ -152,7 +152,7 @@ def test_a_driver_that_fails_is_told_by_name(pair):
         exchange.sample()
 
 
-def test_a_device_is_waited_for_and_the_force_comes_in_again():
+def test_a_lost_device_is_awaited_and_the_force_ramps_up_again():
     driver = Slow()
     exchange = Exchange(driver, Guard(driver.limits), reconnect=True)
     exchange.start()
@@ -164,7 +164,7 @@ def test_a_device_is_waited_for_and_the_force_comes_in_again():
         assert not exchange.sample().homed
         until(lambda: driver.opened == 2)
         press(driver, exchange)
-        assert driver.sent[driver.begins][1] == 0.0, "from zero"
+        assert driver.sent[driver.begins][1] == 0.0, "the force starts at zero"
         assert exchange.notes() == ["the device is gone. Waiting until it is back.", "The device is back."]
         assert exchange.notes() == []
     finally:
@@ -172,8 +172,8 @@ def test_a_device_is_waited_for_and_the_force_comes_in_again():
 
 
 def answered(driver, exchange, cycles, seconds, every=1):
-    """What the exchange makes of so many cycles of these seconds on a clock of their own, with an answer to every
-    n-th, none for 0."""
+    """Run the exchange for this number of cycles of `seconds` each on a simulated clock, with an answer in every
+    `every`-th cycle (0: no answer)."""
     clock = [0.0]
 
     def cycle(command):
@@ -208,32 +208,32 @@ def test_a_device_without_an_answer_for_longer_than_its_limit_is_lost(silence):
     assert printed.value.lost and driver.sent[-1][0] + 0.004 == pytest.approx(silence, abs=0.005)
 
 
-def test_a_device_that_answers_now_and_then_is_not_lost():
+def test_a_device_with_rare_answers_is_not_lost():
     answered(*silent(), 10_000, 0.004, every=100)
 
 
-def test_a_machine_that_stands_still_does_not_make_a_device_silent():
-    """For ten minutes in one cycle of a hundred; an answer comes to each fiftieth."""
+def test_a_stall_of_the_machine_does_not_count_as_silence():
+    """A stall of 10 min in one cycle of 100; every 50th cycle has an answer."""
     answered(*silent(), 1000, lambda number: 600.0 if number % 100 == 7 else 0.001, every=50)
 
 
 @pytest.mark.parametrize(("cycles", "expected"), [(5000, 500.0), (1300, 500.0)])
-def test_an_outage_says_nothing_of_the_rate(cycles, expected):
-    """An answer to each cycle of 2 ms, with outages of 0.3 s at different places of the second that is looked at."""
+def test_an_outage_does_not_change_the_rate(cycles, expected):
+    """An answer in each cycle of 2 ms, with outages of 0.3 s at different times of the averaging second."""
     driver, exchange = silent()
     answered(driver, exchange, cycles, lambda number: 0.3 if number % 620 == 0 else 0.002)
     assert exchange.rate == pytest.approx(expected, rel=0.01)
 
 
 class Moving(Slow):
-    """Its grip goes along x at 1 m/s."""
+    """Its grip moves along x at 1 m/s."""
 
     def cycle(self, command):
         answer = super().cycle(command)
         return answer._replace(position=(answer.time * 1e-9, 0.0, 0.0))
 
 
-def test_a_sample_is_extrapolated_to_now_and_there_is_none_before_the_first():
+def test_a_sample_is_extrapolated_and_none_exists_before_the_first_answer():
     driver = Moving()
     driver.pause = 0.1
     exchange = Exchange(driver, Guard(driver.limits))
@@ -252,7 +252,7 @@ def test_a_sample_is_extrapolated_to_now_and_there_is_none_before_the_first():
 
 
 class Moved(Slow):
-    """It is somewhere else when it is back, and each answer takes long then."""
+    """It returns at another position, with slow answers."""
 
     def open(self):
         super().open()
@@ -263,9 +263,8 @@ class Moved(Slow):
         return answer._replace(position=(self.x, 0.0, 0.0))
 
 
-def test_after_a_break_nothing_is_carried_over_and_the_force_comes_in_from_zero():
-    """No rate is taken from a place before the break to one after it, and a loop that goes on commanding is no reason
-    to give all of the force at once."""
+def test_after_an_outage_rates_are_reset_and_the_force_ramps_up_from_zero():
+    """No rate is computed across the outage, and the force ramps up although the loop has continued to command it."""
     driver = Moved()
     exchange = Exchange(driver, Guard(driver.limits, ramp=10.0), reconnect=True)
     exchange.start()
@@ -290,7 +289,7 @@ def test_after_a_break_nothing_is_carried_over_and_the_force_comes_in_from_zero(
         exchange.stop()
 
 
-def test_a_device_that_is_not_there_is_told_at_the_start():
+def test_a_missing_device_is_an_error_at_the_start():
     driver = Slow()
     driver.refused = 1
     with pytest.raises(DeviceError, match="no such device"):

@@ -1,4 +1,4 @@
-"""The Falcon's bytes, its firmware load, homing, and bad days, against the emulator on a clock of the test's own."""
+"""The Falcon's bytes, firmware load, homing and faults, tested with the emulator on a simulated clock."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 class Time:
-    """A clock that only waiting moves on."""
+    """A clock that advances only by `sleep`."""
 
     def __init__(self):
         self.ns = 10**9
@@ -52,24 +52,24 @@ def homed(driver, time):
     [(0, b"AAAA"), (-1, b"PPPP"), (1447, b"HKFA"), (-1447, b"JFKP"), (4095, b"PPPA"), (-4096, b"AAAP"),
      (32767, b"PPPH"), (-32768, b"AAAI")],
 )  # fmt: skip
-def test_words_are_those_of_the_open_driver(value, text):
+def test_words_equal_those_of_the_open_driver(value, text):
     assert frames.words((value, 0, 0))[:4] == text
     assert frames.numbers(text + b"AAAAAAAA")[0] == value
 
 
-def test_whole_commands_are_those_of_the_open_driver():
+def test_commands_equal_those_of_the_open_driver():
     assert frames.command((0, 0, 0)) == b"<AAAAAAAAAAAAAA>"
     assert frames.command((1000, -1000, 4095), frames.BLUE) == b"<IODAIBMPPPPAEA>"
 
 
 @given(INT16, INT16, INT16, st.integers(0, 15), st.tuples(st.booleans(), st.booleans(), st.booleans()))
-def test_a_report_says_what_was_put_in(a, b, c, buttons, marks):
+def test_a_report_survives_a_round_trip(a, b, c, buttons, marks):
     assert frames.read(frames.report((a, b, c), buttons, marks)) == ((a, b, c), buttons, marks)
 
 
 @given(st.lists(st.one_of(st.binary(max_size=20), st.tuples(INT16, INT16, INT16)), max_size=12), st.integers(1, 9))
-def test_the_reader_finds_its_frames_in_any_rubbish(parts, piece):
-    """Rubbish costs at most the frame that it touches."""
+def test_the_reader_finds_frames_among_random_bytes(parts, piece):
+    """Random bytes invalidate at most the adjacent frame."""
     stream, whole = b"", []
     for part in parts:
         if isinstance(part, bytes):
@@ -84,7 +84,7 @@ def test_the_reader_finds_its_frames_in_any_rubbish(parts, piece):
 
 
 @given(st.integers(0, 15), st.integers(0, 255))
-def test_one_wrong_byte_costs_one_frame(at, byte):
+def test_one_wrong_byte_invalidates_one_frame(at, byte):
     good = [frames.report((i, -i, 7 * i), 0, (True, True, True)) for i in range(4)]
     spoilt = good[1][:at] + bytes((byte,)) + good[1][at + 1 :]
     received = frames.FalconFrameReader().feed(good[0] + spoilt + good[2] + good[3])
@@ -100,48 +100,48 @@ def test_saturation_keeps_the_direction(torques):
     assert words == approx(wanted, abs=0.5)
 
 
-def test_the_divisors_are_the_known_rates():
+def test_the_divisors_give_the_known_baud_rates():
     assert baud(firmware.SLOW) == approx(9600, rel=1e-3)
     assert baud(firmware.LOADING) == approx(142857, rel=1e-5)
     assert baud(firmware.RUNNING) == 1.5e6
 
 
 @pytest.mark.parametrize("flaky", [0, 1, 2, 5])
-def test_the_firmware_is_loaded_however_often_it_takes(flaky):
+def test_loading_the_firmware_is_retried(flaky):
     driver, device, time = pair(EmulatedFaults(flaky=flaky))
     driver.open()
     assert device.running and driver.attempts == flaky + 1
-    # The image goes out and comes back at 142 857 baud, a block at a time: not below two ways of ten bits a byte.
+    # Image and echo are sent at 142 857 baud, block by block: the lower bound is twice ten bits per byte.
     assert time.ns - 10**9 > len(IMAGE) * 20 / 142857 * 1e9
 
 
-def test_a_load_that_never_succeeds_says_what_to_do():
+def test_a_load_that_always_fails_is_an_error_with_a_remedy():
     driver, device, _ = pair(EmulatedFaults(flaky=99))
     with pytest.raises(DeviceError, match=r"10 attempts: the echo .* is wrong\. Switch the Falcon off"):
         driver.open()
     assert not device.running
 
 
-def test_a_running_falcon_is_not_loaded_again():
+def test_running_firmware_is_not_loaded_again():
     driver, device, _ = pair(loaded=True, image=None)
     driver.open()
     assert device.attempts == 0
 
 
-def test_without_an_image_it_says_where_one_is():
+def test_the_error_without_an_image_names_its_source():
     driver, _, _ = pair(image=None)
     with pytest.raises(DeviceError, match=r"no firmware runs.*nvent_firmware\.bin"):
         driver.open()
 
 
-def test_a_wrong_image_is_told():
+def test_a_wrong_image_is_an_error():
     driver, device, _ = pair(image=b"something else entirely")
     with pytest.raises(DeviceError, match="firmware of 23 bytes was loaded, but the Falcon sends no frames"):
         driver.open()
     assert device.attempts == 1
 
 
-def test_an_image_that_is_not_there_is_told(tmp_path):
+def test_a_missing_or_empty_image_is_an_error(tmp_path):
     with pytest.raises(DeviceError, match=r"none\.bin: No such file.*Give the image"):
         firmware.image(str(tmp_path / "none.bin"))
     (tmp_path / "empty.bin").write_bytes(b"")
@@ -149,7 +149,7 @@ def test_an_image_that_is_not_there_is_told(tmp_path):
         firmware.image(str(tmp_path / "empty.bin"))
 
 
-def test_no_command_and_no_angle_before_homing():
+def test_commands_and_angles_are_invalid_before_homing():
     driver, device, _ = pair(homing=0.1)
     driver.open()
     sample = driver.cycle(ZERO)
@@ -161,8 +161,8 @@ def test_no_command_and_no_angle_before_homing():
     assert sample.position == approx(HOME, abs=6e-5)
 
 
-def test_torques_reach_the_hand_and_the_hand_gives_way():
-    """0.6 N up on an arm of 300 N/m: 2 mm, within the encoder's step."""
+def test_torques_move_the_hand():
+    """0.6 N upwards on an arm of 300 N/m: 2 mm, within the encoder resolution."""
     from falcon_arrays import torque
 
     driver, device, time = pair(script=Script(stiffness=300.0, damping=12.0))
@@ -186,17 +186,17 @@ def test_an_answer_takes_about_the_latency_timer():
     assert (time.ns - begun) / 100 == approx(1e6, rel=0.05)
 
 
-def test_dropouts_and_wrong_bytes_cost_no_more_than_they_hit():
+def test_dropouts_and_wrong_bytes_only_invalidate_their_frames():
     driver, _, time = pair(EmulatedFaults(dropouts=0.05, garbled=0.05, seed=3), loaded=True)
     driver.open()
     homed(driver, time)
     samples = [driver.cycle(ZERO) for _ in range(2000)]
     lost = sum(s is None for s in samples)
-    assert 0.05 * 2000 < lost < 0.13 * 2000  # of the wrong bytes some fall where they do no harm
+    assert 0.05 * 2000 < lost < 0.13 * 2000  # some wrong bytes have no effect
     assert all(np.linalg.norm(np.subtract(s.position, HOME)) < 2e-3 for s in samples if s is not None and s.homed)
 
 
-def test_glitches_are_refused_and_a_real_jump_is_believed():
+def test_glitches_are_rejected_and_a_real_jump_is_accepted():
     driver, device, time = pair(EmulatedFaults(glitches=0.05, noise=0.2, seed=5), loaded=True)
     driver.open()
     homed(driver, time)
@@ -211,7 +211,7 @@ def test_glitches_are_refused_and_a_real_jump_is_believed():
     assert sample.position == approx((0.02, 0.0, 0.12), abs=3e-4)
 
 
-def test_a_silent_falcon_gives_no_answer_and_does_not_hang():
+def test_a_silent_falcon_does_not_block_the_driver():
     driver, _, time = pair(EmulatedFaults(silent=0.5), loaded=True)
     driver.open()
     time.ns += 10**9
@@ -220,7 +220,7 @@ def test_a_silent_falcon_gives_no_answer_and_does_not_hang():
     assert time.ns - begun < 6e6
 
 
-def test_an_unplugged_falcon_is_gone_until_it_is_back():
+def test_an_unplugged_falcon_is_an_error_until_it_is_plugged_in():
     driver, _, time = pair(EmulatedFaults(unplug=1.0, back=3.0), loaded=True)
     driver.open()
     time.ns += 1_100_000_000
@@ -235,8 +235,8 @@ def test_an_unplugged_falcon_is_gone_until_it_is_back():
     homed(driver, time)
 
 
-def test_who_did_not_look_while_a_falcon_was_unplugged_finds_it_gone_too():
-    """As on a machine that stood still meanwhile: what was opened before stays gone."""
+def test_a_connection_does_not_survive_an_unnoticed_unplugging():
+    """As on a machine that stalled meanwhile: connections opened before are lost."""
     driver, _, time = pair(EmulatedFaults(unplug=1.0, back=3.0), loaded=True)
     driver.open()
     time.ns += 4 * 10**9
@@ -247,7 +247,7 @@ def test_who_did_not_look_while_a_falcon_was_unplugged_finds_it_gone_too():
     homed(driver, time)
 
 
-def test_packets_lose_their_modem_bytes_each():
+def test_the_modem_bytes_of_each_packet_are_removed():
     assert payload(b"\x01\x60") == b""
     assert payload(b"\x01\x60abc") == b"abc"
     first, second = bytes(range(100, 162)), b"zz"

@@ -1,4 +1,4 @@
-"""A device or service that sends without end: commands go on, the newest state counts, and an old one moves nothing."""
+"""A device or service that floods the host: commands continue, the newest state counts, and old ones are ignored."""
 
 import json
 
@@ -30,7 +30,7 @@ def at(number: int) -> bytes:
 
 
 class Far:
-    """The other end of a link. `waiting`: what it has sent; `flood`: makes what it sends again and again."""
+    """The peer of a connection. `waiting`: data already sent; `flood`: makes the data that it sends continuously."""
 
     def __init__(self, waiting=(), flood=None):
         self.waiting, self.flood, self.reads, self.sent = list(waiting), flood, 0, 0
@@ -41,7 +41,7 @@ class Far:
     def read(self, *given):
         self.reads += 1
         if self.flood is not None:
-            assert self.reads < 100 * MOST, "the driver reads until nothing is left"
+            assert self.reads < 100 * MOST, "the driver reads the whole backlog"
             return self.flood(self.reads)
         return self.waiting.pop(0) if self.waiting else ""
 
@@ -79,7 +79,7 @@ KINDS = {
 
 
 @pytest.mark.parametrize("name", KINDS)
-def test_a_flood_does_not_hold_a_cycle(name):
+def test_a_flood_does_not_block_a_cycle(name):
     make, flood = KINDS[name]
     far = Far(flood=flood)
     driver = make(far)
@@ -102,14 +102,14 @@ def test_of_several_states_the_newest_counts(make, waiting, newest):
     assert newest(driver.cycle((0.0,) * driver.size))
 
 
-def test_a_state_that_came_before_is_no_new_one():
+def test_an_earlier_state_is_not_a_new_one():
     driver = board(Far([at(1)]))
     assert driver.cycle((0.0,) * 3) is not None
     driver.port.waiting.append(at(1))
     assert driver.cycle((0.0,) * 3) is None
 
 
-def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_while():
+def test_states_of_a_flood_are_stale_until_the_backlog_is_read():
     driver = service(Far(flood=state))
     assert [driver.cycle((0.0,) * 3) for _ in range(3)] == [None] * 3
     far, answers = driver.port, []
@@ -122,7 +122,7 @@ def test_states_of_a_flood_are_old_and_no_answers_until_it_was_drained_for_a_whi
     assert answers[-1].position[0] == inverse3.CALM + 1
 
 
-def test_in_a_flood_the_force_goes_and_commands_go_on():
+def test_in_a_flood_the_force_goes_to_zero_and_commands_continue():
     driver = service(Far())
     guard, far, now, sent = Guard(driver.limits, ramp=0.0), driver.port, 0, []
     for k in range(1, 60):

@@ -1,4 +1,4 @@
-"""The last step before the wire: limits, gains and the reasons to give no force."""
+"""The guard: limits, gains and the conditions that remove the force."""
 
 import math
 
@@ -17,7 +17,7 @@ NUMBER = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def run(guard, count, command=(1.0, 0.0, 0.0), start=1, sample=None, age=0):
-    """Feed a cycle a millisecond; the command that would be sent in each."""
+    """Run one cycle per millisecond; returns the command of each."""
     sent = []
     for k in range(start, start + count):
         now = k * MS
@@ -27,7 +27,7 @@ def run(guard, count, command=(1.0, 0.0, 0.0), start=1, sample=None, age=0):
     return sent
 
 
-def test_the_force_comes_in_over_the_ramp():
+def test_the_force_ramps_up_within_the_ramp_time():
     sent = run(Guard(WIDE), 200)
     x = [c[0] for c in sent]
     assert x[0] == 0.0 and x[-1] == 1.0
@@ -44,7 +44,7 @@ def test_the_force_comes_in_over_the_ramp():
         ("outside its box", {"sample": lambda now: DeviceSample(now, position=(0.0, 0.0, 2.0))}),
     ],
 )
-def test_trouble_takes_the_force_away_within_20_ms(name, spoil):
+def test_each_condition_removes_the_force_within_20_ms(name, spoil):
     guard = Guard(WIDE)
     run(guard, 300)
     assert guard.gain == 1.0
@@ -54,13 +54,13 @@ def test_trouble_takes_the_force_away_within_20_ms(name, spoil):
     none = next(i for i, c in enumerate(sent) if c[0] == 0.0)
     assert none - first <= 20 and first <= MISSED + 1
     assert all(c == (0.0, 0.0, 0.0) for c in sent[none:])
-    assert run(guard, 150, start=500)[-1] == (1.0, 0.0, 0.0), "it comes in again when all is well"
+    assert run(guard, 150, start=500)[-1] == (1.0, 0.0, 0.0), "it ramps up again after the condition"
 
 
 @pytest.mark.parametrize("without", range(12, 30, 3))
 @pytest.mark.parametrize("after", [0.0, -1.0, 3.0])
 def test_the_command_never_jumps_around_an_outage(without, after):
-    """Also if another command comes while the last one still falls to 0."""
+    """Also if another command arrives while the last one is falling to 0."""
     guard = Guard(WIDE)
     run(guard, 300)
     old = [guard.apply((1.0, 0.0, 0.0), (300 + k) * MS, 300 * MS) for k in range(1, without)]
@@ -70,14 +70,14 @@ def test_the_command_never_jumps_around_an_outage(without, after):
     assert max(abs(np.diff(x))) <= (1.0 + abs(1.0 - after)) * 1e-3 / FALL + abs(after) * 1e-3 / WIDE.ramp + 1e-12
 
 
-def test_a_late_cycle_falls_as_far_as_time_has_passed():
+def test_the_fall_after_a_late_cycle_follows_the_elapsed_time():
     guard = Guard(WIDE)
     run(guard, 300)
     assert guard.apply((1.0, 0.0, 0.0), 330 * MS, 300 * MS) == (0.0, 0.0, 0.0)
     assert FALL < 0.020
 
 
-def test_too_fast_a_grip_gets_no_force():
+def test_a_grip_that_is_too_fast_gets_no_force():
     guard = Guard(WIDE)
     run(guard, 300)
     sent = run(
@@ -86,7 +86,7 @@ def test_too_fast_a_grip_gets_no_force():
     assert guard.why(340 * MS, 340 * MS) == "too fast" and sent[-1] == (0.0, 0.0, 0.0)
 
 
-def test_the_dead_man_button_has_to_be_held():
+def test_the_force_requires_the_dead_man_button():
     guard = Guard(WIDE, deadman=0b111)
     assert not any(c[0] for c in run(guard, 200))
     held = run(guard, 200, start=201, sample=lambda now: DeviceSample(now, position=(0.0,) * 3, buttons=0b010))
@@ -94,7 +94,7 @@ def test_the_dead_man_button_has_to_be_held():
     assert run(guard, 30, start=401)[-1] == (0.0, 0.0, 0.0)
 
 
-def test_two_missing_answers_in_a_row_are_forgiven_and_three_are_not():
+def test_three_missing_answers_in_a_row_remove_the_force_and_two_do_not():
     guard = Guard(WIDE)
     for now in (MS, 2 * MS):
         guard.saw(None)
@@ -107,19 +107,19 @@ def test_two_missing_answers_in_a_row_are_forgiven_and_three_are_not():
     assert guard.why(2 * MS, 2 * MS) == "answers are missing"
 
 
-def test_a_command_may_be_nine_milliseconds_old_and_not_eleven():
+def test_a_command_is_valid_after_9_ms_and_stale_after_11_ms():
     guard = Guard(WIDE)
     guard.saw(DeviceSample(20 * MS, position=(0.0,) * 3))
     assert guard.why(20 * MS, 11 * MS) == "" and guard.why(20 * MS, 9 * MS) == "the command is old"
 
 
-def test_a_sensor_that_takes_no_command_is_sent_none():
+def test_a_sensor_without_commands_gets_none():
     guard = Guard(Limits(0.0, 0.0, math.inf, ramp=0.0))
     guard.saw(DeviceSample(MS, wrench=(0.0,) * 6))
     assert guard.apply((), MS, MS) == ()
 
 
-def test_when_homing_is_lost_the_force_falls_evenly_though_no_power_is_known():
+def test_when_homing_is_lost_the_force_falls_linearly_without_a_known_power():
     guard = Guard(Limits(command=4.0, power=0.01, speed=math.inf, ramp=0.0))
     guard.saw(DeviceSample(MS, position=(0.0,) * 3))
     assert guard.apply((4.0, 0.0, 0.0), MS, MS)[0] == 4.0
@@ -128,13 +128,13 @@ def test_when_homing_is_lost_the_force_falls_evenly_though_no_power_is_known():
     assert falling == approx([max(0.0, 4.0 * (1.0 - (k - 1) * 1e-3 / FALL)) for k in range(2, 20)], abs=1e-12)
 
 
-def test_a_force_comes_in_over_the_ramp_from_the_first_command_on():
+def test_the_ramp_starts_with_the_first_command():
     guard = Guard(WIDE)
     guard.saw(DeviceSample(MS, position=(0.0,) * 3))
     assert guard.apply((1.0, 0.0, 0.0), MS, MS) == (0.0, 0.0, 0.0)
 
 
-def test_torques_are_limited_each_for_itself_and_a_force_by_its_length():
+def test_torques_are_limited_one_by_one_and_a_force_by_its_length():
     full = {}
     for each in (True, False):
         guard = Guard(Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0))
@@ -143,28 +143,28 @@ def test_torques_are_limited_each_for_itself_and_a_force_by_its_length():
     assert full[True] == approx((0.4, 0.4, -0.4)) and np.linalg.norm(full[False]) == approx(0.4)
 
 
-def test_the_power_of_torques_is_that_at_the_joints():
+def test_the_power_of_torques_is_computed_at_the_joints():
     guard = Guard(Limits(command=10.0, power=0.5, speed=math.inf, ramp=0.0))
     for k in range(1, 20):
         guard.saw(DeviceSample(k * MS, joints=(2e-3 * k, 0.0, 0.0), position=(0.0, 1e-6 * k, 0.0)))  # 2 rad/s
     assert guard.apply((4.0, 0.0, 0.0), 19 * MS, 19 * MS)[0] == approx(0.25)
 
 
-def test_a_sample_that_is_no_newer_than_the_last_changes_nothing():
+def test_a_sample_with_an_old_time_is_ignored():
     guard = Guard(WIDE)
     for k, x in ((1, 0.0), (2, 1e-4), (3, 2e-4), (2, 0.5), (3, 0.5)):
         guard.saw(DeviceSample(k * MS, position=(x, 0.0, 0.0)))
     assert guard.rates()[1] == approx((0.1, 0.0, 0.0))
 
 
-def test_without_a_sample_there_are_no_rates():
+def test_rates_are_empty_without_a_sample():
     guard = Guard(WIDE)
     assert guard.rates() == ((), ())
     guard.saw(DeviceSample(MS, position=(0.0,) * 3))
     assert guard.rates() == ((), ())
 
 
-def test_rates_are_those_of_the_last_eight_intervals():
+def test_rates_are_averaged_over_the_last_eight_intervals():
     guard = Guard(WIDE)
     for k in range(1, 20):
         guard.saw(DeviceSample(k * MS, position=(1.0 if k < 11 else 1.0 + 1e-3 * (k - 11), 0.0, 0.0)))
@@ -173,13 +173,13 @@ def test_rates_are_those_of_the_last_eight_intervals():
     assert guard.rates()[1] == approx((7 / 8, 0.0, 0.0))
 
 
-def test_another_button_is_no_dead_man_button():
+def test_another_button_does_not_act_as_the_dead_man_button():
     guard = Guard(WIDE, deadman=0b110)
     sent = run(guard, 200, sample=lambda now: DeviceSample(now, position=(0.0,) * 3, buttons=0b1001))
     assert not any(c[0] for c in sent) and guard.why(200 * MS, 200 * MS) == "the dead-man button is not held"
 
 
-def test_a_device_without_an_answer_for_long_gets_no_force_in_however_few_cycles():
+def test_a_long_silence_removes_the_force_in_any_number_of_cycles():
     guard = Guard(WIDE)
     run(guard, 300)
     guard.saw(None)
@@ -189,7 +189,7 @@ def test_a_device_without_an_answer_for_long_gets_no_force_in_however_few_cycles
 
 @given(st.tuples(NUMBER, NUMBER, NUMBER), st.booleans())
 @example((0.0, 1.3e308, 1.3e308), False)
-def test_no_command_passes_the_limit_and_its_direction_stays(command, each):
+def test_commands_are_limited_and_keep_their_direction(command, each):
     limits = Limits(command=0.4, power=math.inf, speed=math.inf, each=each, ramp=0.0)
     guard = Guard(limits)
     guard.saw(DeviceSample(1, joints=(0.0,) * 3))
@@ -205,7 +205,7 @@ def test_no_command_passes_the_limit_and_its_direction_stays(command, each):
         assert not sent.any()
 
 
-def test_power_given_to_the_hand_is_limited_and_power_taken_is_not():
+def test_only_the_power_given_to_the_hand_is_limited():
     guard = Guard(Limits(command=10.0, power=0.5, speed=math.inf, ramp=0.0))
     for k in range(1, 20):
         guard.saw(DeviceSample(k * MS, position=(1e-3 * k, 0.0, 0.0)))  # 1 m/s along x
@@ -216,7 +216,7 @@ def test_power_given_to_the_hand_is_limited_and_power_taken_is_not():
 
 @given(st.floats(-20.0, 20.0), st.floats(-2.0, 2.0))
 @example(0.6, 1.0)
-def test_no_more_than_the_power_limit_is_given_and_what_is_below_passes(force, speed):
+def test_the_power_limit_leaves_smaller_commands_unchanged(force, speed):
     guard = Guard(Limits(command=20.0, power=0.5, speed=math.inf, ramp=0.0))
     for k in range(1, 20):
         guard.saw(DeviceSample(k * MS, position=(1e-3 * k * speed, 0.0, 0.0)))
@@ -232,7 +232,7 @@ def test_every_device_has_finite_limits():
         assert math.isfinite(limits.power) and limits.ramp > 0.0, name
 
 
-def test_a_sample_is_carried_on_at_its_rate_and_not_for_long():
+def test_a_sample_is_extrapolated_for_a_limited_time():
     guard = Guard(WIDE)
     for k in range(1, 12):
         guard.saw(DeviceSample(k * MS, joints=(1e-3 * k,), position=(0.0, 2e-3 * k, 0.0)))

@@ -1,4 +1,4 @@
-"""Haply's Inverse3: its messages, and the driver against an emulator."""
+"""Haply's Inverse3: its messages, and the driver with an emulator."""
 
 import json
 import time
@@ -14,7 +14,7 @@ from palpate.drivers.transport.websocket import WebSocket
 
 
 def cycled(driver, command, seconds):
-    """Its last sample after so much time in which the machine runs."""
+    """The last sample after this running time of the machine."""
     left, looked, sample = seconds, time.monotonic(), None
     while left > 0.0:
         sample = driver.cycle(command) or sample
@@ -23,7 +23,7 @@ def cycled(driver, command, seconds):
     return sample
 
 
-def test_an_inverse3s_command_is_as_the_service_wants_it():
+def test_a_command_has_the_format_of_the_service():
     text = json.loads(inverse3.command("04EF", (1.0, 0.0, -2.5)))
     assert text == {
         "inverse3": [
@@ -33,7 +33,7 @@ def test_an_inverse3s_command_is_as_the_service_wants_it():
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", '{"inverse3": 3}', "\x00"])
-def test_rubbish_is_no_state(text):
+def test_an_invalid_message_is_not_a_state(text):
     assert inverse3.position(inverse3.state(text)) is None
 
 
@@ -42,7 +42,7 @@ def service(**more):
     return emulated, inverse3.Inverse3Driver(lambda: WebSocket(emulated.address, inverse3.NAME), more.get("device", ""))
 
 
-def test_an_inverse3_gives_way_to_a_force_over_a_real_socket():
+def test_a_force_moves_the_inverse3_over_a_real_socket():
     emulated, driver = service()
     try:
         driver.open()
@@ -53,7 +53,7 @@ def test_an_inverse3_gives_way_to_a_force_over_a_real_socket():
         emulated.close()
 
 
-def test_no_service_no_device_and_two_devices_are_told():
+def test_a_missing_service_and_missing_or_ambiguous_devices_are_errors():
     with pytest.raises(DeviceError, match=r"no Haply Inverse service at ws://127\.0\.0\.1:9: .*Start it"):
         WebSocket("ws://127.0.0.1:9", inverse3.NAME)
     for ids, text in (((), "knows no Inverse3. Plug it in"), (("A1", "B2"), "`device_id` to one of: A1, B2")):
@@ -66,7 +66,7 @@ def test_no_service_no_device_and_two_devices_are_told():
             emulated.close()
 
 
-def test_a_service_that_ends_is_gone():
+def test_a_service_that_ends_is_an_error():
     emulated, driver = service(faults=EmulatedFaults(unplug=0.2))
     try:
         driver.open()

@@ -1,4 +1,4 @@
-"""Every limit of a device, held to its source; what a driver can be made to send; and that a device is given torque."""
+"""Limits of the devices compared with their source; the largest commands that a driver sends; torque in a run."""
 
 import math
 import re
@@ -22,7 +22,7 @@ from palpate.launch.run.execute import execute
 from palpate.records.reader import Recording
 
 FULL_SCALE, PER_TORQUE = 4096, 10_000.0
-"""Largest motor word of a Falcon, which is this project's choice; words per N m, of libnifalcon
+"""Largest motor word of a Falcon, chosen by this project; words per N m, from libnifalcon
 (src/kinematic/FalconKinematicStamper.cpp, getForces: "torque *= 10000.0"), which has no limit there."""
 ANYWHERE = ((-math.inf,) * 3, (math.inf,) * 3)
 FALCON_BOX = ((-0.09, -0.09, 0.06), (0.09, 0.09, 0.185))
@@ -32,27 +32,27 @@ ROWS = {
     "inverse3": (10.0, 10.0, 2.0, ANYWHERE, 2, 0.5, False, 0.5),
     "rawhid": (5.0, 5.0, 1.5, ANYWHERE, 3, 0.5, False, 0.5),
 }
-"""But for the Falcon's command these are choices of this project, which docs/devices.md states: a change of one is a
-change of what a hand may feel, and is made in both places and here."""
+"""Except for the Falcon's command, this project chose these numbers; docs/devices.md lists them. Each determines what a
+hand may feel, so a change must be made in the code, in the page and here."""
 HAPTIC = ["falcon", "inverse3", "rawhid"]
 DRIVERS = {"falcon": FalconDriver, "inverse3": Inverse3Driver, "rawhid": RawHidDriver}
 PAGE = (Path(__file__).parents[2] / "docs" / "devices.md").read_text()
 
 
-def test_every_limit_is_that_of_its_source():
+def test_every_limit_equals_that_of_its_source():
     assert {name: astuple(limits) for name, limits in LIMITS.items()} == ROWS
 
 
 @pytest.mark.parametrize("name", DRIVERS)
-def test_each_driver_has_its_own_row(name):
+def test_each_driver_has_its_row(name):
     assert DRIVERS[name].limits is LIMITS[name]
 
 
-def test_a_sensor_takes_no_command():
+def test_a_sensor_accepts_no_command():
     assert NetFTDriver.limits.command == 0.0 and NetFTDriver.limits.silence == 2.5
 
 
-def test_the_times_of_the_guard_are_those_that_the_page_states():
+def test_the_times_of_the_guard_equal_those_of_the_page():
     assert (guard.FALL, guard.MISSED, guard.SILENT, guard.STALE, guard.HORIZON) == (0.015, 3, 0.020, 0.010, 0.005)
     assert WATCHDOG == 20  # [ms] docs/raw_hid.md
     text = " ".join(PAGE.split())
@@ -65,15 +65,15 @@ def test_the_times_of_the_guard_are_those_that_the_page_states():
     ("row", "field"),
     [("command", 0), ("power to the hand", 1), ("speed", 2), ("`delay` of the controller, samples", 4)],
 )
-def test_the_page_states_the_limits_that_hold(row, field):
+def test_the_page_lists_the_limits_of_the_code(row, field):
     (cells,) = re.findall(rf"^\| {re.escape(row)} \|(.*)\|$", PAGE, re.M)
     stated = [float(re.search(r"[\d.]+", cell)[0]) for cell in cells.split("|")]
     assert stated == [ROWS[name][field] for name in HAPTIC]
 
 
 @pytest.mark.parametrize("name", HAPTIC)
-def test_whatever_a_node_asks_for_no_more_than_the_limit_and_the_power_is_sent(name):
-    """At rest the largest command; at half the largest speed of the device the largest power, 3 rad/s for joints."""
+def test_any_command_of_a_node_is_limited_in_size_and_power(name):
+    """At rest the largest command applies; at half of the device's largest speed, or 3 rad/s, the largest power."""
     limit, power, speed, *_ = ROWS[name]
     moving = Guard(LIMITS[name], ramp=0.0)
     still = Guard(LIMITS[name], ramp=0.0)
@@ -92,13 +92,13 @@ def test_whatever_a_node_asks_for_no_more_than_the_limit_and_the_power_is_sent(n
     assert sent @ rate == approx(min(power, limit / (1.0 if name == "falcon" else math.sqrt(3)) * rate.sum()))
 
 
-def test_the_largest_torque_of_a_falcon_is_its_largest_motor_word():
+def test_the_largest_torque_of_a_falcon_gives_its_largest_motor_word():
     assert frames.motors((0.4096, -0.4096, 0.2048)) == (-FULL_SCALE, FULL_SCALE, -FULL_SCALE // 2)
     assert frames.motors((0.8192, 0.0, 0.0)) == (-FULL_SCALE, 0, 0)
 
 
-def test_a_run_in_processes_of_its_own_gives_its_device_torque(tmp_path):
-    """On the real clock, a process for each node: the hand is pushed back by a press, and says which torque it used."""
+def test_a_run_in_separate_processes_sends_torque_to_its_device(tmp_path):
+    """On the real clock with one process per node: the press pushes the hand back, and `used` has the torque's tick."""
     press = "device.path=[{hold: 0.1}, {to: [0, 0, 0.0935], time: 0.3}, {hold: 0.8}]"
     launch = find("kidney").but(
         overrides=[press], duration=1.2, clock="real", record=tmp_path / "r.mcap", place="apart"
@@ -107,8 +107,8 @@ def test_a_run_in_processes_of_its_own_gives_its_device_torque(tmp_path):
     assert outcome.result.ok, outcome.result.deaths
     recording = Recording(tmp_path / "r.mcap")
     used = np.array([m.used[0] for m in recording.messages("device")])
-    assert np.mean(used >= 0) > 0.02, "the device heard of no torque, or hardly ever"
+    assert np.mean(used >= 0) > 0.02, "the device received hardly any torque"
     torques = {m.tick: np.abs(m.torques).max() for m in recording.messages("statics")}
     assert max(torques.get(tick, 0.0) for tick in used) > 1e-3
     held = [m.position[2] for m in recording.messages("finger") if m.time > 600_000_000]
-    assert max(held) > 0.0935 + 5e-4, "nothing pushed the hand back from where it wants to be"
+    assert max(held) > 0.0935 + 5e-4, "the hand was not pushed back from its target"

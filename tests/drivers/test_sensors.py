@@ -1,4 +1,4 @@
-"""The force sensor: its bytes, and its node against an emulator at the other end of a real socket."""
+"""The force sensor: its bytes, and its node with an emulator on a real socket."""
 
 import time
 
@@ -26,7 +26,7 @@ def sample(driver, seconds=5.0):
     raise AssertionError("no sample")
 
 
-def test_the_net_ft_request_and_sample_byte_for_byte():
+def test_the_request_and_the_sample_have_the_documented_bytes():
     assert netft.REQUEST.pack(netft.MAGIC, netft.STREAM, 0) == bytes.fromhex("12340002 00000000")
     assert netft.SAMPLE.size == 36
 
@@ -39,17 +39,17 @@ def test_the_net_ft_request_and_sample_byte_for_byte():
         (b"<n><cfgcpf>9</cfgcpf><cfgcpt>8</cfgcpt><scfgfu>lbf</scfgfu><scfgtu>lbf-in</scfgtu></n>", 0.49425, 0.014123),
     ],
 )  # fmt: skip
-def test_the_scale_is_the_sensors_own(text, force, torque):
+def test_the_scale_is_read_from_the_sensor(text, force, torque):
     assert netft.scale(text) == approx((force, torque), rel=1e-4)
 
 
 @pytest.mark.parametrize("text", [b"", b"<html></html>", b"<n><cfgcpf>x</cfgcpf><cfgcpt>1</cfgcpt></n>"])
-def test_a_page_of_something_else_is_told(text):
+def test_the_web_page_of_another_device_is_an_error(text):
     with pytest.raises(DeviceError, match=r"has no counts per force and torque.*Is this a Net F/T\?"):
         netft.scale(text)
 
 
-def test_a_net_ft_streams_and_counts_what_was_lost():
+def test_a_net_ft_streams_and_lost_samples_are_counted():
     sensor = netft.EmulatedNetFT(pressing, EmulatedFaults(dropouts=0.3, seed=1))
     driver = sensor.driver()
     try:
@@ -62,7 +62,7 @@ def test_a_net_ft_streams_and_counts_what_was_lost():
         sensor.close()
 
 
-def test_a_net_ft_that_sends_faster_than_it_is_read_does_not_hold_a_cycle():
+def test_a_fast_net_ft_does_not_block_a_cycle():
     sensor = netft.EmulatedNetFT(pressing, rate=3000.0)
     driver = sensor.driver()
     try:
@@ -77,15 +77,15 @@ def test_a_net_ft_that_sends_faster_than_it_is_read_does_not_hold_a_cycle():
         sensor.close()
 
 
-def test_no_net_ft_at_an_address_is_told():
+def test_a_missing_net_ft_is_an_error():
     with pytest.raises(DeviceError, match=r"no Net F/T at 127\.0\.0\.1: .*refused.*192\.168\.1\.1"):
         netft.NetFTDriver("127.0.0.1", web=9).open()
     with pytest.raises(DeviceError, match="give its address as `port`"):
         netft.NetFTDriver("").open()
 
 
-def test_a_sensor_node_sends_the_force_on_it():
-    # Nothing presses for long: a machine that stands still while the zero is taken does not take the force for it.
+def test_a_sensor_node_sends_the_measured_force():
+    # The press starts late, so that a stall during the measurement of the zero does not include its force.
     node = NetFT(port="emulator", stiffness=1e3, exponent=1.0, damping=0.0, tare=0.05, normal=[0.0, 0.6, 0.8])
     try:
         bus = FakeBus(node)

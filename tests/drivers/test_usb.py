@@ -1,4 +1,4 @@
-"""pyusb's own code over an emulated bus: the bytes as over libusb, and the ways in which a device is not there."""
+"""pyusb on an emulated bus: the bytes as over libusb, and errors for missing devices."""
 
 import errno
 
@@ -14,14 +14,14 @@ from palpate.drivers.transport.ftdi import UsbFtdi
 
 
 class Descriptor:
-    """As libusb gives it: what pyusb reads of a device, its configuration, interface and endpoints."""
+    """Descriptors of a device, its configuration, interface and endpoints, as libusb returns them to pyusb."""
 
     def __init__(self, **fields):
         self.__dict__.update(fields)
 
 
 class Bus(usb.backend.IBackend):
-    """A bus on which Falcons hang; `refuse` is the errno of claiming one."""
+    """A bus with Falcons; `refuse` is the errno of claiming one."""
 
     def __init__(self, *falcons, refuse=0):
         self.falcons, self.refuse, self.pulled = falcons, refuse, False
@@ -110,7 +110,7 @@ def connect(bus, port=""):
     return UsbFtdi(VENDOR, PRODUCT, NAME, port, bus)
 
 
-def test_a_falcon_on_usb_is_loaded_and_answers():
+def test_a_falcon_on_usb_loads_its_firmware_and_answers():
     falcon = EmulatedFalcon(image=IMAGE[:700], homing=0.0)
     bus = Bus(falcon)
     driver = FalconDriver(lambda: connect(bus), lambda: IMAGE[:700])
@@ -125,7 +125,7 @@ def test_a_falcon_on_usb_is_loaded_and_answers():
     driver.close()
 
 
-def test_no_device_and_two_devices_say_what_to_do():
+def test_missing_and_ambiguous_devices_are_errors_with_a_remedy():
     with pytest.raises(DeviceError, match=r"no Novint Falcon on USB \(0403:cb48\)\. Plug it in"):
         connect(Bus())
     two = Bus(EmulatedFalcon(), EmulatedFalcon())
@@ -140,12 +140,12 @@ def test_no_device_and_two_devices_say_what_to_do():
     ("number", "text"),
     [(errno.EACCES, r"no permission .*--install-udev"), (errno.EBUSY, "in use by another program")],
 )
-def test_a_device_that_is_refused_says_why(number, text):
+def test_a_refused_device_is_an_error_with_the_reason(number, text):
     with pytest.raises(DeviceError, match=text):
         connect(Bus(EmulatedFalcon(), refuse=number))
 
 
-def test_without_the_package_it_says_what_to_install(monkeypatch):
+def test_a_missing_package_is_an_error_with_the_command_to_install_it(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "usb.core", None)
     with pytest.raises(DeviceError, match=r'pip install "palpate\[devices\]"'):
         UsbFtdi(VENDOR, PRODUCT, NAME)

@@ -15,7 +15,7 @@ FAR = np.array([[-0.045, 0.045, 0.0], [0.045, -0.045, 0.0]])
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_no_arrow_is_cut_at_the_border_of_its_picture(count):
-    """The greatest force, on fingers at the far ends of the surface, points past it; two are seen from near as well."""
+    """The largest force, on fingers at the ends of the surface, points beyond it; two fingers also have a close-up."""
     needs_drawing()
     mesh = surface_mesh("plane", 400)
     tips, normals = FAR[None, :count], np.tile([0.0, 0.0, 1.0], (1, count, 1))

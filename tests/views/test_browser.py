@@ -1,4 +1,4 @@
-"""The page in a real Chromium: it loads, the organ gives way under the mouse, switches work, no console errors."""
+"""The page in a real Chromium: it loads, the organ deforms under the mouse, switches work, no console errors."""
 
 import pytest
 from browser import NEEDED, opened
@@ -24,13 +24,13 @@ def page(server):
         yield page
 
 
-def wait_for_another_run(page):
-    """The one that was there goes on until it has ended: its frames, and `running`, are still told for a while."""
+def wait_for_restart(page):
+    """The old run continues until it has ended: for a while the page still shows its frames and `running`."""
     page.wait_for_function("document.getElementById('status').textContent == 'starting'")
     page.wait_for_function("document.getElementById('status').textContent == 'running' && palpate.newest")
 
 
-def test_the_mouse_is_the_finger(page):
+def test_the_mouse_moves_the_finger(page):
     page.mouse.move(500, 330)
     page.mouse.down()
     page.wait_for_function("palpate.newest.load > 0.3 && palpate.scene.moved.length > 0")
@@ -50,13 +50,13 @@ def test_the_mouse_is_the_finger(page):
     assert page.problems == []
 
 
-def test_keys_press_and_switches_start_another_body(page):
+def test_the_space_key_presses_and_switches_change_the_body(page):
     page.focus("#view")
     page.keyboard.down(" ")
     page.wait_for_function("palpate.newest.load > 0.1")
     page.keyboard.up(" ")
     page.select_option("#body", "deformation.ReducedFE")
-    wait_for_another_run(page)
+    wait_for_restart(page)
     assert page.input_value("#body") == "deformation.ReducedFE"
     page.click("#pause")
     assert page.get_attribute("#pause", "aria-pressed") == "true"
@@ -82,7 +82,7 @@ def test_a_gamepad_aims_and_presses(page):
     assert page.problems == []
 
 
-def test_the_contact_patch_is_a_colour(page):
+def test_the_contact_patch_can_be_the_colour(page):
     page.select_option("#colour", "load")
     page.mouse.move(500, 330)
     page.mouse.down()
@@ -97,21 +97,21 @@ def test_the_contact_patch_is_a_colour(page):
     assert page.problems == []
 
 
-def test_an_effect_is_switched_off_while_it_runs(page):
+def test_an_effect_can_be_switched_off_during_the_run(page):
     box = "input[data-effect=friction]"
     page.wait_for_selector(box)
     assert page.is_checked(box) and page.locator("#effects input").count() == 3
     page.uncheck(box)
-    wait_for_another_run(page)
+    wait_for_restart(page)
     page.wait_for_function("palpate.newest && palpate.newest.stick === undefined")
     assert not page.is_checked(box)
     page.check(box)
-    wait_for_another_run(page)
+    wait_for_restart(page)
     page.wait_for_function("palpate.newest && palpate.newest.stick !== undefined")
     assert page.problems == []
 
 
-def test_figures_of_any_width_leave_the_toolbar_where_it_is(page):
+def test_numbers_of_any_width_do_not_move_the_toolbar(page):
     page.set_viewport_size({"width": 1280, "height": 800})
     boxes = []
     for depth in (8, 8.5, 20):
@@ -123,7 +123,7 @@ def test_figures_of_any_width_leave_the_toolbar_where_it_is(page):
 
 
 @pytest.mark.parametrize("width, height", [(1280, 800), (390, 844)])
-def test_pins_leave_the_other_figures_their_room(page, width, height):
+def test_the_pins_leave_room_for_the_other_charts(page, width, height):
     page.set_viewport_size({"width": width, "height": height})
     without = page.locator("#forces").bounding_box()["width"]
     page.evaluate(
@@ -148,7 +148,7 @@ def test_pins_leave_the_other_figures_their_room(page, width, height):
     assert found["top"] > 13 and found["room"] > 0  # below the caption, which has its baseline at 10 and fits
 
 
-def test_the_delay_of_the_pointer_is_that_of_a_running_page(page):
+def test_the_pointer_delay_ignores_pauses_of_the_page(page):
     shift = """(shifts) => {
         const real = performance.now.bind(performance);
         performance.now = () => real() + (shifts() ? 1e6 : 0);
@@ -161,12 +161,12 @@ def test_the_delay_of_the_pointer_is_that_of_a_running_page(page):
     page.wait_for_function("palpate.latency > 0")
     page.evaluate(f"({shift})(() => palpate.leap && Boolean(palpate.newest))")
     page.evaluate("palpate.leap = true; palpate.delays = []")
-    page.click("#reset")  # the clock leaps at the first frame
-    wait_for_another_run(page)
+    page.click("#reset")  # the clock jumps at the first frame
+    wait_for_restart(page)
     page.mouse.move(505, 330)
     page.wait_for_function("palpate.delays.length > 0")
     assert page.evaluate("Math.max(...palpate.delays)") < 1e6
-    page.evaluate("palpate.delays = []; palpate.leap = false")  # and leaps back
+    page.evaluate("palpate.delays = []; palpate.leap = false")  # and jumps back
     page.click("#pause")
     page.evaluate("palpate.leap = true")
     page.click("#pause")

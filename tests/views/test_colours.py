@@ -1,4 +1,4 @@
-"""What colours a surface: displacement, pressure, slip, strain, with a bar in units."""
+"""Colours of a surface: displacement, pressure, slip, strain, with a bar in units."""
 
 import numpy as np
 import pytest
@@ -18,14 +18,14 @@ SHEET = plane(0.1, 100)
 
 
 def surface(**more):
-    """Of a sheet that is 20 % longer along x."""
+    """The surface of a sheet stretched by 20 % along x."""
     nodes = np.arange(len(SHEET.vertices), dtype=np.int32)
     moved = SHEET.vertices * (0.2, 0.0, 0.0)
     law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     return Surface(nodes=nodes, displacement=moved, **law, **more)
 
 
-def test_the_values_are_those_of_the_message():
+def test_the_values_come_from_the_message():
     count = len(SHEET.vertices)
     printed = surface(pressure=np.linspace(0.0, 5e3, count), slipped=np.arange(count) % 2)
     assert able(printed) == list(COLOURS)
@@ -35,7 +35,7 @@ def test_the_values_are_those_of_the_message():
     assert painted(COLOURS["strain"], SHEET, printed) == pytest.approx(0.2, abs=1e-12)
 
 
-def test_a_vertex_of_which_nothing_is_said_has_none():
+def test_a_vertex_missing_in_the_message_has_the_value_zero():
     one = Surface(
         nodes=np.array([7], np.int32), displacement=np.array([[0.0, 0.0, -1e-3]]), pressure=np.array([2e3]),
         slipped=np.array([1]), stiffness=1.0, exponent=1.0, damping=0.0, rest_indentation=0.0, previous_indentation=0.0,
@@ -47,7 +47,7 @@ def test_a_vertex_of_which_nothing_is_said_has_none():
     assert set(strained.tolist()) == set(around.ravel().tolist())
 
 
-def test_a_body_that_does_not_tell_is_named_with_the_colours_that_it_can_have():
+def test_an_unavailable_colour_lists_the_available_ones():
     with pytest.raises(ArgumentError, match=r"r.mcap: its body sends no slip. Available colours: displacement, strain"):
         check(COLOURS["slip"], [surface()], "r.mcap")
     with pytest.raises(ArgumentError, match=r"sends no pressure; --set effects.pressure=on"):
@@ -97,7 +97,7 @@ def test_a_picture_has_the_colour_and_its_bar(file, tmp_path, name, monkeypatch)
     assert label == COLOURS[name].label and 0.0 < most_of_it <= most <= 10 * most_of_it
 
 
-def test_a_colour_that_there_is_not_is_told_in_one_line(file, tmp_path):
+def test_an_unknown_colour_is_an_error_of_one_line(file, tmp_path):
     for name, words in (("slip", "sends no slip. Available colours: displacement, pressure, strain"),
                         ("heat", "expected one of displacement, pressure, slip, strain")):  # fmt: skip
         for verb in (["picture", "--at", "0.3"], ["picture", "--film"]):

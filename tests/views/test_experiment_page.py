@@ -1,4 +1,4 @@
-"""An experiment on the page, with real runs behind it: by a client of the socket, and by Chromium."""
+"""An experiment on the page with real runs: with a client of the socket, and in Chromium."""
 
 import json
 import time
@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 
 from palpate.views.page.server import PageServer
 
-WAIT = 90.0  # [s] that a busy machine may take
+WAIT = 90.0  # [s] timeout on a busy machine
 TEXT = """\
 graph: GRAPH
 duration: 0.5 s
@@ -38,7 +38,7 @@ PRESSED = (0.0, 0.0, 0.101)
 
 
 class Client:
-    """What the page's script does, by the socket."""
+    """Acts on the socket like the page's script."""
 
     def __init__(self, server):
         host = f"127.0.0.1:{server.port}"
@@ -52,7 +52,7 @@ class Client:
         self.socket.send(json.dumps(order))
 
     def until(self, fits):
-        """The first new panel that fits; presses meanwhile."""
+        """The first new panel for which `fits` is true; presses meanwhile."""
         end = time.monotonic() + WAIT
         while time.monotonic() < end:
             data = self.socket.recv(timeout=WAIT)
@@ -65,10 +65,10 @@ class Client:
                 if panel.get("shown", 0) > self.done and fits(panel):
                     self.done = panel["shown"]
                     return panel
-        raise AssertionError("no such panel came")
+        raise AssertionError("the panel did not appear")
 
-    def go_on(self):
-        """Past the next text."""
+    def next_panel(self):
+        """Confirm the next text."""
         panel = self.until(lambda panel: panel.get("buttons") and panel["text"])
         self.send(shown=panel["shown"])
         return panel
@@ -84,7 +84,7 @@ class Client:
 
 @pytest.fixture
 def begun(write, tmp_path):
-    """Opens a session on a page; it is closed with the test."""
+    """Opens a session on a page, and closes it after the test."""
     there = ExitStack()
 
     def begin(graph="kidney", *sets, text=TEXT):
@@ -107,10 +107,10 @@ def wait_for(what):
         time.sleep(0.05)
 
 
-def test_a_session_by_the_pointer_has_an_answer_and_two_recordings_for_each_trial(begun):
+def test_each_trial_has_one_answer_and_two_recordings(begun):
     sitting, page, server = begun()
     client = Client(server)
-    assert client.go_on()["text"] == "Press both."
+    assert client.next_panel()["text"] == "Press both."
     for answer in ("first", "second"):
         client.answer(answer)
     wait_for(lambda: page.ended)
@@ -126,17 +126,17 @@ def test_a_session_by_the_pointer_has_an_answer_and_two_recordings_for_each_tria
 
 
 @pytest.mark.long
-def test_who_closes_the_page_in_an_interval_gets_the_trial_again(begun):
+def test_closing_the_page_in_an_interval_repeats_the_trial(begun):
     sitting, page, server = begun(
         text=TEXT.replace("0.5 s", "20 s").replace("repeats: 2", "repeats: 1") + "end_key: e\n"
     )
     client = Client(server)
-    client.go_on()
+    client.next_panel()
     client.until(lambda panel: panel.get("interval"))
     client.send(point=[1, PRESSED, 1])
     client.close()
     client = Client(server)
-    assert "The page was closed" in client.go_on()["text"]
+    assert "The page was closed" in client.next_panel()["text"]
     for _ in range(2):
         panel = client.until(lambda panel: panel.get("interval"))
         client.send(shown=panel["shown"])  # the key that ends an interval
@@ -148,10 +148,10 @@ def test_who_closes_the_page_in_an_interval_gets_the_trial_again(begun):
 
 
 @pytest.mark.long
-def test_an_answer_to_what_is_no_longer_shown_does_not_count_and_another_word_is_refused(begun):
+def test_late_answers_are_ignored_and_unknown_words_rejected(begun):
     sitting, _, server = begun()
     client = Client(server)
-    welcome = client.go_on()
+    welcome = client.next_panel()
     panel = client.until(lambda panel: panel.get("title") == "Which was stiffer?")
     client.send(shown=welcome["shown"], answer="first")
     client.send(shown=panel["shown"], answer="third")
@@ -163,7 +163,7 @@ def test_an_answer_to_what_is_no_longer_shown_does_not_count_and_another_word_is
     client.close()
 
 
-def test_a_device_that_is_unplugged_in_a_trial_repeats_it_and_says_so(begun, monkeypatch):
+def test_unplugging_the_device_repeats_the_trial_with_a_notice(begun, monkeypatch):
     run, calls = experiment_page.execute, []
 
     def unplugged_once(launch, graph, **given):
@@ -177,8 +177,8 @@ def test_a_device_that_is_unplugged_in_a_trial_repeats_it_and_says_so(begun, mon
     text = TEXT.replace("repeats: 2", "repeats: 1")
     sitting, page, server = begun("falcon", "device.port=emulator", text=text)
     client = Client(server)
-    client.go_on()
-    printed = client.go_on()
+    client.next_panel()
+    printed = client.next_panel()
     assert printed["title"] == "Trial 1 is repeated" and "Novint Falcon is gone" in printed["text"]
     client.answer("first")
     wait_for(lambda: page.ended)
@@ -187,16 +187,16 @@ def test_a_device_that_is_unplugged_in_a_trial_repeats_it_and_says_so(begun, mon
     client.close()
 
 
-def test_what_the_hand_of_the_pointer_lacks_is_said_before_the_first_trial(begun):
+def test_an_unknown_setting_of_the_hand_is_reported_before_the_first_trial(begun):
     text = TEXT.replace("vary: tissue.stiffness", "vary: device.speed_factor").replace("3e3", "1").replace("4e3", "2")
     with pytest.raises(GraphError, match="setting 'speed_factor': unknown"):
         begun(text=text)
 
 
-def test_the_time_of_an_answer_is_that_since_the_question_where_the_page_was_loaded_again(begun):
+def test_reloading_the_page_does_not_reset_the_response_time(begun):
     sitting, page, server = begun(text=TEXT.replace("repeats: 2", "repeats: 1"))
     client = Client(server)
-    client.go_on()
+    client.next_panel()
     client.until(lambda panel: panel.get("interval"))
     before = time.monotonic()
     client.until(lambda panel: panel.get("title") == "Which was stiffer?")
@@ -204,7 +204,7 @@ def test_the_time_of_an_answer_is_that_since_the_question_where_the_page_was_loa
     client.close()
     wait_for(lambda: not page._pages and time.monotonic() > asked + 0.3)
     client = Client(server)
-    client.answer("first")  # says 0.25 s
+    client.answer("first")  # with a response time of 0.25 s
     wait_for(lambda: page.ended)
     (row,) = sitting.table.rows
     assert 0.3 <= float(row["response_time"]) < time.monotonic() - before
@@ -213,7 +213,7 @@ def test_the_time_of_an_answer_is_that_since_the_question_where_the_page_was_loa
 
 
 @pytest.mark.parametrize("mark", [pytest.param("", marks=NEEDED)])
-def test_who_takes_part_is_told_when_the_server_ends_and_not_after_the_end(begun, mark):
+def test_the_page_reports_a_lost_connection_only_during_the_session(begun, mark):
     _, _, server = begun()
     with browsed(server.address, "document.querySelector('#panel button')") as window:
         server.close()
@@ -222,10 +222,10 @@ def test_who_takes_part_is_told_when_the_server_ends_and_not_after_the_end(begun
 
 
 @pytest.mark.long
-def test_closing_the_server_in_a_trial_leaves_it_to_the_next_time(begun):
+def test_closing_the_server_in_a_trial_leaves_the_trial_unanswered(begun):
     sitting, page, server = begun()
     client = Client(server)
-    client.go_on()
+    client.next_panel()
     client.answer("first")
     client.until(lambda panel: panel.get("interval"))
     server.close()

@@ -25,22 +25,22 @@ def file(short_kidney):
     return short_kidney
 
 
-def told(*arguments):
-    """What a command that fails says, on one line."""
+def error_of(*arguments):
+    """The error message of a failing command, on one line."""
     result = CliRunner().invoke(app, [str(a) for a in arguments])
     assert result.exit_code != 0
     assert "Traceback" not in result.output
     return " ".join(result.stderr.split())
 
 
-def test_a_picture_shows_the_instant_that_was_asked_for(file, tmp_path):
+def test_a_picture_shows_the_requested_instant(file, tmp_path):
     needs_drawing()
     target = tmp_path / "new" / "deep.png"
     assert films.picture(file, 0.3, target) == pytest.approx(0.3)
     assert target.read_bytes()[:4] == b"\x89PNG"
 
 
-def test_a_film_has_its_frames_and_the_surface_moves_in_it(file, tmp_path):
+def test_a_film_has_the_right_number_of_frames_and_shows_motion(file, tmp_path):
     needs_drawing()
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed (extra film)")
     target = tmp_path / "kidney.mp4"
@@ -91,8 +91,8 @@ def test_a_gif_is_written_frame_by_frame(tmp_path):
         assert made.info["duration"] == 100
 
 
-def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch):
-    """Batches are drawn apart; each is told of the finger and the greatest force of all instants."""
+def test_all_frames_share_the_arrow_scale_and_the_camera(file, monkeypatch):
+    """Batches are drawn separately; each gets the fingers and the largest force of all instants."""
     scenes = []
 
     class Noted:
@@ -118,26 +118,26 @@ def test_the_arrow_and_the_camera_are_those_of_the_whole_film(file, monkeypatch)
     assert titles[0].startswith("0.10 s") and titles[2].startswith("0.30 s")
 
 
-def test_what_is_missing_is_told_in_one_line(file, tmp_path, monkeypatch):
-    assert "recorded from 0.000 s to 0.349 s" in told("picture", file, "--at", "2 s")
-    assert "--at" in told("picture", file, "--at", "2 N")
-    refused = told("picture", file, "--film", "-o", tmp_path / "x.avi")
+def test_invalid_requests_are_errors_of_one_line(file, tmp_path, monkeypatch):
+    assert "recorded from 0.000 s to 0.349 s" in error_of("picture", file, "--at", "2 s")
+    assert "--at" in error_of("picture", file, "--at", "2 N")
+    refused = error_of("picture", file, "--film", "-o", tmp_path / "x.avi")
     assert "expected .mp4 or .gif" in refused and "drawing" not in refused
-    assert "drawing" not in told("picture", tmp_path / "nowhere.mcap", "--film", "-o", tmp_path / "x.mp4")
-    assert "expected a folder" in told("picture", file, "-o", tmp_path / "x.png")
+    assert "drawing" not in error_of("picture", tmp_path / "nowhere.mcap", "--film", "-o", tmp_path / "x.mp4")
+    assert "expected a folder" in error_of("picture", file, "-o", tmp_path / "x.png")
     there = importlib.util.find_spec
     monkeypatch.setattr(
         importlib.util, "find_spec", lambda n, *more: None if n == "imageio_ffmpeg" else there(n, *more)
     )
-    assert 'pip install "palpate[film]"' in told("picture", file, "--film", "-o", tmp_path / "x.mp4")
+    assert 'pip install "palpate[film]"' in error_of("picture", file, "--film", "-o", tmp_path / "x.mp4")
     assert not list(tmp_path.iterdir())
 
 
-def test_a_recording_without_shape_or_message_says_so(tmp_path):
+def test_a_recording_without_a_shape_or_messages_is_an_error(tmp_path):
     empty = tmp_path / "empty.mcap"
     log = Mcap(path=str(empty))
     log.listen((Stream("finger", Pose, "finger", 1),), {"plan": {"nodes": []}})
     log.start()
     log.stop()
-    assert "no stream of surfaces" in told("picture", empty, "--at", "0")
-    assert "no message was recorded" in told("picture", empty, "finger.position")
+    assert "no stream of surfaces" in error_of("picture", empty, "--at", "0")
+    assert "no message was recorded" in error_of("picture", empty, "finger.position")

@@ -1,4 +1,4 @@
-"""Several fingers: which streams belong to which, and all of them in the pictures of a run."""
+"""Several fingers: the streams of each, and pictures of all of them."""
 
 import importlib.util
 from dataclasses import replace
@@ -31,7 +31,7 @@ def pinched(tmp_path_factory):
     return path
 
 
-def test_each_finger_has_its_own_streams_and_all_have_the_body():
+def test_each_finger_has_separate_streams_and_all_share_the_body():
     kinds = Contact, Friction, Pose, Force, Surface, Grip
     assert of(fingers(*links_of_plan(find("pinch").plan())), *kinds) == [
         ("contact-thumb", "friction-thumb", "thumb", "controller-thumb", "tissue", "grip"),
@@ -42,15 +42,15 @@ def test_each_finger_has_its_own_streams_and_all_have_the_body():
     ]  # fmt: skip
 
 
-def test_a_finger_on_two_organs_is_one():
+def test_a_finger_on_two_organs_counts_as_one_finger():
     (finger,) = fingers(*links_of_plan(find("organs").plan()))
     kinds = Contact, Friction, Pose, Force
-    assert of([finger], *kinds) == [("both.Contact", "both.Friction", "finger", "controller")]  # what it feels of both
+    assert of([finger], *kinds) == [("both.Contact", "both.Friction", "finger", "controller")]  # sum of both organs
     assert finger.near == ["collision-kidney", "collision-liver"]
     assert of(fingers(*links_of_plan(find("kidney").plan())), Contact, Surface) == [("contact", "tissue")]
 
 
-def test_two_fingers_with_a_body_each_are_two():
+def test_two_fingers_with_separate_bodies_count_as_two():
     streams = {
         s: (s, full_name(kind)) for s, kind in (("c1", Contact), ("b1", Surface), ("c2", Contact), ("b2", Surface))
     }
@@ -59,14 +59,14 @@ def test_two_fingers_with_a_body_each_are_two():
     assert of(fingers([], streams), Contact, Surface) == [("c1", "b1")]
 
 
-def test_a_recording_tells_its_fingers(pinched):
+def test_the_fingers_are_found_in_a_recording(pinched):
     recording = Recording(pinched)
     assert of(fingers(*links_of(recording)), Contact, Force) == [
         ("contact-thumb", "controller-thumb"), ("contact-index", "controller-index"),
     ]  # fmt: skip
 
 
-def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
+def test_an_instant_has_each_finger_on_its_side_of_the_organ(pinched):
     touch = TouchStreams(Recording(pinched))
     deep = max(instants(touch, bodies_of(touch)), key=lambda one: one.depth)
     thumb, index = deep.tips
@@ -75,7 +75,7 @@ def test_an_instant_has_all_fingers_on_their_sides_of_the_organ(pinched):
     assert deep.forces[0][1] < -0.5 and deep.forces[1][1] > 0.5
     deep.loads[1] += 0.1
     loads = f"{deep.loads[0]:.2f}, {deep.loads[1]:.2f} N"
-    assert deep.title().endswith(loads)  # the thumb is on the left of the picture, whoever comes first
+    assert deep.title().endswith(loads)  # the thumb is on the left of the picture, in any order of the nodes
     turned = replace(deep, tips=deep.tips[::-1], loads=deep.loads[::-1], depths=deep.depths[::-1])
     assert turned.title() == deep.title()
     moved = np.linalg.norm(deep.displacement, axis=1) > 1e-3

@@ -1,4 +1,4 @@
-"""Several fingers on the page: what a run and a recording show of them, and which of them a pointer steers."""
+"""Several fingers on the page: their display in a run and in a recording, and the finger that a pointer steers."""
 
 import json
 
@@ -34,7 +34,7 @@ def pressed(head):
     return head["kind"] == "frame" and head["load"] > 0.3 and head["others"][0]["load"] > 0.3
 
 
-def test_two_pointers_hold_the_organ_and_what_they_did_can_be_replayed(server):
+def test_two_pointers_hold_the_organ_and_the_recording_replays(server):
     with server.open() as client:
         mesh, *_ = until(client, lambda head: head["kind"] == "mesh")
         assert mesh["fingers"] == ["contact-thumb", "contact-index"] and len(mesh["begins"]) == 2
@@ -51,7 +51,7 @@ def test_two_pointers_hold_the_organ_and_what_they_did_can_be_replayed(server):
             data = client.recv(timeout=90)
             refused = json.loads(data) if isinstance(data, str) else {}
         assert "finger: found 2, expected less than 2" in refused["text"]
-    with server.open() as watcher:  # whoever steered has gone: both hands go back
+    with server.open() as watcher:  # the steering page has closed, so both hands return
         until(watcher, lambda h: h["kind"] == "frame" and h["load"] == 0.0 and h["others"][0]["load"] == 0.0)
         watcher.send(json.dumps({"reset": True}))
         until(watcher, lambda h: h["kind"] == "frame" and len(server.session.kept) == 1)
@@ -73,7 +73,7 @@ def test_a_recording_shows_all_fingers(tmp_path):
     assert np.linalg.norm(moved.reshape(-1, 3), axis=1).max() > 3e-3 and len(nodes)
 
 
-def test_a_device_without_a_finger_is_refused(tmp_path):
+def test_a_device_without_a_finger_is_an_error(tmp_path):
     path = tmp_path / "more.yaml"
     path.write_text("extends: kidney\nnodes: {idle: {use: device.Simulated, begin: [0, 0, 0.116]}}\n")
     with pytest.raises(PageError, match="found device, idle, expected one for each of 1 fingers"):
@@ -83,7 +83,7 @@ def test_a_device_without_a_finger_is_refused(tmp_path):
 class TestBrowser:
     pytestmark = NEEDED
 
-    def test_one_mouse_holds_the_organ_between_both_fingers_and_then_steers_one(self, server):
+    def test_one_mouse_moves_both_fingers_and_then_only_one(self, server):
         pytest.importorskip("playwright.sync_api")
         with opened(server.url(), "window.palpate && palpate.newest") as page:
             page.mouse.move(430, 300)

@@ -1,4 +1,4 @@
-"""The page's server with a real run behind it and real clients: what they see, what steers, and who is refused."""
+"""The page's server with a real run and real clients: frames, steering, and rejected clients."""
 
 import contextlib
 import json
@@ -30,12 +30,12 @@ from websockets.sync.client import connect
 from palpate.views.page.feed import FrameSource
 from palpate.views.page.server import PageServer
 
-WAIT = 90.0  # [s] that a busy machine may take
+WAIT = 90.0  # [s] timeout on a busy machine
 PRESSED = (0.0, 0.0, 0.101)
 
 
 class Server:
-    """A page with a session behind it."""
+    """A page and its session."""
 
     def __init__(self, folder, graph="kidney", *sets):
         self.session = Session(find(graph), folder, list(sets))
@@ -70,7 +70,7 @@ def read(data):
 
 
 def until(client, fits, send=None):
-    """The first binary message that fits."""
+    """The first binary message for which `fits` is true."""
     end = time.monotonic() + WAIT
     while time.monotonic() < end:
         if send is not None:
@@ -80,10 +80,10 @@ def until(client, fits, send=None):
             message = read(data)
             if fits(message[0]):
                 return message
-    raise AssertionError("no such frame came")
+    raise AssertionError("the frame did not arrive")
 
 
-def test_the_organ_gives_way_where_the_pointer_presses_and_is_let_go_when_the_page_closes(server):
+def test_the_organ_deforms_under_the_pointer_until_the_page_closes(server):
     with server.open() as watcher:
         with server.open() as client:
             mesh = until(client, lambda head: head["kind"] == "mesh")
@@ -102,7 +102,7 @@ def test_the_organ_gives_way_where_the_pointer_presses_and_is_let_go_when_the_pa
         until(watcher, lambda h: h["kind"] == "frame" and h["load"] == 0.0 and h["sample"] == 0)
 
 
-def test_who_has_no_token_or_comes_from_elsewhere_is_refused(server):
+def test_a_missing_token_or_a_foreign_origin_is_refused(server):
     for token, origin in (("", None), ("wrong", None), (None, "http://evil.example"), (None, "null")):
         with pytest.raises(InvalidStatus) as refused, server.open(token, origin):
             pass
@@ -122,7 +122,7 @@ def test_who_has_no_token_or_comes_from_elsewhere_is_refused(server):
      f'{{"point": [{10**23}, [0, 0, 0.1], 0]}}', f'{{"point": [1, [0, 0, 0.1], {10**23}]}}',
      '{"point": [1, [0, 0, 1e23], 0]}', '{"point": [-1, [0, 0, 0.1], 0]}', "1" * 4000],
 )  # fmt: skip
-def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
+def test_an_invalid_request_is_rejected_and_the_page_continues(server, order):
     with server.open() as client:
         client.send(order)
         texts = []
@@ -133,12 +133,12 @@ def test_an_order_that_is_none_is_refused_and_the_page_goes_on(server, order):
         until(client, lambda head: head["kind"] == "frame")
 
 
-def test_a_port_in_use_is_told(server):
+def test_a_port_in_use_is_an_error(server):
     with pytest.raises(PageError, match=str(server.page.port)):
         PageServer(FrameSource(), server.page.port)
 
 
-def test_a_graph_without_a_hand_is_refused(tmp_path):
+def test_a_graph_without_a_hand_is_an_error(tmp_path):
     with pytest.raises(PageError, match="DeviceState"):
         steered(find("softness"), tmp_path)
 
@@ -151,7 +151,7 @@ def test_a_page_takes_a_scene_by_name_or_by_file(scene, tmp_path, monkeypatch):
     assert "afferents" in planned.order and "palpate-pointer" in planned.order
 
 
-def test_another_body_takes_a_run_of_its_own_and_what_was_touched_can_be_replayed(server):
+def test_another_body_starts_a_new_run_and_its_recording_replays(server):
     with server.open() as client:
         until(client, lambda head: head["kind"] == "frame" and head["load"] > 0.1, {"point": [7, PRESSED, 1]})
         client.send(json.dumps({"body": "deformation.ReducedFE"}))
@@ -160,11 +160,11 @@ def test_another_body_takes_a_run_of_its_own_and_what_was_touched_can_be_replaye
     recording = Recording(server.session.kept[0])
     report = verify(recording, changed(recording))
     assert report.ok
-    assert report.nodes["device"].checked > 0, "the others were not recorded: they can be computed from their sources"
+    assert report.nodes["device"].checked > 0, "the recording has only sources: the other streams are recomputed"
 
 
-def test_a_page_for_other_machines_takes_their_token_and_no_other_origin(capsys):
-    source, host = FrameSource(), "127.0.0.2"  # stands for the address of a network
+def test_a_page_for_other_machines_requires_the_token_and_its_origin(capsys):
+    source, host = FrameSource(), "127.0.0.2"  # represents an address on a network
     page = PageServer(source, host=host)
     try:
         assert page.address == f"http://{host}:{page.port}/?token={page.token}"
@@ -184,13 +184,13 @@ def test_a_page_for_other_machines_takes_their_token_and_no_other_origin(capsys)
     assert not capsys.readouterr().err
 
 
-def test_an_address_of_no_network_here_is_told():
+def test_an_address_of_another_machine_is_an_error():
     with pytest.raises(PageError, match=r"192\.0\.2\.7.*--host 0\.0\.0\.0"):
         PageServer(FrameSource(), host="192.0.2.7")
 
 
 @pytest.mark.parametrize("name", ["index.html", "view.html"])
-def test_no_two_parts_of_a_page_have_one_id_and_each_force_has_its_name(name):
+def test_ids_of_a_page_are_unique_and_each_force_is_named(name):
     text = resources.files("palpate.views.page").joinpath("static", name).read_text(encoding="utf-8")
     ids = re.findall(r'\bid="([^"]+)"', text)
     assert len(ids) == len(set(ids))

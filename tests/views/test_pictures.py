@@ -1,4 +1,4 @@
-"""Pictures of a recording: the data behind them, and that they are made whatever the recording and the machine lack."""
+"""Pictures of a recording: their data, and that they are drawn if the recording or the machine is incomplete."""
 
 import importlib.util
 import math
@@ -36,7 +36,7 @@ PLOTS = ["force.png", "compression.png", "friction.png", "device.png"]
 
 
 def record(path, streams, plan=None):
-    """A recording of these messages: a stream's name to its messages, one a tick of 1 ms."""
+    """A recording with these messages by stream, one message per tick of 1 ms."""
     log = Mcap(path=str(path))
     printed = tuple(Stream(name, type(messages[0]), name, 1) for name, messages in streams.items())
     log.listen(printed, {"plan": plan or {"nodes": []}})
@@ -44,17 +44,17 @@ def record(path, streams, plan=None):
     for name, messages in streams.items():
         for tick, message in enumerate(messages):
             header = {"tick": tick, "time": tick * 1_000_000, "source": name}
-            log.observe(name, tick, pack(type(message)(**{f: getattr(message, f) for f in own(message)}, **header)))
+            log.observe(name, tick, pack(type(message)(**{f: getattr(message, f) for f in own_of(message)}, **header)))
     log.stop()
     return path
 
 
-def own(message):
+def own_of(message):
     return [name for name in message.__struct_fields__ if name not in ("tick", "time", "source", "used")]
 
 
 def press(depth, force=None, foot=(0.0, 0.0, 0.105)):
-    """A contact of so much indentation, by a spring where no force is given."""
+    """A contact with this indentation [m]; its default force is that of a spring."""
     return Contact(
         foot=foot,
         normal=UP,
@@ -87,7 +87,7 @@ def surface(nodes=(), displacement=()):
 
 @pytest.fixture
 def without_3d(monkeypatch):
-    """As on a machine that lacks pyvista."""
+    """Simulate a machine without pyvista."""
     hide(monkeypatch, "pyvista")
 
 
@@ -97,7 +97,7 @@ def hide(monkeypatch, *names):
 
 
 def drawn(recording, folder):
-    """Names of the pictures, and what was told."""
+    """Names of the pictures, and the warnings."""
     lines: list[str] = []
     made = draw(recording, folder, lines.append)
     for path in made:
@@ -120,11 +120,11 @@ def touch_file(tmp_path_factory):
     return file
 
 
-# What is drawn
+# Data of the pictures
 
 
 def strokes(rng, noise=0.0):
-    """Rest, then A: 50 mm/s under 0.5 to 2 N, then B: 1.5 N at 60 to 200 mm/s, then off; 1 s each."""
+    """Rest, then A: 50 mm/s at 0.5 to 2 N, then B: 1.5 N at 60 to 200 mm/s, then no contact; 1 s each."""
     time = np.arange(4000) * 1e-3
     normal = np.r_[np.full(1000, 1.0), np.linspace(0.5, 2.0, 1000), np.full(1000, 1.5), np.zeros(1000)]
     speed = np.r_[np.zeros(1000), np.full(1000, 0.05), np.linspace(0.06, 0.2, 1000), np.full(1000, 0.2)]
@@ -132,13 +132,13 @@ def strokes(rng, noise=0.0):
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.03])
-def test_regions_a_and_b_are_found_where_they_were_made(noise):
+def test_regions_a_and_b_are_found(noise):
     a, b = regions(*strokes(np.random.default_rng(1), noise))
     assert abs(a.start - 1000) < 40 and abs(a.stop - 2000) < 60
     assert abs(b.start - 2000) < 40 and abs(b.stop - 3000) < 40
 
 
-def test_without_such_a_stroke_there_is_no_region():
+def test_without_a_suitable_stroke_no_region_is_found():
     time, normal, speed = strokes(np.random.default_rng(1))
     assert regions(time, np.full(4000, 1.0), np.full(4000, 0.05)) == (None, None)
     assert regions(time, np.zeros(4000), speed) == (None, None)
@@ -146,7 +146,7 @@ def test_without_such_a_stroke_there_is_no_region():
     assert regions(time[:0], normal[:0], speed[:0]) == (None, None)
     falling = regions(time, np.full(4000, 1.5), np.linspace(0.2, 0.06, 4000))
     assert falling[1] is None, "the speed falls"
-    assert regions(time, normal, speed, beyond=0.3)[1] is None, "all of it lies within the dip"
+    assert regions(time, normal, speed, beyond=0.3)[1] is None, "all speeds are within the dip"
 
 
 def test_regions_do_not_depend_on_the_unit_of_time_steps():
@@ -155,7 +155,7 @@ def test_regions_do_not_depend_on_the_unit_of_time_steps():
     assert abs(4 * a.start - 1000) < 40 and abs(4 * b.stop - 3000) < 40
 
 
-def test_stretches_are_those_of_a_search_over_all_pairs():
+def test_stretches_equal_a_brute_force_search():
     rng = np.random.default_rng(3)
     for _ in range(40):
         held, allowed = rng.uniform(1.0, 1.6, 40), rng.random(40) < 0.9
@@ -169,7 +169,7 @@ def test_stretches_are_those_of_a_search_over_all_pairs():
         assert set(_stretches(held, allowed, 1.25)) == longest
 
 
-def test_the_area_of_a_loop_is_the_work_that_was_dissipated():
+def test_the_area_of_a_loop_is_the_dissipated_work():
     angle = np.linspace(0.0, 2 * np.pi, 20001)
     assert work(5e-3 - 5e-3 * np.cos(angle), 1.0 + np.sin(angle)) == pytest.approx(math.pi * 5e-3, rel=1e-6)
     time = np.linspace(0.0, 0.4, 40001)  # a body K s^1.5 (1 + c s') loses the integral of K s^1.5 c s'^2
@@ -178,8 +178,8 @@ def test_the_area_of_a_loop_is_the_work_that_was_dissipated():
     assert work(s, 3e3 * s**1.5 * (1.0 + 5.0 * rate)) == pytest.approx(lost, rel=1e-6)
 
 
-def test_the_energy_of_the_hand_is_the_work_of_the_forces_as_they_were_sent():
-    """Each force works on the way to the next pose. The controller's `energy` pairs it with an older place."""
+def test_the_absorbed_energy_is_the_work_of_the_sent_forces():
+    """Each force acts until the next pose. The controller's `energy` pairs it with an older position."""
     force = {"tick": np.array([1, 2, 4]), "force": np.array([[0, 0, 1.0], [0, 2.0, 0], [0, 0, 5.0]])}
     pose = {
         "tick": np.arange(5),
@@ -193,11 +193,11 @@ def test_the_energy_of_the_hand_is_the_work_of_the_forces_as_they_were_sent():
     ("energy", "text"),
     [(2.41e-3, "2.4 mJ"), (4.5e-5, "0.045 mJ"), (-7.2e-5, "-0.072 mJ"), (3e-11, "0 mJ"), (0.0, "0 mJ")],
 )
-def test_a_small_energy_is_not_told_as_none(energy, text):
+def test_a_small_energy_is_not_printed_as_zero(energy, text):
     assert millijoules(energy) == text
 
 
-def test_the_page_on_pictures_names_those_of_a_run_and_of_the_fingertip_apart():
+def test_the_page_on_pictures_lists_run_and_fingertip_separately():
     text = (Path(__file__).parents[2] / "docs" / "pictures.md").read_text(encoding="utf-8")
     run, fingertip = ([line.split("`")[1] for line in part.splitlines() if line.startswith("| `")]
                       for part in text.split("## Pictures of the finite-element fingertip"))  # fmt: skip
@@ -213,14 +213,14 @@ def test_a_short_loss_of_contact_does_not_end_a_touch():
     assert touches(time, np.zeros(1000)) == [] == touches(time[:0], force[:0])
 
 
-def test_streams_of_different_rates_are_put_together_by_tick():
+def test_streams_of_different_rates_are_joined_by_tick():
     fast = {"tick": np.arange(10), "x": np.arange(10.0)}
     slow = {"tick": np.arange(0, 12, 3), "y": np.arange(4.0)}
     a, b = together(fast, slow)
     assert a["x"].tolist() == [0.0, 3.0, 6.0, 9.0] and b["y"].tolist() == [0.0, 1.0, 2.0, 3.0]
 
 
-def test_the_mean_of_a_line_is_the_line():
+def test_the_running_mean_of_a_straight_line_is_that_line():
     time = np.arange(200) * 1e-3
     np.testing.assert_allclose(mean(3.0 - 2.0 * time, time), 3.0 - 2.0 * time, rtol=1e-12)
     wave = np.sin(2 * np.pi * 100 * time)
@@ -228,7 +228,7 @@ def test_the_mean_of_a_line_is_the_line():
     assert mean(time[:2], time[:2]).tolist() == time[:2].tolist()
 
 
-def test_the_deformation_lands_on_its_vertices(tmp_path):
+def test_the_displacements_are_assigned_to_their_vertices(tmp_path):
     rng = np.random.default_rng(5)
     depths = np.r_[np.zeros(5), np.linspace(1e-3, 8e-3, 20), np.linspace(7e-3, 0.0, 20)]
     nodes = [np.sort(rng.choice(200, size=7, replace=False)) if depth else [] for depth in depths]
@@ -262,11 +262,11 @@ def test_the_deformation_lands_on_its_vertices(tmp_path):
         assert (one.displacement[nodes[tick]] == moved[tick]).all()
         others = np.delete(one.displacement, nodes[tick], axis=0)
         assert (others == 0.0).all()
-        assert one.tips[0][2] == pytest.approx(0.105 - depths[tick], abs=1e-12)  # on the bottom of the dent
+        assert one.tips[0][2] == pytest.approx(0.105 - depths[tick], abs=1e-12)  # at the bottom of the indentation
 
 
 @pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8), (-1.0, 0.0, 0.0)])
-def test_the_fingertip_is_drawn_in_the_dent_that_friction_drags_along(normal):
+def test_the_fingertip_is_drawn_in_the_indentation_moved_by_friction(normal):
     x, y = np.meshgrid(np.linspace(-0.04, 0.04, 81), np.linspace(-0.04, 0.04, 81))
     frame = np.linalg.svd(np.array([normal]))[2]  # its rows: the normal and two directions along the surface
     vertices = x.ravel()[:, None] * frame[1] + y.ravel()[:, None] * frame[2]
@@ -276,25 +276,25 @@ def test_the_fingertip_is_drawn_in_the_dent_that_friction_drags_along(normal):
     moved = np.exp(-((away / 0.008) ** 2)) @ (pulled - 9e-3 * np.array(normal))
     found = dragged(vertices, moved, feet, np.array([normal, normal]))
     assert found @ normal == pytest.approx(0.0, abs=1e-12)
-    # 1 - exp(-x) over x with x = (4/8)²: the mean of the Gauss over a disc of 4 mm
+    # (1 - exp(-x))/x with x = (4/8)²: the mean of the Gaussian over a disc with a radius of 4 mm
     share = (1.0 - np.exp(-0.25)) / 0.25
     assert found == pytest.approx(share * pulled, abs=3e-4)
     far = dragged(vertices, 0.0 * moved, np.array([[np.nan] * 3, feet[0]]), np.array([normal, normal]))
     assert not far.any()
 
 
-def test_a_surface_that_never_moved_is_not_drawn(tmp_path):
+def test_a_surface_without_displacement_is_not_drawn(tmp_path):
     streams = {"contact": [press(1e-3)] * 5, "body": [surface()] * 5}
     with pytest.raises(PictureError, match="no displacement was recorded"):
         instants(TouchStreams(Recording(record(tmp_path / "r.mcap", streams))), Bodies(["body"], [plane(0.1, 100)], {}))
 
 
-def test_a_vertex_that_the_mesh_does_not_have_is_told():
+def test_a_vertex_outside_the_mesh_is_an_error():
     with pytest.raises(PictureError, match="vertex 12 is displaced, but the mesh has only 12"):
         displaced(surface([12], np.ones((1, 3))), 12)
 
 
-def test_instants_are_in_contact_and_the_deepest_is_one_of_them():
+def test_all_instants_are_in_contact_and_include_the_deepest():
     depth = np.r_[np.zeros(50), 5e-3 * np.sin(np.linspace(0, np.pi, 200)), np.zeros(100), np.full(100, 2.5e-3)]
     contact = {
         "tick": np.arange(450) + 7,
@@ -317,8 +317,8 @@ def test_the_colour_scale_ends_at_a_round_number(length, scale):
     assert deformation.round_up(length) == pytest.approx(scale, rel=1e-12)
 
 
-def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
-    """Seen whole, along the camera's own axes, every point of the ball is within the picture."""
+def test_the_finger_on_a_small_surface_is_inside_the_picture():
+    """In the wide view, every point of the ball is within the picture, along the axes of the camera."""
     rng = np.random.default_rng(7)
     around = rng.normal(size=(500, 3))
     around /= np.linalg.norm(around, axis=1)[:, None]
@@ -337,7 +337,7 @@ def test_the_finger_on_a_surface_as_small_as_itself_is_not_cut_off():
     assert width < camera.parallel_scale * render.SIZE[0] / render.SIZE[1]
 
 
-# That it is drawn
+# Drawing
 
 
 def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path, monkeypatch):
@@ -350,13 +350,13 @@ def test_all_pictures_of_a_touch_are_made_without_a_display(touch_file, tmp_path
         assert len(printed) == 1 and "libosmesa6" in printed[0]
 
 
-def test_without_pyvista_the_plots_are_made_and_one_line_tells_what_to_install(touch_file, tmp_path, without_3d):
+def test_without_pyvista_the_plots_are_drawn_with_one_hint(touch_file, tmp_path, without_3d):
     made, printed = drawn(touch_file, tmp_path)
     assert made == PLOTS
     assert len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
 
 
-def test_a_picture_of_an_earlier_recording_in_the_folder_is_told(touch_file, tmp_path, without_3d):
+def test_older_pictures_in_the_folder_are_reported(touch_file, tmp_path, without_3d):
     for name in ("deformation.png", "force.png", "force-contact-2.png", "mine.png"):
         (tmp_path / name).write_bytes(b"")
     made, printed = drawn(touch_file, tmp_path)
@@ -365,14 +365,14 @@ def test_a_picture_of_an_earlier_recording_in_the_folder_is_told(touch_file, tmp
 
 
 @pytest.mark.parametrize("indentation, panels", [(1e-8, 1), (1e-4, 2)])
-def test_of_a_tissue_that_is_as_good_as_rigid_only_the_fingertip_is_drawn(tmp_path, indentation, panels):
+def test_a_nearly_rigid_tissue_has_no_panel(tmp_path, indentation, panels):
     shape = np.sin(np.linspace(0, np.pi, 200))
     contacts = [structs.replace(press(indentation * x, 2.0 * x), compression=3e-3 * x) for x in (0.0, *shape, 0.0)]
     touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"contact": contacts})))
     assert len(force.draw(touch).axes) == panels
 
 
-def test_slow_drawing_gets_time_for_each_picture_and_says_what_to_do(monkeypatch):
+def test_the_rendering_timeout_grows_per_picture_and_its_error_has_a_remedy(monkeypatch):
     given = []
 
     def communicate(timeout=None):
@@ -388,14 +388,14 @@ def test_slow_drawing_gets_time_for_each_picture_and_says_what_to_do(monkeypatch
     assert given == [60.0 + 2.0 * 12]
 
 
-def test_without_matplotlib_one_line_tells_what_to_install(touch_file, tmp_path, monkeypatch):
+def test_without_matplotlib_there_is_one_hint(touch_file, tmp_path, monkeypatch):
     hide(monkeypatch, "matplotlib")
     made, printed = drawn(touch_file, tmp_path)
     assert made == [] and len(printed) == 1 and 'pip install "palpate[view]"' in printed[0]
 
 
 @pytest.mark.parametrize("end", ["import os; os.abort()", "raise SystemExit('no context')"])
-def test_a_crash_of_the_graphics_driver_leaves_the_plots(touch_file, tmp_path, monkeypatch, end):
+def test_the_plots_survive_a_crash_of_the_graphics_driver(touch_file, tmp_path, monkeypatch, end):
     import subprocess
 
     def crash(self, window):
@@ -407,7 +407,7 @@ def test_a_crash_of_the_graphics_driver_leaves_the_plots(touch_file, tmp_path, m
     assert len(printed) == 1 and "libosmesa6" in printed[0] and ("signal 6" in printed[0] or "no context" in printed[0])
 
 
-def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(touch_file, tmp_path, without_3d):
+def test_a_truncated_recording_is_drawn_up_to_its_end(touch_file, tmp_path, without_3d):
     data = touch_file.read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(data[: int(0.7 * len(data))])
@@ -416,7 +416,7 @@ def test_a_recording_that_was_cut_off_is_drawn_as_far_as_it_goes(touch_file, tmp
     assert not Recording(cut).complete
 
 
-def test_a_short_touch_in_a_long_recording_fills_the_pictures(tmp_path):
+def test_pictures_show_only_the_touch_of_a_long_recording(tmp_path):
     depths = [*[0.0] * 3000, *[1e-3] * 500, *[0.0] * 3000]
     touch = TouchStreams(Recording(record(tmp_path / "r.mcap", {"a": [press(depth) for depth in depths]})))
     begin, end = touch.shown
@@ -427,7 +427,7 @@ def test_a_short_touch_in_a_long_recording_fills_the_pictures(tmp_path):
     assert TouchStreams(Recording(part)).shown is None
 
 
-def test_only_the_part_with_the_contacts_is_read_of_a_long_recording(tmp_path):
+def test_only_the_contacts_of_a_long_recording_are_read(tmp_path):
     depths = [*[-1e-3] * 2000, *[1e-3] * 300, *[-1e-3] * 2000]
     poses = [Pose(position=(0.0, 0.0, 1e-3 * k), velocity=UP, dt=1e-3) for k in range(len(depths))]
     file = record(tmp_path / "r.mcap", {"a": [press(max(depth, 0.0)) for depth in depths], "b": poses})
@@ -440,7 +440,7 @@ def test_only_the_part_with_the_contacts_is_read_of_a_long_recording(tmp_path):
     assert len(TouchStreams(Recording(file), whole=True)[Pose]["tick"]) == len(depths)
 
 
-def test_a_long_line_keeps_its_least_and_greatest_values_in_each_column():
+def test_a_decimated_line_keeps_the_extremes_of_each_column():
     x = np.arange(500_000) * 1e-3
     y = np.sin(0.01 * x)
     y[[77_777, 400_001]] = 5.0, -7.0
@@ -448,7 +448,7 @@ def test_a_long_line_keeps_its_least_and_greatest_values_in_each_column():
     drawing = figure(4.0, 3.0, "long")
     axes = drawing.subplots()
     axes.plot(x, y)
-    axes.plot(np.cos(x), np.sin(x))  # over one another: as it was
+    axes.plot(np.cos(x), np.sin(x))  # not over time: unchanged
     decimate(drawing)
     few, loop = (line.get_data() for line in axes.lines)
     assert len(few[0]) <= 2 * COLUMNS + len(x) // COLUMNS + 1 and len(loop[0]) == len(x)
@@ -459,7 +459,7 @@ def test_a_long_line_keeps_its_least_and_greatest_values_in_each_column():
     assert np.abs(few[1] - near)[~spikes].max() < 1e-9
 
 
-def test_columns_are_the_same_in_blocks(tmp_path, monkeypatch):
+def test_columns_read_in_blocks_are_the_same(tmp_path, monkeypatch):
     file = record(tmp_path / "r.mcap", {"a": [press(1e-3 * k) for k in range(25)]})
     whole = Recording(file).columns("a")
     monkeypatch.setattr(stored, "BLOCK", 10)
@@ -494,7 +494,7 @@ def test_a_sensor_and_a_probe_without_a_model_have_a_picture_of_force_over_depth
     ids=["no touch", "one force", "nothing touched", "one contact", "no slip", "unknown body"],
 )
 @pytest.mark.parametrize("seen", [True, False])
-def test_whatever_streams_there_are_the_others_are_not_missed(tmp_path, streams, expected, seen, monkeypatch):
+def test_missing_streams_only_remove_their_pictures(tmp_path, streams, expected, seen, monkeypatch):
     if not seen:
         hide(monkeypatch, "pyvista")
     made, printed = drawn(record(tmp_path / "r.mcap", streams), tmp_path)
@@ -507,7 +507,7 @@ def test_the_command_draws_a_recording(touch_file, tmp_path, without_3d):
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(PLOTS)
 
 
-def test_the_command_refuses_what_is_no_recording(tmp_path):
+def test_the_command_rejects_files_that_are_not_recordings(tmp_path):
     file = tmp_path / "x.mcap"
     file.write_bytes(b"nothing")
     with pytest.raises(RecordingError, match="not an MCAP file"):
@@ -522,7 +522,7 @@ def test_the_command_refuses_what_is_no_recording(tmp_path):
     assert result.exit_code == 1 and "the finger touched nothing" in result.output
 
 
-def test_a_run_without_pictures_says_why(tmp_path):
+def test_a_run_without_pictures_prints_the_reason(tmp_path):
     ports = ["--set", "device.port=emulator", "--set", "sensor.port=emulator"]
     given = ["run", "indentation", *ports, "--fused", "--duration", "0.05", "-o", str(tmp_path)]
     result = CliRunner().invoke(app, given)

@@ -1,4 +1,4 @@
-"""Pictures of a sliding fingertip, of pins and of the band of force: the data behind them, and that they are made."""
+"""Pictures of a sliding fingertip, of pins and of the force band: their data, and that they are drawn."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def drawn(file, folder):
 @pytest.fixture
 def without_3d(monkeypatch):
     def refuse(touch):
-        raise PictureError("not looked at here")
+        raise PictureError("not tested here")
 
     monkeypatch.setattr("palpate.views.pictures.deformation.Views", refuse)
 
@@ -49,17 +49,17 @@ def nodule(tmp_path_factory):
     return run("nodule", tmp_path_factory.mktemp("nodule"), *sets, duration=1.8)
 
 
-def test_a_slide_ends_with_pictures_of_its_force_its_phases_and_its_pad(slide, tmp_path):
+def test_a_slide_has_pictures_of_force_phases_and_pad(slide, tmp_path):
     made, printed = drawn(slide, tmp_path)
     assert made == {"force", "slip", "pad"} and printed == ""
 
 
-def test_a_press_on_the_display_ends_with_its_pins_and_the_three_figures(tmp_path):
+def test_a_press_on_the_display_has_pictures_of_pins_and_softness(tmp_path):
     made, printed = drawn(run("softness", tmp_path, duration=2.0), tmp_path)
     assert made == {"pins", "softness"} and printed == ""
 
 
-def test_a_nodule_ends_with_force_band_and_pins(nodule, tmp_path, without_3d):
+def test_a_nodule_has_pictures_of_force_band_and_pins(nodule, tmp_path, without_3d):
     made, _ = drawn(nodule, tmp_path)
     assert made == {"force", "compression", "friction", "device", "pins"}
     assert len(force.draw(TouchStreams(Recording(nodule))).axes) == 3
@@ -72,7 +72,7 @@ def test_a_force_picture_without_a_band_has_two_panels(tmp_path):
     )
 
 
-def test_the_phases_of_a_slide_are_those_that_the_fingertip_tells(slide):
+def test_the_phases_of_a_slide_match_the_messages_of_the_fingertip(slide):
     contact, friction, printed, at = slip.slides(TouchStreams(Recording(slide)))
     assert contact["time"][at.begin] == approx(0.8, abs=2e-3)
     assert printed["incipient"][at.warned] and not printed["incipient"][at.begin : at.warned].any()
@@ -81,7 +81,7 @@ def test_the_phases_of_a_slide_are_those_that_the_fingertip_tells(slide):
     assert np.abs(friction["force"][: at.begin]).max() < 1e-9
 
 
-def test_phases_of_what_never_slides_or_never_touches():
+def test_phases_without_slip_or_contact():
     nothing = np.zeros(10, dtype=bool)
     assert slip.phases(np.ones(10), np.zeros(10), nothing, nothing) == (None, None, None, 9)
     assert slip.phases(np.zeros(10), np.zeros(10), nothing, nothing) == (None, None, None, 9)
@@ -91,14 +91,14 @@ def test_phases_of_what_never_slides_or_never_touches():
     assert slip.phases(np.ones(10), rubbing, late, late) == (4, 7, 7, 9)
 
 
-def test_the_pad_is_shown_pressed_held_and_on_its_way_to_gross_slip():
+def test_the_pad_is_shown_from_full_depth_to_gross_slip():
     at = slip.Phases(150, 200, 300, 400)
     depth = np.minimum(np.arange(401), 100) * 1e-5
     assert pad.moments(np.ones(401), depth, at) == [100, 149, 200, 250, 300]
     assert pad.moments(np.ones(401), depth, slip.Phases(None, None, None, 400)) == [100, 250, 400]
 
 
-def test_the_pressures_of_the_pad_land_on_its_nodes():
+def test_the_pressures_are_assigned_to_the_nodes_of_the_pad():
     printed = Slip(contacts=2, fraction=0, front=0, incipient=False, gross=False, state=[1, 0, 1], first=[-1.0] * 3,
                 path=[0.0] * 3, points=[[0, 0], [1e-3, 0], [2e-3, 0]])  # fmt: skip
     sent = Surface(nodes=[0, 2], displacement=np.zeros((2, 3)), stiffness=1, exponent=1, damping=0,
@@ -107,7 +107,7 @@ def test_the_pressures_of_the_pad_land_on_its_nodes():
     assert pad._pressure(printed, surface()).tolist() == [0.0] * 3 == pad._pressure(printed, None).tolist()
 
 
-def test_the_mean_of_a_ring_leaves_what_is_not_round():
+def test_subtracting_the_ring_mean_leaves_the_asymmetric_part():
     places = pin_grid(6, 6, 2.0)
     round_ = np.exp(-np.hypot(places[..., 0], places[..., 1]) / 3)
     assert pins.ring_mean(round_, places) == approx(round_)
@@ -117,14 +117,14 @@ def test_the_mean_of_a_ring_leaves_what_is_not_round():
     assert rest.argmax() == 2 * 6 + 4 and rest.max() == approx(1 - 1 / 8) and rest.sum() == approx(0, abs=1e-12)
 
 
-def test_moments_of_pins_lie_in_the_touch():
+def test_moments_of_pins_are_in_contact():
     force = np.r_[np.zeros(100), np.ones(200), np.zeros(100)]
     rows = pins.moments(force)
     assert len(rows) == 5 and all(force[row] > 0 for row in rows)
     assert pins.moments(np.zeros(5)) == [] and pins.moments(np.ones(1)) == [0]
 
 
-def test_streams_that_hold_too_little_draw_nothing_and_do_no_harm(tmp_path):
+def test_incomplete_streams_draw_nothing_and_raise_nothing(tmp_path):
     flat = Pins(heights=np.zeros((2, 3)), actuator=0.0, limited=False, valid=False)
     band = ForceBand(mean=0.0, deviation=0.0, levels=(0.5,), quantiles=(0.0,), sample=0.0, valid=True)
     one = Slip(
@@ -152,7 +152,7 @@ def test_streams_that_hold_too_little_draw_nothing_and_do_no_harm(tmp_path):
         assert made == expected and printed == "", streams
 
 
-def test_a_node_that_cannot_be_made_again_costs_its_picture_only(tmp_path):
+def test_a_node_that_cannot_be_rebuilt_only_loses_its_picture(tmp_path):
     sent = Pins(heights=np.full((2, 2), 1e-3), actuator=1e-3, limited=False, valid=True)
     nodes = {"pins": "nowhere.PinArray", "c": "nowhere.Contact"}
     plan = {"nodes": [{"name": name, "class": kind, "settings": {}} for name, kind in nodes.items()]}
@@ -160,7 +160,7 @@ def test_a_node_that_cannot_be_made_again_costs_its_picture_only(tmp_path):
     assert softness.draw(TouchStreams(recording)) is None and pins.draw(TouchStreams(recording)) is not None
 
 
-def test_every_message_of_a_touch_is_found_by_its_tick(slide):
+def test_messages_of_a_touch_are_found_by_tick(slide):
     touch = TouchStreams(Recording(slide))
     messages = touch.at(Contact, [3, 700, 99999])
     assert sorted(messages) == [3, 700] and messages[700].tick == 700
@@ -171,7 +171,7 @@ def _title(axes):
     return axes.get_title() or axes.get_title(loc="left")
 
 
-# --- what a picture says of a touch ----------------------------------------------------------------------------------
+# --- content of the pictures of a touch ------------------------------------------------------------------------------
 
 
 def test_a_quiet_force_keeps_its_peak_and_a_noisy_one_is_averaged():
@@ -183,15 +183,15 @@ def test_a_quiet_force_keeps_its_peak_and_a_noisy_one_is_averaged():
 
 
 @pytest.mark.parametrize("unload", [0.05, 0.25, 4.0])
-def test_in_rest_and_out_are_told_at_their_ticks_however_slow(unload):
-    """Pressed at 4 mm/s, held 1 s, unloaded at so many mm/s."""
+def test_loading_hold_and_unloading_are_found_at_any_speed(unload):
+    """Pressed at 4 mm/s, held for 1 s, unloaded at `unload` mm/s."""
     time = np.arange(0.0, 1.5 + 2.0 / unload, 1e-3)
     way = np.minimum(4e-3 * time, 2e-3) - np.maximum(time - 1.5, 0) * unload * 1e-3
     wanted = np.select([time <= 0.5 + 1e-9, time <= 1.5 + 1e-9], [1, 0], -1)
     assert np.count_nonzero(force.movement(way, time) != wanted) <= 1
 
 
-def test_a_finger_that_stays_rests_and_one_sample_is_no_movement():
+def test_a_still_finger_and_a_single_sample_count_as_rest():
     assert not force.movement(np.full(50, 1e-3), np.arange(50) * 1e-3).any()
     assert not force.movement(np.array([1e-3]), np.array([0.0])).any()
 
@@ -205,7 +205,7 @@ def test_a_finger_that_stays_rests_and_one_sample_is_no_movement():
         ((), 1.2, "Press, hold and slide: the recording ends in contact", 5),
     ],
 )  # fmt: skip
-def test_a_press_without_a_slide_has_no_empty_panels_and_a_title_of_its_own(tmp_path, sets, duration, title, panels):
+def test_a_press_without_a_slide_has_no_empty_panels_and_another_title(tmp_path, sets, duration, title, panels):
     file = run(
         "fingertip-slide", tmp_path, "scene.finger.hold='0.3 s'", "finger.pitch='2.4 mm'", *sets, duration=duration
     )
@@ -218,15 +218,15 @@ def test_a_press_without_a_slide_has_no_empty_panels_and_a_title_of_its_own(tmp_
         assert printed == approx([held[0], contact["compression"].max() * 1e3, held[-1]], abs=0.06)
 
 
-def test_the_pad_is_seen_from_below(slide):
-    """Looking up, with y upwards, x grows to the left."""
+def test_the_pad_is_drawn_as_seen_from_below(slide):
+    """Seen from below, with y upwards, x grows to the left."""
     figure = pad.draw(TouchStreams(Recording(slide)))
     left, right = figure.axes[0].get_xlim()
     low, high = figure.axes[0].get_ylim()
     assert left > right and low < high
 
 
-def test_every_axis_has_a_name_and_a_unit(slide, nodule):
+def test_every_axis_has_a_label_with_a_unit(slide, nodule):
     drawings = [(picture, slide) for picture in (force, slip, pad)] + [(picture, nodule) for picture in (force, pins)]
     for picture, file in drawings:
         for axes in picture.draw(TouchStreams(Recording(file))).axes:

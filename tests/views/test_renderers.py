@@ -1,4 +1,4 @@
-"""What renderers of others' get: a client decodes it by docs/renderers.md alone; the sample clients compile and run."""
+"""Frames for external renderers: a client decodes them with docs/renderers.md alone; the sample clients run."""
 
 import functools
 import http.server
@@ -41,7 +41,7 @@ def listen(server, origin=None, token=None):
 
 
 def decode(data):
-    """A message as the page of the format says, with nothing of palpate's."""
+    """Decode a message as specified in docs/renderers.md, without code of palpate."""
     magic, version, fingers, count = struct.unpack_from("<4sHHI", data)
     assert version == 1
     if magic == b"PLPM":
@@ -65,14 +65,14 @@ def decode(data):
 
 
 def becomes(server, rate):
-    """Whether the session comes to send that many frames a second."""
+    """Whether the session reaches this frame rate [1/s]."""
     end = time.monotonic() + WAIT
     while server.session.rate != rate and time.monotonic() < end:
         time.sleep(0.02)
     return server.session.rate == rate
 
 
-def test_each_number_is_where_the_page_says():
+def test_each_number_is_at_its_documented_position():
     finger = {"foot": [1, 2, 3], "normal": [0, 0, 1], "load": 0.5, "depth": 4e-3, "squeeze": 1e-3}
     first = finger | {"tip": [4, 5, 6], "force": [0.1, 0.2, 0.3], "stick": True}
     other = finger | {"load": 0.0, "stick": False}
@@ -82,7 +82,7 @@ def test_each_number_is_where_the_page_says():
     assert (frame["late"], frame["time"], frame["nodes"].tolist()) == (7, 1.25, [3, 9])
     assert frame["moved"].tolist() == [[0, 1, 2], [3, 4, 5]]
     assert frame["foot"].tolist() == [[1, 2, 3]] * 2
-    assert frame["tip"].tolist() == [[4, 5, 6], [1, 2, 3]]  # the foot, where the tip is not known
+    assert frame["tip"].tolist() == [[4, 5, 6], [1, 2, 3]]  # the foot point if the tip is unknown
     assert frame["force"] == pytest.approx(np.array([[0.1, 0.2, 0.3], [0, 0, 0]]), rel=1e-6)
     assert frame["load"].tolist() == [0.5, 0.0]
     assert frame["indentation"] == pytest.approx([4e-3] * 2)
@@ -95,12 +95,12 @@ def test_each_number_is_where_the_page_says():
     assert (mesh["fingers"], mesh["thickness"]) == (2, pytest.approx(4e-3))
 
 
-def test_a_client_sees_the_organ_give_way_and_may_steer_the_hand(server):
+def test_a_client_receives_the_deformation_and_can_steer(server):
     with server.open() as page, listen(server) as client:
         shown = until(page, lambda head: head["kind"] == "mesh")
         mesh = frame = None
         number = 0
-        # pressed, and the surface has had the time to give way
+        # pressed, and the surface has had time to deform
         while frame is None or frame["load"][0] < 0.3 or frame["moved"][:, 2].min() > -5e-4:
             number += 1
             client.send(f'{{"point": [{number}, {list(PRESSED)}, 1]}}')
@@ -118,15 +118,15 @@ def test_a_client_sees_the_organ_give_way_and_may_steer_the_hand(server):
     assert np.linalg.norm(frame["tip"][0] - frame["foot"][0]) < 0.01
 
 
-def test_renderers_get_more_frames_than_a_page_and_only_while_they_listen(server):
-    assert becomes(server, 30.0)  # the server may still be at the end of who listened before
+def test_the_frame_rate_is_higher_only_while_a_renderer_listens(server):
+    assert becomes(server, 30.0)  # the server may still close the previous connection
     with listen(server) as one, listen(server):
         one.recv(timeout=WAIT)
         assert server.session.rate == 60.0
     assert becomes(server, 30.0)
 
 
-def test_who_has_no_token_or_is_a_page_from_elsewhere_is_refused(server):
+def test_a_missing_token_or_a_foreign_page_is_refused(server):
     for token, origin in (("", None), ("wrong", None), (None, "http://evil.example"), (None, "null")):
         with pytest.raises(InvalidStatus) as refused, listen(server, origin, token):
             pass
@@ -136,8 +136,8 @@ def test_who_has_no_token_or_is_a_page_from_elsewhere_is_refused(server):
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="only root can be another user")
-def test_another_user_is_refused_who_has_read_the_token(server):
-    """It is an argument of the browser that opens the address, and any user may list the processes."""
+def test_another_user_with_the_token_is_refused(server):
+    """The token is an argument of the browser, and every user can list the processes."""
     host = server.url().split("/")[2]
     there = Listening(socket.AF_INET, socket.SOCK_STREAM, "127.0.0.1", int(host.partition(":")[2]))
     for path in ("/", "/frames", "/socket", "/page.css"):
@@ -189,7 +189,7 @@ def binary_of(client):
 
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory):
-    """The address of the three.js client, served as its head says."""
+    """The address of the three.js client, served as its header describes."""
     folder = tmp_path_factory.mktemp("samples")
     shutil.copy(SAMPLES / "three.html", folder)
     npm = shutil.which("npm")
@@ -211,7 +211,7 @@ def samples(tmp_path_factory):
 
 @pytest.mark.long
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")
-def test_the_client_in_three_js_shows_the_organ_give_way_under_the_mouse(server, samples):
+def test_the_client_in_three_js_shows_the_deformation_under_the_mouse(server, samples):
     pytest.importorskip("playwright.sync_api")
     assert len((SAMPLES / "three.html").read_text().splitlines()) <= 150
     with opened(f"{samples}#{server.url()}", "window.client && client.frames > 3") as page:

@@ -1,4 +1,4 @@
-"""The page in Chromium with a source that stands still: what it says and offers, and that it fits its window."""
+"""The page in Chromium with a constant source: its texts and controls, and that it fits into the window."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ BEYOND = """() => [...document.querySelectorAll(".card, .card *, nav, nav *")].f
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
-def test_all_of_the_page_is_in_its_panels_and_the_toolbar_in_one_line(address, size):
+def test_the_page_fits_its_panels_and_the_toolbar_is_one_line(address, size):
     with opened(address, "window.palpate && palpate.newest") as page:
         page.set_viewport_size({"width": size[0], "height": size[1]})
         page.select_option("#colour", "strain")
@@ -60,7 +60,7 @@ def test_all_of_the_page_is_in_its_panels_and_the_toolbar_in_one_line(address, s
         assert page.problems == []
 
 
-def test_each_force_has_its_name_and_only_colours_that_are_sent_are_offered(address):
+def test_each_force_is_named_and_only_available_colours_are_offered(address):
     with opened(address, "window.palpate && palpate.newest") as page:
         page.wait_for_function("document.getElementById('load').textContent == '2.60 · 2.60'")
         assert page.text_content("#force") == "2.82 · 2.82"
@@ -71,7 +71,7 @@ def test_each_force_has_its_name_and_only_colours_that_are_sent_are_offered(addr
         assert offered == ["displacement", "load", "strain"]
 
 
-def test_a_pause_is_said_and_a_screenshot_has_a_name(address):
+def test_the_page_shows_a_pause_and_names_its_screenshot(address):
     with opened(address, "window.palpate && palpate.newest") as page:
         page.click("#pause")
         assert page.text_content("#pause") == "resume"

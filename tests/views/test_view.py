@@ -1,4 +1,4 @@
-"""A recording on a page: what is shown of any time is what was recorded last before it; bad files are told."""
+"""A recording on a page: each time shows the last messages before it; unusable files are errors."""
 
 import json
 import socket
@@ -59,14 +59,14 @@ def test_any_time_shows_the_last_messages_before_it(file):
     reel.close()
 
 
-def test_what_slides_is_told_where_the_body_knows():
+def test_sliding_vertices_are_listed_if_the_body_sends_them():
     law = {"stiffness": 1.0, "exponent": 1.0, "damping": 0.0, "rest_indentation": 0.0, "previous_indentation": 0.0}
     body = {"nodes": np.array([3, 5], np.int32), "displacement": np.zeros((2, 3)), **law}
     assert read(frame({"kind": "frame"}, Surface(**body, slipped=np.array([0, 1]))))[0]["slipped"] == [0, 1]
     assert "slipped" not in read(frame({"kind": "frame"}, Surface(**body)))[0]
 
 
-def test_the_beginning_tells_the_mesh_and_all_of_the_touch(file):
+def test_the_first_message_has_the_mesh_and_the_curves(file):
     reel = RecordingSource(file)
     head, triangles, places, normals = read(reel.begin(0, "touch.mcap"))
     force = Recording(file).columns("contact")["force"]
@@ -85,7 +85,7 @@ def test_a_long_recording_keeps_its_peaks(file, monkeypatch):
     assert reel.curves[0]["t"] == sorted(reel.curves[0]["t"]) and reel.curves[0]["t"][-1] == pytest.approx(0.699)
 
 
-def test_what_was_cut_off_is_shown_as_far_as_it_goes(file, tmp_path):
+def test_a_truncated_recording_is_shown_up_to_its_end(file, tmp_path):
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
     reel = RecordingSource(cut)
@@ -99,7 +99,7 @@ def talk(page, token=None, origin="http://127.0.0.1"):
     return connect(address, origin=origin, max_size=None, compression=None)
 
 
-def test_two_recordings_side_by_side_answer_each_time(shown):
+def test_two_recordings_answer_each_request(shown):
     with talk(shown) as client:
         begun = [read(client.recv())[0]["reel"] for _ in range(2)]
         for at in (0.3, 0.05):
@@ -119,7 +119,7 @@ def test_two_recordings_side_by_side_answer_each_time(shown):
     "head",
     [b"GET /%s HTTP/1.1\r\nOrigin: http://[::1", b"GET /%s HTTP/1.1\r\nOrigin: http://127.0.0.1\r\nOrigin: null"],
 )
-def test_what_no_browser_sends_is_a_bad_request_and_no_traceback(shown, head, caplog):
+def test_a_malformed_request_is_answered_without_a_traceback(shown, head, caplog):
     host, _, token = shown.address.removeprefix("http://").partition("/")
     rest = ("Host: 127.0.0.1", "Connection: Upgrade", "Upgrade: websocket", "Sec-WebSocket-Version: 13",
             "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "", "")  # fmt: skip
@@ -129,7 +129,7 @@ def test_what_no_browser_sends_is_a_bad_request_and_no_traceback(shown, head, ca
     assert not [record for record in caplog.records if record.exc_info]
 
 
-def test_strangers_see_nothing(shown):
+def test_clients_without_a_token_are_refused(shown):
     with pytest.raises(InvalidStatus, match="403"):
         talk(shown, token="guess")
     with pytest.raises(InvalidStatus, match="403"):
@@ -143,14 +143,14 @@ def test_strangers_see_nothing(shown):
     assert "view.js" in page
 
 
-def test_from_python(file):
+def test_view_from_python(file):
     page = Run(file).view(show=False)
     assert page.address in page._repr_html_() and urllib.request.urlopen(page.address).status == 200
     page.close()
     page.close()
 
 
-def test_what_cannot_be_shown_is_told_in_a_line(file, tmp_path, shown):
+def test_unusable_recordings_are_errors_of_one_line(file, tmp_path, shown):
     empty = tmp_path / "empty.mcap"
     empty.write_bytes(b"")
     bare = tmp_path / "bare.mcap"

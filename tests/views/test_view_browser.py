@@ -42,7 +42,7 @@ def page(shown):
         yield page
 
 
-def test_the_slider_goes_to_a_time_and_both_are_there(page):
+def test_the_slider_moves_both_recordings_to_a_time(page):
     page.evaluate("const t = document.getElementById('time'); t.value = 0.3; t.dispatchEvent(new Event('input'))")
     page.wait_for_function(
         "palpate.reels.every((r) => Math.abs(r.newest.head.time - 0.3) < 0.002 && r.scene.moved.length)"
@@ -59,7 +59,7 @@ def test_it_plays_to_the_end_and_stops(page):
     assert page.get_attribute("#play", "aria-pressed") == "false" and page.problems == []
 
 
-def test_keys_step_play_and_turn(page):
+def test_keys_step_play_and_rotate(page):
     page.focus("canvas.scene")
     page.keyboard.press(".")
     page.wait_for_function("Math.abs(palpate.time - 0.001) < 1e-6")
@@ -82,7 +82,7 @@ def at(page, time):
     )
 
 
-def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
+def test_the_strain_on_the_page_equals_that_of_the_pictures(page, shown):
     page.select_option("#colour", "strain")
     at(page, 0.3)
     reel = shown.source.reels[0]
@@ -94,7 +94,7 @@ def test_the_strain_on_the_page_is_that_of_the_pictures(page, shown):
     assert page.text_content("#what") == "largest strain of the surface" and page.problems == []
 
 
-def test_slip_is_shown_where_the_body_tells_it(page):
+def test_slip_is_shown_if_the_body_sends_it(page):
     page.select_option("#colour", "slip")
     at(page, 0.3)
     assert page.text_content("#what") == "displacement (this body sends no slip)"
@@ -119,12 +119,12 @@ OVERLAPS = """() => {
 
 
 @pytest.mark.parametrize("size", [(1280, 800), (900, 700)])
-def test_nothing_lies_on_the_picture(page, size):
+def test_nothing_covers_the_picture(page, size):
     page.set_viewport_size({"width": size[0], "height": size[1]})
     assert page.evaluate(OVERLAPS) == []
 
 
-def test_recordings_of_one_name_are_told_apart(page, shown):
+def test_recordings_with_the_same_name_have_different_titles(page, shown):
     first, second = page.locator("h2").all_text_contents()
     assert first != second and second.startswith("other/touch.mcap")
 
@@ -157,7 +157,7 @@ DRAWN = """(endOn) => {
 }"""
 
 
-def test_the_fingertip_is_drawn_in_the_dent_as_in_pictures(page, shown):
+def test_the_fingertip_is_drawn_in_the_indentation_as_in_pictures(page, shown):
     at(page, 0.3)
     reel, head = shown.source.reels[0], page.evaluate("palpate.reels[0].newest.head")
     surface = next(one for one in reel.last(0.3).values() if isinstance(one, Surface))
@@ -167,12 +167,12 @@ def test_the_fingertip_is_drawn_in_the_dent_as_in_pictures(page, shown):
     assert np.linalg.norm(expected) > 1e-4 and drawn == pytest.approx(expected[0], abs=1e-5)
 
 
-def test_the_finger_stands_out_and_an_arrow_towards_the_eye_is_no_flat_disc(page):
+def test_the_finger_is_visible_and_an_arrow_towards_the_viewer_is_shaded(page):
     page.evaluate("const t = document.getElementById('time'); t.value = 0.3; t.dispatchEvent(new Event('input'))")
     page.wait_for_function("palpate.reels.every((r) => Math.abs(r.newest.head.time - 0.3) < 0.002)")
     drawn = page.evaluate(DRAWN, False)
-    assert np.mean(drawn["ball"]) > 50  # of 255, from what lies behind it
+    assert np.mean(drawn["ball"]) > 50  # of 255, difference from the background
     drawn = page.evaluate(DRAWN, True)
-    assert np.ptp(np.percentile(drawn["arrow"], [10, 90])) > 100  # of 765, from its lit side to the other
+    assert np.ptp(np.percentile(drawn["arrow"], [10, 90])) > 100  # of 765, from the lit side to the dark side
     force = page.evaluate("Math.hypot(...palpate.reels[0].newest.head.force)")
     assert drawn["label"] == f"{force:.2f} N" and page.problems == []

@@ -1,4 +1,4 @@
-"""`palpate run --view`: the run while it goes on, in the browser."""
+"""`palpate run --view`: an active run in the browser."""
 
 import json
 import os
@@ -22,12 +22,12 @@ from palpate.views.page.live import watchable
 
 SETS = ("scene.surface.vertices=1000",)
 WAIT = 90.0
-"""[s] that a busy machine may take."""
+"""[s] timeout on a busy machine."""
 
 
 @pytest.fixture
 def watched(tmp_path):
-    """A run of two seconds as processes, nobody recording, and its address."""
+    """A run of 2 s in several processes without a recording, and its address."""
     environment = os.environ | {"BROWSER": "true", "XDG_RUNTIME_DIR": str(tmp_path)}
     command = ["run", "kidney", "--view", "--no-record", "--duration", "2", "--quiet", "--set", SETS[0]]
     reading, writing = os.pipe()
@@ -40,7 +40,7 @@ def watched(tmp_path):
             run.wait(WAIT)
 
 
-def test_the_page_shows_the_run_as_it_goes_stays_at_its_end_and_ends_when_it_is_closed(watched):
+def test_the_page_follows_the_run_and_stays_until_it_is_closed(watched):
     run, address = watched
     host, token = address.groups()
     heads, said, moved = [], [], 0.0
@@ -60,12 +60,12 @@ def test_the_page_shows_the_run_as_it_goes_stays_at_its_end_and_ends_when_it_is_
     frames = [head for head in heads if head["kind"] == "frame"]
     assert len(frames) > 5 and [h["time"] for h in frames] == sorted(h["time"] for h in frames)
     assert max(head["load"] for head in frames) > 0.5
-    assert moved > 1e-3, "nobody records, and the shape is seen all the same"
+    assert moved > 1e-3, "the shape is computed without a recording"
     assert said[-2:] == ["running", "the run has ended"]
-    assert run.wait(WAIT) == 0, "the only page was closed: nothing is left to show"
+    assert run.wait(WAIT) == 0, "the only page was closed"
 
 
-def test_the_shape_is_computed_where_a_body_can_and_the_pace_is_the_worlds():
+def test_the_shape_is_computed_and_the_pace_is_real_time():
     launch = watchable(find("kidney"))
     assert launch.pace == 1.0 and "effects.shape=on" in launch.overrides
     assert watchable(find("kidney").but(pace=0.2)).pace == 0.2
@@ -73,12 +73,12 @@ def test_the_shape_is_computed_where_a_body_can_and_the_pace_is_the_worlds():
     assert "effects.shape=on" in watchable(find("fingertip-slide")).overrides
 
 
-def test_a_run_in_one_process_cannot_be_seen():
+def test_a_fused_run_has_no_view():
     ran = CliRunner().invoke(app, ["run", "kidney", "--view", "--fused"])
     assert ran.exit_code == 2 and "leave out --fused" in " ".join(ran.output.replace("│", " ").split())
 
 
-def test_a_graph_without_a_surface_is_told_before_it_runs(tmp_path, monkeypatch):
+def test_a_graph_without_a_surface_is_an_error_before_the_run(tmp_path, monkeypatch):
     monkeypatch.setenv("BROWSER", "true")
     ran = CliRunner().invoke(app, ["run", "fingertip-slide", "--view", "--no-record"])
     assert ran.exit_code == 2 and "no mesh to show" in " ".join(ran.output.split()) and "ticks" not in ran.output
