@@ -1,4 +1,4 @@
-"""The afferents of a finger that slides over a nodule, in the graph that ships."""
+"""The afferents of a finger that slides over a nodule, in the shipped graph."""
 
 import json
 
@@ -22,7 +22,7 @@ def planned(*overrides, scene="afferents"):
     return plan(find("nodule").but(scene=scene, overrides=overrides).load())
 
 
-def test_they_run_where_the_scene_has_them_and_somebody_reads_them():
+def test_afferents_run_if_the_scene_has_them_and_a_node_reads_them():
     assert {"stress", "afferents"} <= set(planned().order)
     assert not {"stress", "afferents"} & set(planned(scene="nodule").order)
     assert not {"stress", "afferents"} & set(planned("wanted=[controller]", "log=null").order)
@@ -57,7 +57,7 @@ def test_sa1_fire_more_over_the_nodule_and_ra1_at_onset_and_end(felt):
 
 
 @pytest.mark.long
-def test_the_recording_is_small_enough_and_computes_again_to_the_same_bytes(felt):
+def test_the_recording_is_small_and_replays_bit_for_bit(felt):
     hard, _ = felt
     assert "stress" not in hard.streams or not list(hard.messages("stress"))
     report = verify(hard, plan_of(hard))
@@ -72,7 +72,7 @@ def test_a_process_per_node_sends_the_same_spikes(felt, tmp_path):
 
 
 @pytest.mark.long
-def test_picture_and_page_show_them(felt):
+def test_picture_and_page_show_the_spikes(felt):
     touch = TouchStreams(felt[0])
     drawn = afferents.draw(touch)
     assert drawn is not None and "464" in drawn.get_suptitle()

@@ -1,4 +1,4 @@
-"""The graphs with beam bundles: a fingertip that slides, and a kidney of beams with nothing else changed."""
+"""The graphs with beam bundles: a sliding fingertip, and the kidney with only its body replaced."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def slide(tmp_path_factory):
     return run("fingertip-slide", tmp_path_factory.mktemp("slide") / "run.mcap")
 
 
-def test_the_fingertip_presses_relaxes_and_lets_go(slide):
+def test_the_fingertip_presses_relaxes_and_lifts(slide):
     contact = decoded(slide, "finger.Contact", Contact)
     friction = decoded(slide, "finger.Friction", Friction)
     slip = decoded(slide, "finger.Slip", Slip)
@@ -53,7 +53,7 @@ def test_processes_send_the_same_bytes_as_one_process(slide, tmp_path):
         assert sent == slide[stream][: len(sent)], stream
 
 
-def test_the_slide_goes_where_the_scene_says(tmp_path):
+def test_the_slide_has_the_direction_of_the_scene(tmp_path):
     sets = ("scene.finger.direction='0 deg'", "scene.finger.hold='0 s'", "scene.finger.friction=0.3")
     streams = run("fingertip-slide", tmp_path / "run.mcap", *sets, duration=2.0)
     last = decoded(streams, "finger.Friction", Friction)[-1]
@@ -62,8 +62,8 @@ def test_the_slide_goes_where_the_scene_says(tmp_path):
     assert abs(last.force[1]) < 0.02 * last.force[0]
 
 
-def test_one_line_makes_the_kidney_of_beams(tmp_path):
-    """Another body, another force; every other node as it was."""
+def test_one_line_replaces_the_body_of_the_kidney(tmp_path):
+    """Only the body and the forces differ; all other nodes are unchanged."""
     forces = {}
     for body in ("MassSpring", "BeamBundle"):
         streams = run("kidney", tmp_path / f"{body}.mcap", f"tissue.use=deformation.{body}", duration=1.2)
@@ -72,7 +72,7 @@ def test_one_line_makes_the_kidney_of_beams(tmp_path):
         force = np.array([c.force for c in contact])
         assert np.isfinite(force).all() and 0.05 < force.max() < 9
         assert max(len(s.nodes) for s in surface) > 5
-        if body == "MassSpring":  # beams shear alone: their surface is held together, and says so
+        if body == "MassSpring":  # beams shear separately: their surface is smoothed, with a note
             assert all(s.limited == 0 for s in surface)
         forces[body] = force
     assert np.abs(forces["MassSpring"] - forces["BeamBundle"]).max() > 0.01

@@ -1,4 +1,4 @@
-"""The scripts that draw and time the beam bundle, and draw softness: they run, their figures are of the right kind."""
+"""The scripts that draw and time the beam bundle, and that draw softness, run and print plausible figures."""
 
 import json
 import runpy
@@ -29,7 +29,7 @@ def test_the_pictures_of_softness_are_drawn(tmp_path):
 
 
 @pytest.mark.long
-def test_the_benchmark_tells_the_cost_of_each_pitch():
+def test_the_benchmark_prints_the_cost_of_each_pitch():
     command = [sys.executable, str(ROOT / "benchmarks/beam_bundle.py"), "--json", "--fast"]
     rows = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
     assert [row["pitch_mm"] for row in rows] == [2.4, 1.2, 0.6]

@@ -1,4 +1,4 @@
-"""BeamBundle in the kidney graph feels like ReducedFE there, on motions that its constants were not fitted to."""
+"""BeamBundle in the kidney graph has the forces of ReducedFE, on motions that are not in the fit of its constants."""
 
 import numpy as np
 import pytest
@@ -9,11 +9,11 @@ from palpate.records.compare import compare
 from palpate.studies.search import record_touch
 
 BEAMS = "tissue.use=deformation.BeamBundle"
-PARTS = {  # each begins where the one before ends: the way there, then how long it is looked at
+PARTS = {  # motion, starting where the previous one ends, and its duration [s]
     "fast press": ("{to: [0.012, -0.004, 0.097], time: 0.15}", 0.15),
     "hold": ("{hold: 0.2}", 0.2),
     "release": ("{to: [0.012, -0.004, 0.114], time: 0.15}", 0.15),
-    "on to another place": ("{to: [-0.02, 0.003, 0.112], time: 0.25}", 0.25),
+    "to another place": ("{to: [-0.02, 0.003, 0.112], time: 0.25}", 0.25),
     "slow press": ("{to: [-0.02, 0.003, 0.0985], time: 0.7}", 0.7),
     "slide at 20 mm/s": ("{to: [-0.014, 0.003, 0.097], time: 0.3, shape: linear}", 0.3),
     "slide at 80 mm/s": ("{to: [0.006, 0.003, 0.0955], time: 0.25, shape: linear}", 0.25),
@@ -25,7 +25,7 @@ FASTEST = "fast press"
 
 @pytest.fixture(scope="module")
 def forces(tmp_path_factory):
-    """Contact force [N] of ReducedFE and of the beams at each tick (t,2), for a hand that no fit has seen."""
+    """Contact force [N] of ReducedFE and of the beams at each tick (t,2), for a motion outside the fit."""
     path = f"[{', '.join(motion for motion, _ in PARTS.values())}]"
     sets = ("scene.hand.begin=[0.012, -0.004, 0.114]", f"scene.hand.path={path}", "scene.surface.vertices=4000")
     launch = find("kidney").but(duration=sum(time for _, time in PARTS.values()), overrides=sets)
@@ -54,15 +54,15 @@ def test_presses_holds_and_slides_have_the_force_of_the_reference(forces):
 
 
 @pytest.mark.parametrize("graph, node", [("kidney", "tissue"), ("organs", "liver"), ("fingertip", "tissue")])
-def test_a_scene_without_constants_for_the_beams_is_told_whose_they_are(graph, node):
+def test_a_scene_without_constants_for_the_beams_is_noted(graph, node):
     notes = load(graph, overrides=[f"{node}.use=deformation.BeamBundle"]).notes
     printed = [note for note in notes if "human fingertip" in note and "palpate fit body" in note]
     assert len(printed) == (graph == "fingertip") and all("layers, moduli, relaxations" in note for note in printed)
 
 
-def test_another_tissue_takes_the_constants_of_the_kidney_away():
+def test_another_tissue_removes_the_constants_of_the_kidney():
     graph = load("kidney", overrides=[BEAMS, "scene.tissue=liver-human"])
     assert any("moduli, relaxations of a human fingertip" in note for note in graph.notes)
     own = load("kidney", overrides=[BEAMS, "scene.tissue=liver-human", "tissue.moduli=[2e5, 5e4]"])
     assert any("has the relaxations of" in note for note in own.notes)
-    assert load("kidney").notes == (), "MassSpring has constants of its own"
+    assert load("kidney").notes == (), "MassSpring has separate constants"

@@ -1,7 +1,7 @@
-"""What it costs to add something: one file each for a friction law, a material, a body, a device, a message, a command.
+"""An extension takes one file: a friction law, a material, a body, a device, a message, a command.
 
-Each is written into a folder that stands beside the room that it belongs to, and nothing else is touched; then all of
-them are found, checked, run together, recorded, replayed and exported by the command line.
+Each file is written into a copy of its folder, and no other file changes; then the command line finds, checks, runs,
+records, replays and exports all of them together.
 """
 
 import csv
@@ -32,20 +32,20 @@ ADDED = {
 
 
         class Putty(Node):
-            """Indentation grows with force and time, and never comes back."""
+            """Its indentation grows with force and time, and never recovers."""
 
             mobility: Annotated[float, "m/(N s)"] = 2e-3
             plate: Annotated[float, "N/m"] = 2e3
 
             def start(self):
-                self.dent = 0.0
+                self.depth = 0.0
 
             def step(self, load: Load, *, dt: float) -> Surface:
                 force = max(-float(load.forces.sum(axis=0) @ np.array(load.normal)), 0.0)
-                self.dent += self.mobility * force * dt
+                self.depth += self.mobility * force * dt
                 return Surface(
                     nodes=[], displacement=np.zeros((0, 3)), stiffness=self.plate, exponent=1.0, damping=0.0,
-                    rest_indentation=self.dent, previous_indentation=self.dent + force / self.plate, step=dt,
+                    rest_indentation=self.depth, previous_indentation=self.depth + force / self.plate, step=dt,
                 )
     ''',
     "nodes/device/crank.py": '''
@@ -111,11 +111,11 @@ ADDED = {
 
 
         def greet(name: str) -> None:
-            """Greet somebody."""
+            """Greet a person."""
             typer.echo(f"Good day, {name}.")
     ''',
 }
-"""What is added, by its place from the root of the tree."""
+"""Added files, by their path in the repository."""
 OWN = {
     "skin.py": '''
         from palpate.messages import Friction, Proximity, Warmth
@@ -137,7 +137,7 @@ OWN = {
           skin: {use: skin.Skin, in: {friction: friction, proximity: collision}}
     """,
 }
-"""What a user of them writes in a folder of their own."""
+"""Files that a user of the extensions writes."""
 COMMANDS = {
     "greet": ["greet", "Ada"],
     "nodes": ["list", "nodes", "--json"],
@@ -155,7 +155,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory):
-    """What each command says, and the folder in which they ran."""
+    """The output of each command, and the folder in which they ran."""
     rooms, here = tmp_path_factory.mktemp("rooms"), tmp_path_factory.mktemp("here")
     for files, folder in ((ADDED, rooms), (OWN, here)):
         for name, text in files.items():
@@ -176,34 +176,34 @@ def answer(said, name):
     return text
 
 
-def test_a_command_is_one_file(said):
+def test_a_command_takes_one_file(said):
     assert answer(said, "greet") == "Good day, Ada.\n"
 
 
-def test_a_law_a_body_and_a_device_are_in_the_catalogue(said):
+def test_the_catalogue_lists_the_law_the_body_and_the_device(said):
     entries = {entry["use"]: entry for entry in json.loads(answer(said, "nodes"))["nodes"]}
     assert [s["unit"] for s in entries["friction.Dahl"]["settings"]] == ["1", "1/m"]
     assert entries["deformation.Putty"]["outputs"] == ["Surface"]
     assert entries["device.Crank"]["outputs"] == ["DeviceState"]
 
 
-def test_a_message_is_listed_with_units_and_words(said):
+def test_a_message_is_listed_with_units_and_descriptions(said):
     (kind,) = json.loads(answer(said, "messages"))["messages"]
     assert kind["fields"] == [{"name": "power", "unit": "W", "shape": [], "about": "of friction", "required": True}]
 
 
-def test_a_material_is_in_the_table_of_laws(said):
+def test_the_table_of_laws_lists_the_material(said):
     rows = {row["law"]: row for row in json.loads(answer(said, "laws"))["laws"]}
     assert "J^(-2/3) I1 - 3" in rows["gent"]["text"] and rows["gent"]["shear Pa"] == pytest.approx(1e4 / 2.8)
 
 
-def test_a_graph_of_them_is_checked_with_units_and_limits(said):
+def test_their_graph_is_checked_with_units_and_limits(said):
     answer(said, "check")
     code, text = said[0]["wrong"]
     assert code == 2 and "'friction', setting 'mu'" in text and "-1" in text, text
 
 
-def test_they_run_together_and_their_recording_comes_again_bit_for_bit(said):
+def test_they_run_together_and_their_recording_replays_bit_for_bit(said):
     answer(said, "run")
     answer(said, "replay")
     streams = {stream["name"]: stream["type"] for stream in json.loads(answer(said, "info"))["streams"]}
@@ -215,7 +215,7 @@ def test_their_messages_are_exported_with_units(said):
     answer(said, "foxglove")
     with (said[1] / "tables" / "tissue.csv").open() as file:
         rows = list(csv.DictReader(file))
-    dents = [float(row["rest_indentation [m]"]) for row in rows]
-    assert dents == sorted(dents) and dents[-1] > 0.0
+    depths = [float(row["rest_indentation [m]"]) for row in rows]
+    assert depths == sorted(depths) and depths[-1] > 0.0
     with (said[1] / "tables" / "skin.csv").open() as file:
         assert "power [W]" in next(csv.reader(file))

@@ -1,6 +1,6 @@
-"""What README and docs print is true: every YAML block loads, every command is one, and the fast ones run.
+"""The examples of README and docs work: every YAML block loads, every command exists, and the fast ones run.
 
-Whatever is not run stands in a table below with the reason.
+Commands that do not run are listed below with the reason.
 """
 
 import importlib
@@ -44,7 +44,7 @@ OTHERS = {
     "git": "fetches a copy",
     ". .venv/bin/activate": "changes the reader's shell",
     "pip install": "installs packages",
-    ".venv/bin/python": "tests and benchmarks, run on their own",
+    ".venv/bin/python": "tests and benchmarks",
     "python": "tests and scripts: tests/whole/test_scripts.py loads each",
     "cc": "compiles an example: tests/launch/run/test_listen.py",
     "python3 -m venv": "tests/whole/test_install.py runs docs/install.md",
@@ -52,13 +52,13 @@ OTHERS = {
     "pipx": "the same",
     "palpate-": "",
 }
-"""Commands that are not palpate's, by how they begin."""
+"""Commands of other programs, by their first words."""
 NOT_RUN = {
     "palpate bench": "minutes; tests/studies runs its parts",
     "palpate tune": "minutes; tests/studies/test_tune.py",
     "palpate rates": "minutes; tests/studies/test_rates.py",
     "palpate build fe": "minutes; tests/models/fe/study",
-    "palpate top": "goes on until it is ended",
+    "palpate top": "runs until Ctrl-C",
     "palpate remote join": "waits for another machine; tests/launch/run",
     "palpate run kidney --place far.yaml": "waits for another machine",
     "palpate run falcon --set device.firmware=nvent_firmware.bin": "a device",
@@ -67,12 +67,12 @@ NOT_RUN = {
     "palpate fit record press.csv --subject gel --session 1 --set sensor.port=192": "two devices",
     "palpate run kidney --set scene.finger.band=true --set band.model": "a file of fit force; tests/models/fit",
     "palpate experiment kidney-stiffness": "a page; tests/views, tests/cli/commands/test_experiment.py",
-    "palpate experiment --analyse": "data of the reader's own; tests/cli/commands/test_experiment.py",
-    "palpate fit tissue press.csv --columns": "the reader's own presses; tests/models/fit",
+    "palpate experiment --analyse": "data of the reader; tests/cli/commands/test_experiment.py",
+    "palpate fit tissue press.csv --columns": "presses of the reader; tests/models/fit",
     "palpate fit tissue A1.csv": "the same",
 }
 PAGE_VERBS = ("palpate touch", "palpate view", "palpate run kidney --view")
-"""These serve a page until Ctrl-C: it comes as soon as they have printed the address."""
+"""These commands serve a page until Ctrl-C, which is sent when they have printed the address."""
 COMMAND = typer.main.get_command(app)
 SHORT = ["--duration", "0.05", "--out", "runs/short"]
 
@@ -87,7 +87,7 @@ def blocks():
 
 
 def commands():
-    """Page and line, and words of each command; in a block without language only palpate's are commands."""
+    """Page and line, and words of each command; in a block without a language only palpate's lines are commands."""
     for where, language, text in blocks():
         for line in text.splitlines() if language in ("", "sh") else ():
             if language == "" and not line.startswith("palpate "):
@@ -98,7 +98,7 @@ def commands():
 
 
 def inline():
-    """Decisions stay as they were written: some name commands of their time."""
+    """Commands within sentences, except in decisions, which may name former commands."""
     for page in (page for page in PAGES if page.parent.name != "decisions"):
         for text in re.findall(r"`(palpate [^`]+)`", page.read_text(encoding="utf-8")):
             yield str(page.relative_to(ROOT)), shlex.split(" ".join(text.split()))
@@ -114,7 +114,7 @@ def ids(given):
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """The files that the pages speak of."""
+    """A folder with the files that the pages mention."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     far = next(text for _, text in YAML if "10.0.0.2" in text)
@@ -134,7 +134,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def parsed(words):
-    """The options of a command. KeyError: there is no such verb; typer.BadParameter and the like: no such option."""
+    """The options of a command. KeyError: unknown command; typer.BadParameter and similar: unknown option."""
     command, name, rest = COMMAND, "", [w for w in words[1:] if w not in ("--debug", "--help")]
     while isinstance(command, TyperGroup):
         if not rest:
@@ -145,12 +145,12 @@ def parsed(words):
 
 
 FITTED = "palpate run kidney --set scene.finger.band=true --set band.model"
-"""Reads a file that the command before it on its page writes, when it loads the graph."""
+"""This command reads, while it loads the graph, a file that the command before it on the page writes."""
 LOADED = [(where, words) for where, words in PALPATE if not " ".join(words).startswith(FITTED)]
 
 
 @pytest.mark.parametrize(("where", "words"), LOADED, ids=ids(LOADED))
-def test_a_printed_command_is_one_and_its_graph_loads(folder, where, words):
+def test_a_printed_command_exists_and_its_graph_loads(folder, where, words):
     given = parsed(words)
     if isinstance(given.get("graph"), str) and "sets" in given:
         place = given.get("place")
@@ -164,14 +164,14 @@ def test_a_command_within_a_sentence_has_options_that_exist(folder):
         try:
             parsed(words)
         except Exception as error:
-            if type(error).__name__ != "MissingParameter":  # the verb alone is spoken of
+            if type(error).__name__ != "MissingParameter":  # the sentence names only the command
                 wrong.append(f"{where}: {' '.join(words)}: {error!r}")
     assert not wrong
 
 
 @pytest.mark.parametrize(("where", "text"), YAML, ids=[where for where, _ in YAML])
 def test_a_printed_yaml_block_loads(folder, where, text):
-    """A graph, a scene, a launch file, a study, an experiment or a placement; the first key of a part says of what."""
+    """A graph, a scene, a launch file, a study, an experiment or a placement, recognised by its keys."""
     data = yaml.safe_load(text)
     (folder / "page.yaml").write_text(text)
     if "over" in data:
@@ -195,7 +195,7 @@ def test_a_printed_yaml_block_loads(folder, where, text):
         load_place(folder / "page.yaml", find("kidney").plan())
 
 
-def test_every_command_that_is_not_palpates_is_known():
+def test_every_command_of_another_program_is_listed():
     other = [(where, words) for where, words in commands() if not words[0].endswith("palpate")]
     unknown = [f"{where}: {' '.join(w)}" for where, w in other if not any(" ".join(w).startswith(k) for k in OTHERS)]
     assert not unknown
@@ -215,7 +215,7 @@ RUN = {where.partition(":")[0] for where, words in PALPATE if not skipped(words)
 
 def serves_a_page(command):
     """Start it, wait for the address of its page, and press Ctrl-C."""
-    quiet = {**os.environ, "BROWSER": "true"}  # the browser that it opens is a program that does nothing
+    quiet = {**os.environ, "BROWSER": "true"}  # `true` replaces the browser that it opens
     serving = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=quiet)
     said = ""
     for line in serving.stdout:
@@ -228,8 +228,8 @@ def serves_a_page(command):
 @pytest.mark.long
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("page", sorted(RUN))
-def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
-    """Runs are cut short; FILE is a recording that the first of them made."""
+def test_the_commands_of_a_page_run_in_order(folder, page):
+    """Runs are shortened; FILE is the recording of the first run."""
     python = [sys.executable, "-m", "palpate.cli"]
     touch = [
         "run",
@@ -256,7 +256,7 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
             continue
         if words[1:3] == ["fit", "tissue"]:  # it overwrites no earlier fit
             (folder / "out" / "scene.yaml").unlink()
-        if words[1] == "new":  # it writes the files that the other pages find
+        if words[1] == "new":  # the other pages already have its files
             for name in node_files("Liver", Load, Surface):
                 (folder / name).unlink()
         cut = ["-q", *(SHORT if "--record" not in words else SHORT[:2])] if words[1] == "run" else []
@@ -265,7 +265,7 @@ def test_the_commands_of_a_page_run_one_after_the_other(folder, page):
         assert ended.returncode == 0, f"{where}: {' '.join(words)}\n{ended.stdout}{ended.stderr}"
 
 
-def test_the_node_in_python_and_the_same_one_compiled_send_the_same_bytes(tmp_path, monkeypatch):
+def test_the_node_in_python_and_the_compiled_node_send_the_same_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     programs = [text for where, _, text in blocks() if where.startswith("docs/add_a_node.md") and "SlowDrag(" in text]
     sent = []
@@ -280,15 +280,15 @@ def test_the_node_in_python_and_the_same_one_compiled_send_the_same_bytes(tmp_pa
     assert len(programs[1].splitlines()) <= len(programs[0].splitlines()) <= 20
 
 
-def off_by(text):
-    """Force error [% of peak], RMS and at most; (0, 0) where the force is the same."""
+def errors_in(text):
+    """RMS and largest force error [% of peak] in a text; (0, 0) if the force is the same."""
     found = re.search(r"force error ([\d.]+)%.*?([\d.]+)% at most", text, re.DOTALL)
     return tuple(map(float, found.groups())) if found else (0.0, 0.0)
 
 
 @pytest.mark.long
 @pytest.mark.timeout(1800)
-def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
+def test_the_page_on_effects_matches_the_output_of_the_command(folder):
     python = [sys.executable, "-m", "palpate.cli"]
     touch = [*python, "run", "kidney", "--fused", "-q", "--no-pictures", "--record", "kidney.mcap"]
     subprocess.run(touch, check=True, capture_output=True)
@@ -299,4 +299,4 @@ def test_what_the_page_says_of_each_effect_is_what_the_command_says(folder):
     printed = dict(re.findall(r"^(?:on|off) +(\w+)(.*?)(?=^o|\Z)", block, re.MULTILINE | re.DOTALL))
     assert set(printed) == {"friction", "relaxation", "shape", "band"}
     for effect, text in printed.items():
-        assert off_by(text) == pytest.approx(off_by(proofs[effect]), rel=0.05), effect
+        assert errors_in(text) == pytest.approx(errors_in(proofs[effect]), rel=0.05), effect

@@ -1,4 +1,4 @@
-"""Whole touches of a body of beams: the surface that the finger drags does not fold, and no touch buzzes at its end."""
+"""Whole touches of a body of beams: the dragged surface does not fold, and no touch chatters at its end."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def run(request, tmp_path_factory):
     return Recording(file)
 
 
-def test_no_triangle_is_turned_over_and_neighbours_stay_together(run):
+def test_no_triangle_is_inverted_and_neighbours_stay_together(run):
     settings = next(n for n in run.about["plan"]["nodes"] if n["name"] == "tissue")["settings"]
     mesh = surface_mesh(settings["surface"], settings["vertices"], tuple(settings["position"]))
     t = mesh.triangles
@@ -38,7 +38,7 @@ def test_no_triangle_is_turned_over_and_neighbours_stay_together(run):
 
 
 def test_a_touch_ends_once(run):
-    """A touch that comes and goes within 20 ms is the buzz of a body that forgets its dent."""
+    """Touches shorter than 20 ms are chatter of a body that loses its indentation."""
     on = run.columns("contact")["force"] > 0
     turns = np.flatnonzero(np.diff(on.astype(int)))
     assert 2 <= len(turns) <= 8

@@ -1,4 +1,4 @@
-"""The force under the shipped encoder, at rates from 500 Hz to 10 kHz, against exact positions at the same rate."""
+"""The force with the shipped encoder at rates from 500 Hz to 10 kHz, compared with exact positions at the same rate."""
 
 import numpy as np
 import pytest
@@ -15,8 +15,8 @@ BRISTLES, MU = 500.0, 0.7  # [1/m], [1] sigma_0 and g at rest in the kidney
 
 
 def press(folder, rate, point, stroke, *sets):
-    """Forces [N] (k,3) of the controller and of friction: a finger goes to a point in 0.25 or 0.4 s, strokes from there
-    for 0.2 s or not at all, and stays for 0.6 s."""
+    """Forces [N] (k,3) of the controller and of friction: a finger moves to a point in 0.2 or 0.4 s, with a stroke of
+    0.2 s in the first case, and stays for 0.6 s."""
     end = [round(x + d, 6) for x, d in zip(point, stroke or (0.0, 0.0, 0.0), strict=True)]
     moves = f"{{to: {list(point)}, time: 0.2}}, {{to: {end}, time: 0.2, shape: linear}}"
     path = f"[{moves if stroke else f'{{to: {end}, time: 0.4}}'}, {{hold: 0.6}}]"
@@ -52,7 +52,7 @@ def long(*case):
     ],
 )
 def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate, point, stroke, worn, body):
-    """worn: counts of path by which friction may seem to have slid farther."""
+    """worn: counts of path by which friction may appear to have slid farther."""
     use = f"tissue.use=deformation.{body}"
     force, rubbed = press(tmp_path, rate, point, stroke, use)
     exact, rubs = press(tmp_path, rate, point, stroke, use, "device.resolution=0", "finger.resolution=0")
@@ -64,8 +64,8 @@ def test_the_encoder_changes_the_force_by_2_percent_at_every_rate(tmp_path, rate
     noise, smooth = (np.sqrt(np.mean(np.sum(np.diff(f, axis=0) ** 2, axis=1))) for f in (force, exact))
     assert noise - smooth < 0.005 * peak
     assert np.sqrt(np.sum(np.var(force[-last:], axis=0))) < 0.01
-    # Friction at rest is a spring along the surface, sigma_0 times the force, and wears by sigma_0/g of the path: half
-    # a count of place, and a count of path, cannot be seen.
+    # Friction at rest is a spring along the surface with stiffness sigma_0 times the force, and relaxes by sigma_0/g of
+    # the path. Half a count of position and one count of path are not observable.
     friction = rubs[-last:].mean(axis=0)
     unseen = BRISTLES * COUNT * (0.5 * wanted + worn * np.linalg.norm(friction) / MU)
     assert np.linalg.norm(rubbed[-last:].mean(axis=0) - friction) < unseen

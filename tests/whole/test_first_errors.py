@@ -1,4 +1,4 @@
-"""docs/first_errors.md prints what palpate prints: each command is given, and each line looked for in the answer."""
+"""The outputs in docs/first_errors.md are those of palpate: each command runs, and its output contains each line."""
 
 import re
 import shlex
@@ -16,9 +16,11 @@ SHOWN = re.findall(r"^```console\n\$ palpate (.*)\n((?:.|\n)*?)^```", PAGE, re.M
 
 
 @pytest.mark.parametrize(("command", "printed"), SHOWN, ids=[command for command, _ in SHOWN])
-def test_the_page_shows_what_is_printed(command, printed, tmp_path, monkeypatch):
+def test_the_page_shows_the_printed_text(command, printed, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    alone = tempfile.TemporaryDirectory(prefix="p", dir="/tmp")  # a short name, as sockets have; no run of another test
+    alone = tempfile.TemporaryDirectory(
+        prefix="p", dir="/tmp"
+    )  # a short path, since socket paths are limited; separate from the runs of other tests
     monkeypatch.setenv("COLUMNS", "1000")
     with alone as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
@@ -29,5 +31,5 @@ def test_the_page_shows_what_is_printed(command, printed, tmp_path, monkeypatch)
     assert re.search(pattern, " ".join(said.split())), said
 
 
-def test_ten_are_shown():
+def test_the_page_has_ten_errors():
     assert len(re.findall(r"^## \d+\.", PAGE, re.MULTILINE)) == 10 and len(SHOWN) >= 8

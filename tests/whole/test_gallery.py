@@ -1,4 +1,4 @@
-"""docs/gallery.md is what its script writes, and has every graph that ships, its command and its picture."""
+"""docs/gallery.md is the output of its script, with every shipped graph, its command and its picture."""
 
 import re
 import runpy
@@ -10,12 +10,12 @@ from palpate.launch.load.launchfile import find
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-def test_the_gallery_is_as_its_script_writes_it():
+def test_the_gallery_is_the_output_of_its_script():
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
     assert page == runpy.run_path(str(DOCS / "gallery.py"))["gallery"](), "run `python docs/gallery.py`"
 
 
-def test_every_shipped_graph_is_there_with_its_command():
+def test_every_shipped_graph_is_listed_with_its_command():
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
     commands = re.findall(r"^palpate run (\S+)", page, re.MULTILINE)
     assert {find(name).graph.stem for name in commands} == {file.stem for file in GRAPHS.glob("*.yaml")}

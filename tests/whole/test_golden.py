@@ -1,7 +1,7 @@
-"""Golden recordings: what the shipped loop computed once, it computes still.
+"""Golden recordings: the shipped loop still computes the same messages.
 
-Where one of these fails, a change has altered a force. If that was meant, make the recordings anew
-(`python tests/golden/make.py`) and say so in the CHANGELOG.
+A failure means that a change has altered a force. If this is intended, make the recordings again
+(`python tests/golden/make.py`) and describe it in the CHANGELOG.
 """
 
 import json
@@ -19,7 +19,7 @@ GOLDEN = sorted((Path(__file__).parents[1] / "golden").glob("*.mcap"))
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.stem)
-def test_a_golden_recording_computes_again(path):
+def test_a_golden_recording_is_reproduced(path):
     recording = Recording(path)
     elsewhere = rounding(recording.about)
     report = verify(recording, plan_of(recording), tolerance=ELSEWHERE if elsewhere else 0.0)
@@ -27,7 +27,7 @@ def test_a_golden_recording_computes_again(path):
     assert sum(node.checked for node in report.nodes.values()) > 100
 
 
-def test_the_golden_recordings_are_small_and_touch():
+def test_the_golden_recordings_are_small_and_contain_a_touch():
     assert {path.stem for path in GOLDEN} == {"plane", "kidney", "smooth", "live"}
     assert sum(path.stat().st_size for path in GOLDEN) < 2_000_000
     for path in GOLDEN:

@@ -1,4 +1,4 @@
-"""Importing and running palpate leaves the process of a user as it was."""
+"""Importing and running palpate does not change the state of the user's process."""
 
 import json
 import os
@@ -50,7 +50,7 @@ def snapshot():
         "matplotlib": matplotlib.get_backend(),
     }
 
-import palpate.physics.arithmetic  # what looks at OpenBLAS; imports none of it
+import palpate.physics.arithmetic  # reads the state of OpenBLAS, and does not import it
 before = snapshot()
 for name in NAMES:
     importlib.import_module(name)
@@ -82,7 +82,7 @@ def test_importing_and_running_palpate_changes_nothing_in_the_process(tmp_path):
     assert changed == {}
 
 
-def test_functions_of_the_user_are_compiled_and_kept_as_without_palpate(tmp_path):
-    """Their folder is that of numba, and their processor that of the user's setting."""
+def test_functions_of_the_user_are_compiled_and_cached_as_without_palpate(tmp_path):
+    """With numba's cache folder, and for the processor of the user's setting."""
     changed, folder = host(tmp_path, NUMBA_CPU_NAME="generic", NUMBA_CPU_FEATURES="", OMP_NUM_THREADS="2")
     assert changed == {} and "kernels-" not in folder

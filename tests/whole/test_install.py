@@ -1,6 +1,6 @@
-"""palpate without its repository: the wheel in environments of its own, with nothing but what it asks for.
+"""palpate without its repository: the wheel in separate environments, with only its dependencies.
 
-What these tests install comes from the package index; where none can be reached they are skipped.
+These tests install from the package index, and are skipped without one.
 """
 
 import os
@@ -53,11 +53,11 @@ PURPOSE = {
         "palpate run nodule --scene afferents --fused -q --no-pictures --duration 0.4 --record felt.mcap "
         "&& palpate export felt.mcap --to nwb",
     ],
-    # The first run compiles, which the time limit of a point is not made for.
+    # The first run compiles, which may exceed the time limit of a point.
     "study": ["palpate run kidney --fused -q --no-record --duration 0.01 && palpate study kidney-stiffness"],
     "all": ["palpate doctor"],
 }
-"""What each extra is for. A device is not there: it is the message that tells of the package."""
+"""Commands that need each extra. Without a device the error shows that the package is installed."""
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def environment(folder, wheel, extra="", python=sys.executable, more=()):
 
 
 def call(env, folder, line):
-    """A command in an environment that knows nothing but its own programs: no compiler, no git."""
+    """Run a command with only the programs of its environment: no compiler, no git."""
     return subprocess.run(
         ["/bin/sh", "-c", line], cwd=folder, capture_output=True, text=True,
         env={"PATH": str(env / "bin"), "HOME": str(folder), "COLUMNS": "200"},
@@ -115,14 +115,14 @@ def bare(wheel, tmp_path_factory):
     return env, folder / "empty", said
 
 
-def test_in_an_empty_folder_it_touches_a_kidney_and_says_how_to_get_pictures(bare):
+def test_a_run_in_an_empty_folder_works_and_explains_missing_pictures(bare):
     env, folder, said = bare
     assert 'pip install "palpate[view]"' in said
     assert call(env, folder, "palpate list tissues").returncode == 0
 
 
 @pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev"}))
-def test_each_extra_by_itself_does_what_it_is_for(wheel, bare, tmp_path, extra):
+def test_each_extra_alone_suffices_for_its_commands(wheel, bare, tmp_path, extra):
     env = environment(tmp_path / "env", wheel, extra)
     folder = tmp_path / "empty"
     shutil.copytree(bare[1], folder, ignore=shutil.ignore_patterns(".*"))
@@ -142,14 +142,14 @@ def test_each_extra_by_itself_does_what_it_is_for(wheel, bare, tmp_path, extra):
 
 
 @pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev", "all"}))
-def test_without_an_extra_one_line_says_which_package_is_missing_and_what_to_type(bare, extra):
+def test_a_missing_extra_is_an_error_of_one_line_with_a_remedy(bare, extra):
     env, folder, _ = bare
     for line in PURPOSE[extra]:
         done = call(env, folder, line)
         said = done.stderr.strip().splitlines()
         lines = [text for text in said if not text.startswith(("compiling", "start at once", "sub-"))]
         assert done.returncode, f"{line}\n{done.stdout}"
-        if line.startswith("python"):  # a program shows where it stands, and the line last
+        if line.startswith("python"):  # a program prints a traceback; the line is its last
             lines = lines[-1:]
         assert len(lines) == 1, f"{line}\n{done.stderr}"
         assert re.search(rf'is not installed(, or too old)?; pip install "palpate\[{extra}\]"$', lines[0]), lines[0]
@@ -158,14 +158,14 @@ def test_without_an_extra_one_line_says_which_package_is_missing_and_what_to_typ
 
 
 @pytest.mark.parametrize("python", ["3.12", "3.13", "3.14"])
-def test_it_touches_a_kidney_on_other_pythons(wheel, tmp_path, python):
+def test_a_run_works_with_other_pythons(wheel, tmp_path, python):
     assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
     env = environment(tmp_path / "env", wheel, python=python)
     (tmp_path / "empty").mkdir()
     touches_a_kidney(env, tmp_path / "empty")
 
 
-def test_the_oldest_versions_that_are_allowed_do(wheel, tmp_path):
+def test_the_oldest_permitted_versions_work(wheel, tmp_path):
     oldest = [re.sub(r">=(.*)", r"==\1.*", one) for one in PROJECT["dependencies"]]
     (tmp_path / "oldest.txt").write_text("\n".join(oldest))
     env = environment(tmp_path / "env", wheel, python="3.11", more=["-c", tmp_path / "oldest.txt"])
@@ -177,7 +177,7 @@ BLOCKS = re.findall(r"^```sh\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if "setup.sh" not in block])
-def test_what_the_page_says_about_installing_works(wheel, tmp_path, block):
+def test_the_commands_of_the_page_on_installation_work(wheel, tmp_path, block):
     shutil.copy(wheel, tmp_path)
     (tmp_path / "tools").mkdir()
     for tool in ("uv", "uvx", "pipx"):
@@ -193,5 +193,5 @@ def test_what_the_page_says_about_installing_works(wheel, tmp_path, block):
 
 
 @pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev"}))
-def test_the_page_says_what_each_extra_is_for(extra):
+def test_the_page_describes_each_extra(extra):
     assert f"| `{extra}` |" in PAGE

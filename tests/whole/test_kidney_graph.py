@@ -1,4 +1,4 @@
-"""The kidney graph as it ships: what a whole touch must obey, and that placement and pruning leave it as it is."""
+"""The shipped kidney graph: invariants of a whole touch, and independence of placement and pruning."""
 
 import random
 from pathlib import Path
@@ -40,7 +40,7 @@ def payloads(recording: Recording) -> dict[str, list[bytes]]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The whole touch as it ships, on a coarser mesh."""
+    """The whole shipped touch, on a coarser mesh."""
     return run(tmp_path_factory.mktemp("whole"), "scene.surface.vertices=1500", place="fused")
 
 
@@ -61,20 +61,20 @@ def test_every_number_is_finite_and_every_node_ran_at_every_tick(columns):
         assert all(np.isfinite(values).all() for values in stream.values()), name
 
 
-def test_the_finger_presses_to_several_millimetres_and_never_pulls(columns):
+def test_the_finger_presses_several_millimetres_and_never_pulls(columns):
     force, depth = columns["contact"]["force"], columns["contact"]["indentation"]
     assert (force >= 0.0).all() and (depth >= 0.0).all() and (columns["contact"]["compression"] >= 0.0).all()
     assert 8e-3 < depth.max() < 10e-3
     assert columns["contact"]["compression"].max() < 4e-3  # the bone stays above the tissue
 
 
-def test_the_hand_feels_at_most_what_the_device_can_give(columns):
+def test_the_force_on_the_hand_is_at_most_that_of_the_device(columns):
     size = np.linalg.norm(columns["controller"]["force"], axis=1)
     assert 2.5 < size.max() <= 9.0
     assert np.abs(columns["statics"]["torques"]).max() <= 0.4096 + 1e-12
 
 
-def test_the_hand_feels_nothing_out_of_contact(columns):
+def test_the_force_is_zero_out_of_contact(columns):
     size = np.linalg.norm(columns["controller"]["force"], axis=1)
     slices = touches(columns["contact"]["time"], columns["contact"]["force"])
     assert len(slices) == 2
@@ -90,8 +90,8 @@ def test_finger_and_tissue_share_the_approach(columns):
     assert np.abs(shared - near["approach"])[touching].max() < 1e-12
 
 
-def test_both_laws_give_the_same_force_with_the_law_that_the_tissue_sent(whole, columns):
-    """The contact of tick k stands on the law of tick k - 1, and on the fingertip's own law."""
+def test_finger_and_tissue_laws_give_the_same_force(whole, columns):
+    """The contact of tick k uses the tissue's law of tick k - 1, and the fingertip's law."""
     contact, sent = columns["contact"], columns["tissue"]
     touching = np.flatnonzero(contact["force"][1:] > 1e-6) + 1
     assert all(m.used[1] == m.tick - 1 for m in list(whole.messages("contact"))[1:50])
@@ -106,7 +106,7 @@ def test_both_laws_give_the_same_force_with_the_law_that_the_tissue_sent(whole, 
     np.testing.assert_allclose(finger, force, rtol=1e-6, atol=1e-9)
 
 
-def test_the_tissue_goes_in_as_far_as_the_contact_says(columns):
+def test_the_tissue_has_the_indentation_of_the_contact(columns):
     touching = columns["contact"]["force"] > 0.0
     np.testing.assert_allclose(
         columns["tissue"]["previous_indentation"][touching],
@@ -135,8 +135,8 @@ def test_friction_stays_within_its_law(columns):
     assert across.max() < 1e-9
 
 
-def test_each_touch_costs_work(columns):
-    """Pressing alone, and pressing with rubbing: what the hand puts in does not all come back."""
+def test_each_touch_dissipates_work(columns):
+    """Pressing with and without rubbing does not return all work of the hand."""
     contact, time = columns["contact"], columns["contact"]["time"]
     approach = contact["compression"] + contact["indentation"]
     for one in touches(time, contact["force"]):
@@ -151,7 +151,7 @@ def test_at_constant_speed_friction_follows_the_normal_force(whole):
     time, normal, friction, speed = sliding(TouchStreams(whole))
     region, _ = regions(time, normal, speed)
     assert region is not None and time[region.stop - 1] - time[region.start] > 1.0
-    settled = slice(region.start + 150, region.stop)  # the bristles have bent
+    settled = slice(region.start + 150, region.stop)  # the bristles have settled
     assert normal[settled].max() > 2.0 * normal[settled].min()
     ratio = friction[settled] / normal[settled]
     steady = 0.5 + 0.2 * np.exp(-((0.05 / 0.02) ** 2)) + 0.4 * 0.05
@@ -197,18 +197,18 @@ def test_the_quick_touch_rubs_and_deforms(quick):
 
 
 @pytest.mark.parametrize("friction", ["true", "false"])
-def test_what_is_wanted_is_the_same_when_the_rest_is_left_out(tmp_path, friction):
+def test_wanted_streams_are_the_same_after_pruning(tmp_path, friction):
     sets = (*QUICK, f"scene.tissue.friction={friction}")
     full = payloads(whole := run(tmp_path, *sets, name="full", place="fused", duration=0.65))
     pruned = run(tmp_path, *sets, name="pruned", place="fused", duration=0.65, wanted=("contact",))
     fewer = payloads(pruned)
     assert ("friction" in full) == ("friction" in fewer) == (friction == "true")
-    # A stream that is named is wanted with all its fields; in the whole run nobody reads what the fingertip holds.
+    # All fields of a named stream are wanted; in the whole run no node reads the energy stored in the fingertip.
     assert [replace(m, stored=()) for m in pruned.messages("contact")] == list(whole.messages("contact"))
-    assert all(len(surface.nodes) == 0 for surface in pruned.messages("tissue")), "nobody wants the displacement"
+    assert all(len(surface.nodes) == 0 for surface in pruned.messages("tissue")), "no node reads the displacement"
 
 
-def test_the_frictionless_scene_is_this_one_without_friction(tmp_path):
+def test_the_frictionless_scene_equals_the_scene_without_friction(tmp_path):
     from palpate.launch.load.files import SCENES
 
     scene = SCENES / "frictionless.yaml"

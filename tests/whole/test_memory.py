@@ -1,4 +1,4 @@
-"""A run may last for hours: its ticks keep nothing of what they allocate, and leave the collector nothing to do."""
+"""Runs of hours need constant memory: ticks keep no memory, and leave no work for the garbage collector."""
 
 import functools
 import gc
@@ -20,12 +20,12 @@ from palpate.records.reader import Recording
 
 BEGUN, TICKS = 2500, 2500
 KEPT = 0.25
-"""[1] Objects that a tick may keep on the mean: counters that outgrow the numbers of which Python has one each, and
-what Python and numpy hold back for reuse, which levels off. Anything that each tick keeps is at least one."""
+"""[1] Objects that a tick may keep on average: counters that exceed Python's cached integers, and free lists of Python
+and numpy, which level off. A leak in each tick is at least 1."""
 
 
 def kept(body: str) -> tuple[float, int]:
-    """Of the kidney's touch in one process: blocks that a tick keeps, and how often the collector ran in it."""
+    """The kidney's touch in one process: memory blocks that a tick keeps, and number of garbage collections."""
     launch = replace(find("kidney").but(place="fused", overrides=[f"tissue.use=deformation.{body}"]), record=None)
     graph = launch.load()
     graph.nodes["log"].off = "nothing is recorded"
@@ -59,7 +59,7 @@ def test_ticks_keep_no_memory(body):
     assert collections == 0
 
 
-def test_a_node_that_keeps_what_it_gets_is_seen(monkeypatch):
+def test_a_node_that_keeps_its_inputs_is_detected(monkeypatch):
     messages, step = [], Haptic.step
 
     @functools.wraps(step)
@@ -76,7 +76,7 @@ def test_a_node_that_keeps_what_it_gets_is_seen(monkeypatch):
     ("node", "grows"), [("Blocks", False), pytest.param("Keeps", True, marks=pytest.mark.long), ("Cycles", True)]
 )
 def test_a_worker_on_the_real_clock_keeps_no_memory(tmp_path, node, grows):
-    """It sends, receives and reports as in any run, and never runs the collector."""
+    """It sends, receives and reports as in any run, and never runs the garbage collector."""
     path = tmp_path / "run.mcap"
     graph = write_graph(tmp_path, f"rate: 1000\n{GRAPH.replace('nodes_for_runs.Spring', f'nodes_for_memory.{node}')}")
     launch, enough = LaunchFile(graph=graph, record=path, clock="real"), until_it_has(spring=("steps", 1500))

@@ -1,4 +1,4 @@
-"""Two fingers feel for a nodule in one body: the graph that ships, its faults, and its runs."""
+"""Two fingers palpate one body with a nodule: the shipped graph, its faults, and its runs."""
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def felt(tmp_path_factory):
     return run(tmp_path_factory.mktemp("two") / "two.mcap", *REDUCED)
 
 
-def test_both_hands_feel_the_body_and_it_feels_both(felt):
+def test_both_hands_get_forces_and_the_body_gets_both_loads(felt):
     streams = payloads(felt)
     first, second = ([unpack(m, Contact) for m in streams[f"contact-{i}"]] for i in (1, 2))
     assert max(c.force for c in first) > 0.3 and max(c.force for c in second) > 0.3
@@ -66,7 +66,7 @@ def test_a_run_on_the_real_clock_replays_bit_for_bit(tmp_path):
     assert report.ok, report.first
 
 
-def test_a_finger_that_its_condition_leaves_out_is_told(tmp_path):
+def test_an_invalid_condition_of_a_finger_is_an_error(tmp_path):
     path = tmp_path / "two.yaml"
     path.write_text("extends: palpate-two\nnodes: {contact-2: {when: tissue.second}}\nscene: palpate-two\n")
     with pytest.raises(GraphError) as error:
@@ -91,23 +91,23 @@ FAULTS = {
         "contact-2: {use: contact.Series, in: {contacts: null, proximity: collision-2, body: tissue}}",
         ["gets the loads of 'contact-1' and 'contact-2', which are not solved together", "use: contact.Joint"],
     ),
-    "books of one contact": (
+    "energy balance of one contact": (
         "ledger: {use: ledger.Energy, in: {contact: contact-1, friction: friction-1, force: controller-1, "
         "pose: finger-1, body: tissue}}",
         ["includes 'contact-1', but 'contact-1' and 'contact-2' press on 'tissue'", "`ledger: null`"],
     ),
-    "books of fingers in two orders": (
+    "energy balance with two orders of fingers": (
         "ledger: {use: ledger.Energy, in: {contact: [contact-1, contact-2], friction: [friction-2, friction-1], "
         "force: [controller-1, controller-2], pose: [finger-1, finger-2], body: tissue}}",
         ["input 'friction': gets 'friction-2' and 'friction-1', but 'controller-1' and 'controller-2' at 'force'",
          "in the same order"],
     ),
-    "books with the force of one": (
+    "energy balance with one force": (
         "ledger: {use: ledger.Energy, in: {contact: [contact-1, contact-2], friction: [friction-1, friction-2], "
         "force: controller-1, pose: [finger-1, finger-2], body: tissue}}",
         ["input 'contact': gets 'contact-1' and 'contact-2', but 'controller-1' at 'force'"],
     ),
-    "more than a record holds": (
+    "more than a record can contain": (
         f"grip: {{use: contact.Grip, in: {{load: [{', '.join(['spread-1'] * 17)}]}}}}",
         ["node 'grip', input 'load': takes at most 16 senders, found 17"],
     ),
@@ -124,7 +124,7 @@ FAULTS = {
 
 
 @pytest.mark.parametrize(("line", "words"), FAULTS.values(), ids=FAULTS)
-def test_what_would_be_wrong_in_silence_is_refused_with_what_works(tmp_path, line, words):
+def test_wiring_with_wrong_forces_is_an_error_with_a_remedy(tmp_path, line, words):
     path = tmp_path / "two.yaml"
     path.write_text(f"extends: palpate-two\nnodes:\n  {line}\n")
     with pytest.raises(GraphError) as error:
@@ -134,7 +134,7 @@ def test_what_would_be_wrong_in_silence_is_refused_with_what_works(tmp_path, lin
         assert word in printed, printed
 
 
-def test_the_surface_under_both_is_recorded_where_both_press(felt):
+def test_the_surface_is_recorded_under_both_fingers(felt):
     surfaces = [unpack(m, Surface) for m in payloads(felt)["tissue"]]
     deep = max(surfaces, key=lambda s: np.abs(s.displacement).sum())
     depth = -deep.displacement[:, 2]

@@ -1,4 +1,4 @@
-"""Thumb and index hold the kidney between them: the graph `pinch`, its grip and load force, and its replay."""
+"""Thumb and index finger grip the kidney: the graph `pinch`, its grip and load force, and its replay."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def at(recording, time, *streams):
     return [{name: values[row] for name, values in recording.columns(stream).items()} for stream in streams]
 
 
-def test_it_holds_lifts_and_slips(held):
+def test_the_fingers_grip_lift_and_slip(held):
     grip = held.columns("grip")
     hold, pulled = (at(held, time, "grip")[0] for time in (1.3, 2.2))
     assert 0.8 < hold["grip"] < 2.0 and hold["load"] < 0.25 < pulled["load"]
@@ -44,7 +44,7 @@ def test_it_holds_lifts_and_slips(held):
     assert not grip["normal"][-1].any() and grip["grip"][-1] == 0.0
 
 
-def test_the_hands_feel_what_the_body_is_held_with(held):
+def test_the_forces_on_the_hands_match_the_grip(held):
     grip, thumb, index = at(held, 1.3, "grip", "contact-thumb", "contact-index")
     assert grip["normal"] == approx([thumb["force"], index["force"]])
     forces = [at(held, 1.3, f"controller-{finger}")[0]["force"] for finger in ("thumb", "index")]
@@ -53,7 +53,7 @@ def test_the_hands_feel_what_the_body_is_held_with(held):
     assert grip["grip"] == approx((forces[0] - forces[1]) @ between / 2, rel=0.05)
 
 
-def test_the_live_view_has_the_force_of_each_finger_and_its_margin_with_its_sign():
+def test_the_live_view_shows_force_and_signed_margin_of_each_finger():
     sent = Grip(grip=1.0, load=0.2, ratio=0.1, normal=(1.0, 2.0), tangential=(0.0, 0.5), margin=(-0.1, 1.0))
     printed = _forces(sent)
     assert printed["normal[1]"] == 2.0 and printed["margin[0]"] == -0.1 and printed["grip"] == 1.0
@@ -81,7 +81,7 @@ def test_the_energy_balance_of_both_fingers_closes_and_no_part_generates_energy(
     assert last.fingertip_stored + last.friction_stored < 1e-6 and last.friction_dissipated > 1e-3
 
 
-def test_two_emulated_falcons_hold_the_kidney_and_what_they_did_can_be_replayed(tmp_path):
+def test_two_emulated_falcons_grip_the_kidney_and_the_recording_replays(tmp_path):
     sets = (SMALL, "device-thumb.port=emulator", "device-index.port=emulator")
     launch = find("falcons").but(record=tmp_path / "falcons.mcap", place="fused", overrides=sets, duration=None)
     outcome = execute(launch, watch=until_it_has(grip=("steps", 1600)))
@@ -94,7 +94,7 @@ def test_two_emulated_falcons_hold_the_kidney_and_what_they_did_can_be_replayed(
     assert report.ok, report.first
 
 
-def test_on_the_real_clock_it_replays_bit_for_bit_as_well(tmp_path):
+def test_a_run_on_the_real_clock_replays_bit_for_bit(tmp_path):
     recording = run(tmp_path / "real.mcap", clock="real", duration=None, watch=until_it_has(grip=("steps", 900)))
     assert max(recording.columns("grip")["grip"]) > 0.5
     report = verify(recording, plan_of(recording), tolerance=0.0)

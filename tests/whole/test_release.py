@@ -1,4 +1,4 @@
-"""docs/release/release.py: what it refuses, and a whole release that is not brought home."""
+"""docs/release/release.py: rejected input, and a dry run of a whole release."""
 
 import json
 import re
@@ -18,7 +18,7 @@ release = module_from_spec(SPEC)
 SPEC.loader.exec_module(release)
 
 
-def test_notes_are_what_stands_below_unreleased():
+def test_the_notes_are_the_section_unreleased():
     assert release.notes("# C\n\n## [Unreleased]\n\n- new\n\n## [0.1.0] - 2026-01-01\n\n- old\n") == "- new"
     for text in ("# C\n\n## [0.1.0]\n", "# C\n\n## [Unreleased]\n\n## [0.1.0]\n- old\n"):
         with pytest.raises(SystemExit, match="Unreleased"):
@@ -28,12 +28,12 @@ def test_notes_are_what_stands_below_unreleased():
 @pytest.mark.parametrize(
     ("version", "words"), [("0.2", "expected three"), ("0.0.9", "below"), ("0.1.5", "exists already")]
 )
-def test_a_version_that_cannot_be_is_refused(version, words):
+def test_an_invalid_version_is_an_error(version, words):
     with pytest.raises(SystemExit, match=words):
         release.check_version(version, "0.1.0", ["v0.1.5"])
 
 
-def test_the_version_is_written_wherever_it_stands(tmp_path):
+def test_the_version_is_written_to_all_its_places(tmp_path):
     (tmp_path / "docs" / "release").mkdir(parents=True)
     for name in ("pyproject.toml", "CITATION.cff", "CHANGELOG.md", "docs/release/recipe.yaml", "docs/install.md"):
         (tmp_path / name).write_text((ROOT / name).read_text())
@@ -44,7 +44,7 @@ def test_the_version_is_written_wherever_it_stands(tmp_path):
     assert re.search(r"## \[Unreleased\]\n\n## \[7\.8\.9\] - \d{4}", (tmp_path / "CHANGELOG.md").read_text())
 
 
-def test_a_wheel_without_its_graphs_is_refused(tmp_path):
+def test_a_wheel_without_graphs_is_an_error(tmp_path):
     wheel = tmp_path / "palpate-0.1.0-py3-none-any.whl"
     with zipfile.ZipFile(wheel, "w") as archive:
         for name in release.HOLDS[1:]:
@@ -53,7 +53,7 @@ def test_a_wheel_without_its_graphs_is_refused(tmp_path):
         release.check_wheel(wheel, "0.1.0")
 
 
-def test_the_recipe_asks_for_what_the_project_asks_for():
+def test_the_recipe_has_the_requirements_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     recipe = yaml.safe_load((ROOT / "docs" / "release" / "recipe.yaml").read_text())
     wanted = {one.replace(">=", " >=").lower() for one in project["dependencies"]}

@@ -1,4 +1,4 @@
-"""One graph gives the same bytes however it is run, and whatever else the process has loaded or the user has set."""
+"""A graph gives the same bytes in every kind of run, independent of other libraries and settings of the process."""
 
 import json
 import os
@@ -36,7 +36,7 @@ pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks inst
 
 
 def in_one_process(settings, variants, folder):
-    """As `same_bytes` prints it, in a new process that is not pinned."""
+    """The output of `same_bytes` in a new process without pinned arithmetic."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith(PINS)}
     folder.mkdir(parents=True, exist_ok=True)
     script = Path(__file__).parents[1] / "support" / "same_bytes.py"
@@ -50,7 +50,7 @@ def in_one_process(settings, variants, folder):
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    """The graph as it is, by `palpate.run` in a process without settings."""
+    """The unchanged graph, by `palpate.run` in a process without settings."""
     return in_one_process({}, [{}], tmp_path_factory.mktemp("plain"))
 
 

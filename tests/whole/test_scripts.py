@@ -1,4 +1,4 @@
-"""Every benchmark, study and script of pictures can be loaded: what it imports is where it looks for it."""
+"""Every benchmark, study and drawing script can be loaded: its imports work."""
 
 import runpy
 import sys
@@ -10,7 +10,7 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = ("benchmarks", "docs/studies", "docs/pictures", "docs/examples")
 SCRIPTS = [path for folder in FOLDERS for path in sorted((ROOT / folder).glob("*.py"))]
 PEERS = {"felupe", "pypardiso", "sksparse"}
-"""Solvers that `benchmarks/fe.py` is measured against; nothing else needs them."""
+"""Solvers that `benchmarks/fe.py` compares with; only it needs them."""
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: str(path.relative_to(ROOT)))
@@ -26,4 +26,4 @@ def test_a_script_loads(path, monkeypatch):
     finally:
         for name in set(sys.modules) - before:
             if getattr(sys.modules[name], "__file__", None) and Path(sys.modules[name].__file__).parent == path.parent:
-                del sys.modules[name]  # short names such as `tables` are those of this folder alone
+                del sys.modules[name]  # short names such as `tables` belong to this folder only

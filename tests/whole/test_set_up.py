@@ -1,4 +1,4 @@
-"""`setup.sh` and `check.sh`: what they answer before anything is installed."""
+"""`setup.sh` and `check.sh`: errors before anything is installed."""
 
 import shutil
 import subprocess
@@ -12,7 +12,7 @@ def run(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run([f"./{words[0]}", *words[1:]], cwd=folder, capture_output=True, text=True)
 
 
-def test_check_names_the_step_that_is_missing(tmp_path):
+def test_check_names_the_missing_step(tmp_path):
     for words in (["check.sh"], ["check.sh", "--fast"], ["check.sh", "docs"]):
         done = run(tmp_path, *words)
         assert (done.returncode, done.stdout) == (2, "")

@@ -1,4 +1,4 @@
-"""All that ships in graphs/ loads and can be planned, with every scene and placement that fits it."""
+"""All files in graphs/ load and can be planned, with every matching scene and placement."""
 
 import functools
 from pathlib import Path
@@ -23,7 +23,7 @@ def read(folder, name):
 
 
 def below(folder, name):
-    """A file and all that it extends."""
+    """A file and all files that it extends."""
     while name is not None:
         name = Path(name).stem
         yield name
@@ -37,12 +37,12 @@ def own_scene(graph):
 PAIRS = [(graph, scene) for graph in NAMES for scene in SCENE_NAMES if own_scene(graph) in below(SCENES, scene)]
 
 
-def test_every_scene_goes_with_a_graph():
+def test_every_scene_belongs_to_a_graph():
     assert {scene for _, scene in PAIRS} == set(SCENE_NAMES)
 
 
 @pytest.mark.parametrize(("graph", "scene"), PAIRS)
-def test_every_graph_can_be_planned_with_every_scene_that_extends_its_own(graph, scene):
+def test_every_graph_can_be_planned_with_every_scene_that_extends_its_scene(graph, scene):
     plan = find(str(GRAPHS / f"{graph}.yaml")).but(scene=SCENES / f"{scene}.yaml").plan()
     assert plan.order
     for name in plan.order:
@@ -71,11 +71,11 @@ def test_every_placement_fits_a_graph(place):
 
 @pytest.mark.parametrize("body", ["MassSpring", "BeamBundle", "Rigid"])
 @pytest.mark.parametrize("graph", ["kidney", "nodule"])
-def test_every_body_takes_its_place_in_the_graphs_of_a_touch(graph, body):
+def test_every_body_fits_into_the_graphs_of_a_touch(graph, body):
     assert find(graph).but(overrides=(f"tissue.use=deformation.{body}",)).plan().make("tissue")
 
 
-def test_the_band_is_left_out_of_the_kidney_unless_the_scene_asks_for_it():
+def test_the_band_runs_in_the_kidney_only_if_the_scene_requests_it():
     assert "band" in find("kidney").plan().skipped
     plan = find("kidney").but(overrides=("scene.finger.band=true",)).plan()
     assert "band" in plan.order and "band" in find("nodule").plan().order
@@ -96,7 +96,7 @@ def test_the_band_changes_no_byte_of_the_other_streams(tmp_path):
     assert runs[0] == runs[1] and len(runs[1]["contact"]) == 400
 
 
-def test_a_setting_that_cannot_be_is_told_without_a_traceback():
+def test_an_invalid_setting_is_an_error_without_a_traceback():
     command = ["run", "fingertip-slide", "--fused", "-q", "--no-record", "--set", "scene.finger.shape=nowhere.npz"]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 1 and "nowhere.npz" in result.output and "Traceback" not in result.output

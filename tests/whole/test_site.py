@@ -11,7 +11,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.mark.long
-def test_it_is_built_without_a_warning_and_every_page_can_be_searched(tmp_path):
+def test_the_site_is_built_without_warnings_and_is_searchable(tmp_path):
     command = [sys.executable, "-m", "sphinx", "--fail-on-warning", "-q", "-b", "html", str(DOCS), str(tmp_path)]
     built = subprocess.run(command, capture_output=True, text=True)
     assert built.returncode == 0, built.stdout + built.stderr
@@ -22,7 +22,7 @@ def test_it_is_built_without_a_warning_and_every_page_can_be_searched(tmp_path):
     assert "friction.LuGre" in nodes and "bristle_stiffness" in nodes
 
 
-def test_every_picture_has_a_text_in_its_place():
+def test_every_picture_has_an_alternative_text():
     pages = [DOCS.parent / "README.md", *DOCS.rglob("*.md")]
     bare = [str(page) for page in pages for text in re.findall(r"!\[([^\]]*)\]\(", page.read_text()) if len(text) < 10]
     assert not bare

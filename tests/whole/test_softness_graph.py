@@ -30,14 +30,14 @@ def test_the_launch_file_is_the_whole_press():
     assert list(launch.load().nodes) == ["sensor", "display"]
 
 
-def test_pins_and_actuator_follow_the_press_of_four_newton(tmp_path):
+def test_pins_and_actuator_follow_a_press_of_4_newton(tmp_path):
     streams = run(tmp_path, 2.5, place="fused")
     forces = np.array([unpack(m, Contact).force for m in streams["sensor"]])
     pins = [unpack(m, Pins) for m in streams["display"]]
     assert forces.max() == 4.0
     top = pad_contact(4.0, 15e3)
     assert pins[-1].heights == approx(pad_displacement(R, top)) and pins[-1].actuator == approx(float(top.approach))
-    # At the first touch the fingerpad gives way faster than the actuators can run; 0.2 s later they have caught up.
+    # At first contact the fingerpad deforms faster than the actuators move; they catch up within 0.2 s.
     state = pad_contact(forces[200:, None, None], 15e3)
     assert np.array([p.heights for p in pins[200:]]) == approx(pad_displacement(R, state), abs=1e-6)
 

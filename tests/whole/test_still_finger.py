@@ -1,4 +1,4 @@
-"""A finger held still: what is left of the encoder's steps in the force, without any filter."""
+"""A finger held still: force noise from the encoder's steps, without a filter."""
 
 import runpy
 from pathlib import Path
@@ -15,7 +15,7 @@ EXACT = ("device.resolution=0", "finger.resolution=0", "controller.resolution=0"
 
 
 def force(folder, point, *sets):
-    """The force [N] (k,3) on a hand that goes to a point [m] in 0.4 s and stays there for 1 s."""
+    """The force [N] (k,3) on a hand that moves to a point [m] in 0.4 s and stays there for 1 s."""
     path = f"[{{to: {list(point)}, time: 0.4}}, {{hold: 1.0}}]"
     sets = (f"scene.hand.begin=[{point[0]}, {point[1]}, 0.116]", f"scene.hand.path={path}", *sets)
     launch = find("kidney").but(record=folder / "run.mcap", overrides=("scene.surface.vertices=1500", *sets),
@@ -25,8 +25,8 @@ def force(folder, point, *sets):
 
 
 def noise(force, rate=1000, seconds=0.5, trend=False):
-    """Root mean square [N] of a force (k,3) over its last seconds, about its mean or, with a trend, about a parabola:
-    the creep of a body that relaxes is no noise."""
+    """RMS [N] of a force (k,3) over its last seconds, about its mean or, with `trend`, about a parabola, which removes
+    the creep of a relaxing body."""
     last = force[-round(seconds * rate) :]
     assert np.linalg.norm(last.mean(axis=0)) > 0.3
     t = np.vander(np.linspace(-1.0, 1.0, len(last)), 3 if trend else 1)
@@ -36,23 +36,23 @@ def noise(force, rate=1000, seconds=0.5, trend=False):
 
 @pytest.mark.parametrize("body", ["MassSpring", "ReducedFE"])
 @pytest.mark.parametrize("point", [(0.0, 0.0, 0.0945), (-0.02, 0.003, 0.0985), (0.01, -0.004, 0.096)])
-def test_a_finger_held_still_hardly_feels_the_encoder(tmp_path, point, body):
+def test_the_encoder_adds_little_noise_to_a_still_finger(tmp_path, point, body):
     assert noise(force(tmp_path, point, f"tissue.use=deformation.{body}")) < 0.015
 
 
 @pytest.mark.parametrize("rate", [500, 5000])
-def test_it_holds_still_at_other_rates(tmp_path, rate):
+def test_the_noise_is_small_at_other_rates(tmp_path, rate):
     assert noise(force(tmp_path, (0.0, 0.0, 0.0945), f"rate={rate}"), rate) < 0.015
 
 
 @pytest.mark.parametrize("body", ["MassSpring", "Rigid"])
-def test_measured_exactly_it_rests(tmp_path, body):
+def test_with_exact_positions_the_force_is_constant(tmp_path, body):
     assert noise(force(tmp_path, (0.0, 0.0, 0.0955), f"tissue.use=deformation.{body}", *EXACT)) < 1e-3
 
 
 @pytest.mark.parametrize("point", [(-0.02, 0.003, 0.0985), (0.01, -0.004, 0.096)])
-def test_beams_come_to_rest_under_a_finger_that_is_measured_exactly(tmp_path, point):
-    """They relax for seconds, and the finger goes on with them; that is a slow motion, not an oscillation."""
+def test_beams_come_to_rest_with_exact_positions(tmp_path, point):
+    """They relax for seconds, and the finger moves with them: a slow motion, not an oscillation."""
     assert noise(force(tmp_path, point, "tissue.use=deformation.BeamBundle", *EXACT), trend=True) < 5e-3
 
 
@@ -69,8 +69,8 @@ HELD = [  # body, height of the hand over the kidney's middle [m], rate [Hz]; th
 
 
 @pytest.mark.parametrize(("body", "height", "rate"), HELD)
-def test_every_body_lets_a_finger_hold_still_under_the_encoder(tmp_path, body, height, rate):
-    """Without a filter, about a parabola: beams go on relaxing."""
+def test_every_body_is_quiet_under_a_still_finger_with_the_encoder(tmp_path, body, height, rate):
+    """Without a filter, about a parabola, because beams continue to relax."""
     held = force(tmp_path, (0.0, 0.0, height), f"tissue.use=deformation.{body}", f"rate={rate}")
     assert noise(held, rate, trend=True) < 0.03
 
@@ -79,15 +79,15 @@ def test_every_body_lets_a_finger_hold_still_under_the_encoder(tmp_path, body, h
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("body", ["BeamBundle", "ReducedFE", "Rigid"])
 @pytest.mark.parametrize("graph", ["fingertip", "nodule", "remote", "organs", "pinch", "palpate-two"])
-def test_a_finger_holds_still_in_every_graph_with_every_body(graph, body):
+def test_a_still_finger_is_quiet_in_every_graph_with_every_body(graph, body):
     """On its shipped touch. MassSpring and the other rates: benchmarks/hold.py."""
     for hold in runpy.run_path(str(HOLD))["run"](graph, body, 1000).holds.values():
         assert hold.held > 0.2 and hold.noise < 0.03
 
 
 @pytest.mark.parametrize(("body", "told"), [("MassSpring", 0), ("Rigid", 1)])
-def test_a_contact_that_is_too_stiff_to_be_shown_is_told_once(body, told):
-    """The shipped touch of the kidney loses below 5 % of its force to the device's limit; a rigid one most of it."""
+def test_a_contact_too_stiff_for_the_device_is_reported_once(body, told):
+    """The shipped kidney loses less than 5 % of its force to the device's limit, a rigid body most of it."""
     launch = find("kidney").but(place="fused", duration=0.9, overrides=(f"tissue.use=deformation.{body}",))
     notes = execute(launch).result.notes
     assert sum("the hand feels a softer one" in text for text in notes) == told

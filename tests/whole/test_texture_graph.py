@@ -29,11 +29,11 @@ def recording(tmp_path_factory):
     return run(tmp_path_factory.mktemp("texture") / "stroke.mcap", 1.3)
 
 
-def test_it_replays_bit_for_bit_and_makes_no_energy(recording):
+def test_it_replays_bit_for_bit_and_generates_no_energy(recording):
     assert verify(recording, changed(recording, ())).first is None
     ledger = recording.columns(recording.stream_of(Ledger))
     assert np.diff(ledger["friction_dissipated"]).min() > -1e-15 and not ledger["tripped"].any()
-    assert ledger["generated"].max() < 1e-6  # [J] of the display as a whole; as much without a texture
+    assert ledger["generated"].max() < 1e-6  # [J] of the whole display; the same without a texture
     assert abs(ledger["unexplained"][-1]) < 1e-12 and ledger["friction_dissipated"][-1] > 1e-3
 
 
@@ -110,10 +110,10 @@ HJIF = needs(
     perceptions=several(PERCEPTION),
     syncs=several({}),
 )
-"""What the reader and the checks of the reference software (MPEGGroup/HapticReferenceSoftware) require."""
+"""Requirements of the reader and the checks of the reference software (MPEGGroup/HapticReferenceSoftware)."""
 
 
-def test_mpeg_haptics_have_what_the_reference_decoder_requires(recording, tmp_path):
+def test_mpeg_haptics_meet_the_requirements_of_the_reference_decoder(recording, tmp_path):
     jsonschema = pytest.importorskip("jsonschema")
     (path,) = export(recording, "hjif", tmp_path / "a.hjif")
     document = json.loads(path.read_text())
@@ -122,8 +122,8 @@ def test_mpeg_haptics_have_what_the_reference_decoder_requires(recording, tmp_pa
     assert channel["bands"] and 0.0 < channel["gain"] < 1.0
 
 
-def test_mpeg_haptics_render_the_levels_of_their_bands():
-    """Sines of the keyframes, as a decoder interpolates them, against the band of a noise."""
+def test_mpeg_haptics_reproduce_the_levels_of_the_bands():
+    """Sines of the keyframes, as a decoder interpolates them, compared with the bands of a noise."""
     random, sampling = np.random.default_rng(0), 4000.0
     t = np.arange(8000) / sampling
     force = 0.2 * np.sin(2 * np.pi * 100 * t) + 0.05 * np.sin(2 * np.pi * 398 * t) + 1e-4 * random.normal(size=8000)

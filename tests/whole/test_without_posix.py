@@ -1,4 +1,4 @@
-"""The library half needs no module or function that only POSIX has."""
+"""palpate as a library needs no module or function that exists only on POSIX."""
 
 import os
 import subprocess
@@ -17,7 +17,7 @@ def test_one_process_on_simulated_time_runs_without_posix(tmp_path):
     assert float(done.stdout) > 0.05
 
 
-def test_doctor_says_what_is_tested(monkeypatch):
+def test_doctor_names_the_tested_system(monkeypatch):
     def found():
         return {one.what: one for one in diagnostics.examine(pictures=False, seconds=0.0)}
 
