@@ -1,4 +1,4 @@
-"""Many touches at once: each lane of an ensemble is its single run, bit for bit."""
+"""Parallel touches: each lane of an ensemble is bit-equal to its single run."""
 
 import subprocess
 import sys
@@ -27,7 +27,7 @@ def ensemble(body="deformation.MassSpring", over=None, **given):
 
 
 def single(body, sets, duration=0.3):
-    """What `palpate.steps` gives for the fields of KEEP, a row each tick."""
+    """The fields of KEEP from `palpate.steps`, one row per tick."""
     ticks = palpate.steps("kidney", sets=(*TOUCH, *sets), duration=duration, tissue=body)
     return np.array([(t.contact.force, *t.controller.force, t.tissue.rest_indentation) for t in ticks])
 
@@ -43,7 +43,7 @@ def table(data, lane):
         pytest.param("deformation.ReducedFE", marks=pytest.mark.long),
     ],
 )  # fmt: skip
-def test_a_lane_is_its_single_run(body):
+def test_a_lane_equals_its_single_run(body):
     drawn = np.random.default_rng(11)
     over = {
         "scene.finger.finger_damping": drawn.uniform(5.0, 11.0, LANES),
@@ -65,7 +65,7 @@ def test_a_lane_is_its_single_run(body):
         assert table(data, lane).tobytes() == single(body, sets).tobytes()
 
 
-def test_lanes_and_their_number_of_threads_do_not_touch_one_another():
+def test_results_do_not_depend_on_other_lanes_or_threads():
     over = {"tissue.stiffness": np.linspace(2e3, 4e3, LANES)}
     one, many = (ensemble(over=over, threads=threads).run(quiet=True) for threads in (1, 4))
     alone = ensemble(over={"tissue.stiffness": 2e3}, lanes=1).run(quiet=True)
@@ -75,7 +75,7 @@ def test_lanes_and_their_number_of_threads_do_not_touch_one_another():
     assert len({np.asarray(one["contact.force"])[lane].tobytes() for lane in range(LANES)}) == LANES
 
 
-def test_results_have_units_times_and_what_is_varied():
+def test_results_have_units_times_and_varied_settings():
     pytest.importorskip("xarray")
     asked = ensemble(over={"tissue.stiffness": [1e3, 2e3]}, lanes=2, every=10)
     data = asked.run(quiet=True)
@@ -88,7 +88,7 @@ def test_results_have_units_times_and_what_is_varied():
     assert 0 < state < 2 * 60_000 and shared > 0
 
 
-def test_without_xarray_there_are_arrays_that_know_their_unit(monkeypatch):
+def test_without_xarray_results_are_arrays_with_units(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     data = ensemble(lanes=1, duration=0.01).run(quiet=True)
     assert data["contact.force"].unit == "N" and data["contact.force"].shape == (1, 10) and len(data["time"]) == 10
@@ -102,7 +102,7 @@ from palpate.nodes import CompiledNode, Out
 from palpate.physics.kernel import kernel
 
 class Spring(CompiledNode):
-    """A wall that gives up or becomes infinitely stiff, as it is told."""
+    """A wall that becomes infinitely stiff, divides by zero or sets a fault, according to `how`."""
 
     how: Annotated[int, "1"] = 0
 
@@ -171,12 +171,12 @@ def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
         ({"lanes": 10**7, "duration": 1e3}, "GB are free"),
     ],
 )
-def test_wrong_input_says_what_would_work(given, said):
+def test_wrong_input_is_an_error_with_a_remedy(given, said):
     with pytest.raises(palpate.PalpateError, match=f"(?s){said}"):
         ensemble(**given)
 
 
-def test_nodes_in_python_and_devices_are_refused_by_name():
+def test_nodes_in_python_and_devices_are_errors_with_their_names():
     with pytest.raises(ArgumentError, match=r"'sensor' .*runs in Python"):
         palpate.Ensemble("softness", 2, keep=["sensor.force"], duration=0.1)
     with pytest.raises(ArgumentError, match="drives a device"):
@@ -209,7 +209,7 @@ from palpate.launch.run import lanes
 libc = ctypes.CDLL(None, use_errno=True)
 
 class ReadOnly(dict):
-    "Arrays that a kernel cannot write to: it would take the process down."
+    "Arrays that a kernel cannot write to: a write would crash the process."
 
     def setdefault(self, key, array):
         if key not in self:
@@ -231,7 +231,7 @@ for body in sys.argv[2:]:
 
 
 @pytest.mark.long
-def test_no_kernel_writes_to_what_lanes_share():
+def test_no_kernel_writes_to_shared_arrays():
     bodies = [f"deformation.{name}" for name in ("MassSpring", "Rigid", "BeamBundle", "ReducedFE")]
     command = [sys.executable, "-c", READ_ONLY, repr(TOUCH), *bodies]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -239,7 +239,7 @@ def test_no_kernel_writes_to_what_lanes_share():
     assert done.stdout.split() == [word for body in bodies for word in (body, "True", "True")]
 
 
-def test_numbers_that_reach_settings_as_they_are_load_the_graph_a_few_times(monkeypatch):
+def test_numbers_that_reach_settings_unchanged_load_the_graph_only_a_few_times(monkeypatch):
     loads = []
     prepare = running.prepare
     monkeypatch.setattr(running, "prepare", lambda launch, keep: loads.append(1) or prepare(launch, keep))
@@ -248,7 +248,7 @@ def test_numbers_that_reach_settings_as_they_are_load_the_graph_a_few_times(monk
             "device.seed": list(range(40))}  # fmt: skip
     few = ensemble(over={name: over[name] for name in list(over)[:2]}, lanes=40)
     assert len(loads) <= 6
-    many = ensemble(over=over, lanes=40)  # whole numbers may be anything, so each lane is loaded
+    many = ensemble(over=over, lanes=40)  # the graph is loaded for each lane if values are integers
     assert len(loads) > 40
     for one, other in zip(few._prepared, many._prepared, strict=True):
         for a, b in zip(one.job.nodes, other.job.nodes, strict=True):

@@ -1,4 +1,4 @@
-"""The notebooks of the docs run from their first cell to the last, and show figures."""
+"""The notebooks of the docs run completely and show figures."""
 
 import subprocess
 import sys
@@ -32,7 +32,7 @@ def test_a_notebook_runs(tmp_path, name, monkeypatch):
 
 @pytest.mark.long
 def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
-    """With the command that one of them starts."""
+    """This includes the command that one of them starts."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     commands, process = [], subprocess.run
@@ -52,5 +52,5 @@ def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
     assert commands == [["build", "basis"]]
 
 
-def test_there_are_two():
+def test_the_docs_have_two_notebooks():
     assert sorted(path.stem for path in FOLDER.glob("*.ipynb")) == ["own_material", "touch_a_kidney"]

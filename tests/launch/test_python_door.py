@@ -1,4 +1,4 @@
-"""The public door `import palpate`: runs and recordings as Python code and notebooks see them."""
+"""The Python API `import palpate`: runs and recordings in scripts and notebooks."""
 
 import subprocess
 import sys
@@ -25,7 +25,7 @@ def run(file):
     return palpate.open(file)
 
 
-def test_the_door_imports_nothing_and_keeps_its_rooms_open():
+def test_import_palpate_is_lazy_and_gives_access_to_all_packages():
     code = (
         "import sys, palpate; print('numpy' in sys.modules); import palpate.physics, palpate.models.fe;"
         "print(sorted(palpate.__all__) == sorted(set(palpate.__all__) & set(dir(palpate))), palpate.Run.__name__)"
@@ -45,7 +45,7 @@ def test_a_field_is_an_array_with_unit_and_times(run, file):
     assert run["contact.force"].unit == "N"
 
 
-def test_rows_keep_their_times_and_arithmetic_gives_plain_numbers(run):
+def test_rows_keep_their_times_and_arithmetic_returns_plain_arrays(run):
     force = run.contact.force
     pressed = force[force > 0.0]
     assert 0 < len(pressed) < len(force)
@@ -58,7 +58,7 @@ def test_rows_keep_their_times_and_arithmetic_gives_plain_numbers(run):
     assert isinstance(force[3], float)
 
 
-def test_arrays_of_changing_length_come_as_a_list(run):
+def test_arrays_of_variable_length_are_returned_as_a_list(run):
     displacement = run.tissue.displacement
     assert isinstance(displacement, list)
     assert len(displacement) == len(run.tissue)
@@ -75,7 +75,7 @@ def test_a_table_has_a_column_for_each_number(run):
     assert "nodes [1]" not in run.frame("tissue")
 
 
-def test_what_is_not_there_is_told_with_what_is(run, tmp_path):
+def test_unknown_names_are_errors_with_the_known_names(run, tmp_path):
     with pytest.raises(AttributeError, match=r"no stream 'contakt'.*contact"):
         run.contakt  # noqa: B018
     with pytest.raises(AttributeError, match=r"no field 'forse'.*force"):
@@ -88,7 +88,7 @@ def test_what_is_not_there_is_told_with_what_is(run, tmp_path):
         palpate.open(tmp_path / "none.mcap")
 
 
-def test_a_stream_is_a_row_of_messages_and_a_run_a_set_of_streams(run):
+def test_a_stream_is_a_sequence_of_messages_and_a_run_a_set_of_streams(run):
     contact = run.contact
     assert contact[120].tick == 120 and contact[-1].tick == len(contact) - 1
     assert contact[120].force == contact.force[120]
@@ -110,7 +110,7 @@ def test_a_field_prints_a_line_with_its_unit_and_range(run):
     assert repr(force[:0]) == repr(force[force > 1e9]) == "contact.force [N]: no messages"
 
 
-def test_a_table_of_several_streams_has_them_side_by_side(run):
+def test_a_table_of_several_streams_joins_their_columns(run):
     pytest.importorskip("pandas", reason="pandas is not installed (extra table)")
     table = run.frame(["contact", "tissue"])
     np.testing.assert_array_equal(table["contact"]["force [N]"], run.contact.force)
@@ -163,7 +163,7 @@ def test_a_touch_is_compared_with_another_body(run, file):
         ({"rate": 500}, "rate: no node has this name; expected sets=['rate=500']"),
     ],
 )
-def test_faults_of_keywords_are_told_in_words_of_python(given, said, tmp_path):
+def test_faults_of_keywords_quote_the_python_text(given, said, tmp_path):
     for call in (lambda: palpate.run("kidney", record=tmp_path / "x.mcap", duration=0.01, **given),
                  lambda: next(palpate.steps("kidney", **given))):  # fmt: skip
         with pytest.raises(palpate.PalpateError) as error:
@@ -171,7 +171,7 @@ def test_faults_of_keywords_are_told_in_words_of_python(given, said, tmp_path):
         assert said in str(error.value) and "--set" not in str(error.value) and "Targets" not in str(error.value)
 
 
-def test_steps_gives_what_a_run_records(file):
+def test_steps_yields_the_messages_that_a_run_records(file):
     seen = []
     for tick in palpate.steps("kidney", duration=0.35, sets=QUICK):
         seen.append((tick.time, tick.contact.force, tick["controller"].force))
@@ -194,7 +194,7 @@ def test_settings_change_between_two_ticks():
     assert 0.0 < after < 0.5 * before
 
 
-def test_what_a_step_cannot_do_is_told():
+def test_invalid_uses_of_a_step_are_errors():
     loop = palpate.steps("kidney", sets=QUICK)
     tick = next(loop)
     with pytest.raises(AttributeError, match=r"no stream 'contakt'.*contact"):
@@ -213,7 +213,7 @@ def test_what_a_step_cannot_do_is_told():
         next(palpate.steps("falcon"))
 
 
-def test_a_run_takes_a_placement_and_on_simulated_time_is_one_process(tmp_path, monkeypatch):
+def test_a_run_accepts_a_placement_and_is_fused_on_simulated_time(tmp_path, monkeypatch):
     placed = []
     monkeypatch.setattr(calling, "execute", lambda launch: placed.append(launch.place) or execute(launch))
     one = palpate.run("kidney", record=tmp_path / "a.mcap", duration=0.02, sets=QUICK)
@@ -226,14 +226,14 @@ def test_a_run_takes_a_placement_and_on_simulated_time_is_one_process(tmp_path, 
         palpate.run("kidney", record=tmp_path / "c.mcap", duration=0.02, place="nowhere")
 
 
-def test_a_notebook_shows_what_a_run_and_a_field_hold(run):
+def test_a_notebook_shows_the_contents_of_a_run_and_of_a_field(run):
     assert "<td>contact</td><td>Contact</td><td>350</td>" in run._repr_html_()
     assert "contact.force [N]" in run.contact.force._repr_html_()
     assert "contact" in dir(run)
     assert "force" in dir(run.contact)
 
 
-def test_a_run_from_python_takes_a_model_and_settings(tmp_path):
+def test_a_run_from_python_accepts_a_model_and_settings(tmp_path):
     file = tmp_path / "rigid.mcap"
     run = palpate.run(
         "kidney", record=file, duration="0.05 s", sets=QUICK, tissue="deformation.Rigid", controller={"delay": 2}
@@ -259,7 +259,7 @@ def test_a_run_from_python_takes_a_model_and_settings(tmp_path):
         ({"nobody": "deformation.Rigid"}, "nobody"),
     ],
 )
-def test_wrong_arguments_say_what_would_work(given, told, tmp_path):
+def test_wrong_arguments_are_errors_with_a_remedy(given, told, tmp_path):
     with pytest.raises(palpate.PalpateError, match=told):
         palpate.run(**{"record": tmp_path / "x.mcap", **given})
 
@@ -285,15 +285,15 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
         (["contact.force", "-o", "x.gif"], "expected .png"),
     ],
 )
-def test_what_cannot_be_plotted_is_told_in_one_line(file, names, told):
+def test_fields_that_cannot_be_plotted_are_errors_of_one_line(file, names, told):
     result = CliRunner().invoke(app, ["picture", str(file), *names])
     assert result.exit_code != 0
     assert told in " ".join(result.stderr.split())
     assert "Traceback" not in result.output
 
 
-def test_a_run_in_the_callers_process_leaves_the_collector_as_it_was(tmp_path):
-    """What the caller has set aside stays aside, and nothing else does: later collections would pass over it."""
+def test_a_run_in_this_process_restores_the_state_of_the_garbage_collector(tmp_path):
+    """Objects frozen by the caller stay frozen, and no others, since later collections would skip them."""
     code = """
 import gc, palpate
 for aside in (False, True):

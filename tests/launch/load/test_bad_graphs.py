@@ -1,4 +1,4 @@
-"""One wrong thing at a time in a right graph: the fault names the culprit and what would work."""
+"""One fault at a time in a valid graph: the error names the cause and a remedy."""
 
 import copy
 
@@ -59,7 +59,7 @@ BAD = {
         "h0: $finger.h1",
         ["setting 'h0'", "'finger.h1'", "Did you mean 'finger.h0'"],
     ),
-    "dollar runs in a circle": ("h0: 3e-3", "h0: $finger.h0", ["'$finger.h0'", "back to itself"]),
+    "dollar refers to itself": ("h0: 3e-3", "h0: $finger.h0", ["'$finger.h0'", "back to itself"]),
     "no use": ("use: graph_nodes.Rub, ", "", ["node 'friction'", "use: found None", "module.Class"]),
     "use without module": ("graph_nodes.Rub", "Rub", ["use: found 'Rub'", "module.Class"]),
     "unknown module": ("graph_nodes.Rub", "graph_noodles.Rub", ["module 'graph_noodles' not found", "Looked in"]),
@@ -105,7 +105,7 @@ BAD = {
     "input is no name": ("body: tissue", "body: 3", ["input 'body'", "found 3", "name of a node"]),
     "inputs are no mapping": ("in: {pose: finger}", "in: all", ["in: found 'all'", "{pose: ...}", "observers"]),
     "unknown key of an input": ("body: tissue", "body: {from: tissue, lop: true}", ["'lop'", "Did you mean 'loop'"]),
-    "an input from nobody": (
+    "an input without a sender": (
         "body: tissue",
         "body: {loop: true}",
         ["input 'body'", "found None", "the name of a node"],
@@ -115,8 +115,8 @@ BAD = {
         "body: {from: ''}",
         ["no node ''", "Nodes that send Surface"],
     ),
-    "a rate of nothing": ("nodes:", "rate: null\nnodes:", ["rate [Hz]: found None", "above 0"]),
-    "loop is no truth value": ("body: tissue", "body: {from: tissue, loop: 3}", ["loop: found 3", "true or false"]),
+    "a rate of null": ("nodes:", "rate: null\nnodes:", ["rate [Hz]: found None", "above 0"]),
+    "loop is not a boolean": ("body: tissue", "body: {from: tissue, loop: 3}", ["loop: found 3", "true or false"]),
     "driving input named as loop": (
         "force: control",
         "force: {from: control, loop: true}",
@@ -149,7 +149,7 @@ BAD = {
     ),
     "every": ("when: tissue.friction", "every: 0", ["node 'friction'", "every: found 0", "from 1"]),
     "every is no number": ("when: tissue.friction", "every: 1.5", ["every: found 1.5", "whole number"]),
-    "every is a truth value": ("when: tissue.friction", "every: true", ["every: found True"]),
+    "every is a boolean": ("when: tissue.friction", "every: true", ["every: found True"]),
     "restart": ("when: tissue.friction", "restart: often", ["restart: found 'often'", "true or false"]),
     "when is unknown": (
         "when: tissue.friction",
@@ -175,7 +175,7 @@ BAD = {
         "  other: {use: graph_nodes.Spring, in: {load: load}}",
         ["whole.yaml:9: node 'contact', input 'body'", "'other', on which only 'second' presses"],
     ),
-    "a body whose contact does not hear it": (
+    "a body whose contact does not read it": (
         ", body: tissue",
         "",
         ["node 'tissue': gets the load of 'contact', which does not read its Surface", "`in: {body: tissue}`"],
@@ -208,7 +208,11 @@ BAD = {
     "rate of another dimension": ("nodes:", "rate: 3 mm\nnodes:", ["rate [Hz]", "a length", "frequency"]),
     "wanted is unknown": ("nodes:", "wanted: [contrl]\nnodes:", ["'contrl'", "Did you mean 'control'"]),
     "wanted is no list": ("nodes:", "wanted: 3\nnodes:", ["wanted: found 3", "list of streams"]),
-    "an observer hears the unknown": ("in: all", "in: [contrl]", ["node 'log'", "'contrl'", "Did you mean 'control'"]),
+    "an observer of an unknown stream": (
+        "in: all",
+        "in: [contrl]",
+        ["node 'log'", "'contrl'", "Did you mean 'control'"],
+    ),
     "an observer with inputs": ("in: all", "in: {a: control}", ["node 'log'", "`all` or a list"]),
     "name of a node": ("  near: ", "  rate: ", ["'rate' cannot name a node"]),
     "a node is no mapping": ("in: all", "in: all}\n  other: {", ["node 'other'"]),
@@ -231,7 +235,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("old", "new", "words"), BAD.values(), ids=BAD)
-def test_a_bad_graph_is_told_with_culprit_and_cure(whole, old, new, words):
+def test_a_bad_graph_is_an_error_with_cause_and_remedy(whole, old, new, words):
     text = whole.read_text()
     assert old in text
     whole.write_text(text.replace(old, new, 1))
@@ -243,7 +247,7 @@ def test_a_bad_graph_is_told_with_culprit_and_cure(whole, old, new, words):
     assert all(str(fault.place) for fault in error.value.faults), printed
 
 
-def test_a_graph_in_another_encoding_is_told_with_place_and_cure(whole):
+def test_a_graph_in_another_encoding_is_an_error_with_place_and_remedy(whole):
     whole.write_bytes(b"# f\xc3\xbcr die Niere\n# f\xfcr die Niere\n" + whole.read_bytes())
     with pytest.raises(GraphError, match=r"whole.yaml:2: not UTF-8: byte 0xfc in column 4\n *Save the file as UTF-8"):
         load(whole)
@@ -270,14 +274,14 @@ SETS = {
 
 
 @pytest.mark.parametrize(("given", "words"), SETS.items(), ids=SETS)
-def test_a_bad_override_is_told_with_culprit_and_cure(whole, given, words):
+def test_a_bad_override_is_an_error_with_cause_and_remedy(whole, given, words):
     with pytest.raises(GraphError) as error:
         load(whole, overrides=[given])
     for word in words:
         assert word in str(error.value), str(error.value)
 
 
-def test_a_scene_value_that_a_swapped_class_does_not_have_is_refused_from_outside_and_told_otherwise():
+def test_unused_scene_values_are_errors_in_overrides_and_notes_in_files():
     coulomb, fe = "friction.use=friction.Coulomb", "tissue.use=deformation.ReducedFE"
     for sets, path, cure in (
         ([coulomb, "scene.sliding.mu_slide=0.9"], "sliding.mu_slide", "'friction' (Coulomb) has 'mu'"),
@@ -303,7 +307,7 @@ def test_a_scene_value_that_a_swapped_class_does_not_have_is_refused_from_outsid
         "scene.tissue={friction: on}",
     ],
 )
-def test_a_scene_value_that_a_setting_a_condition_or_a_skipped_node_reads_is_taken(given):
+def test_a_scene_value_is_accepted_if_a_setting_condition_or_skipped_node_reads_it(given):
     load("kidney", overrides=[given])
 
 
@@ -336,7 +340,7 @@ def _ways(data, head=()):
     key=st.sampled_from([*KEYS, None]),
 )
 def test_any_change_of_a_graph_gives_a_plan_or_faults(write, way, value, key):
-    """One place of the graph gets an odd value or an odd key: it can be planned, or GraphError tells why not."""
+    """After a random change of a value or a key the graph can be planned, or GraphError gives the reason."""
     data = copy.deepcopy(DATA)
     spot = data
     for step in way[:-1]:
@@ -379,7 +383,7 @@ def test_any_placement_gives_groups_or_faults(write, whole, group):
     assert sorted(n for g in groups for n in g.nodes) == sorted([*planned.order, *planned.observers])
 
 
-def test_one_slip_is_one_fault(whole):
+def test_one_mistake_is_one_fault(whole):
     for old, new in (("with: $finger", "h0: $finger.h1"), ("radius: 6 mm", "radius: 6 s"), ("graph_nodes.Rub", "a.B")):
         text = whole.read_text()
         whole.write_text(text.replace(old, new, 1))

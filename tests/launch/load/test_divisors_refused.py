@@ -1,4 +1,4 @@
-"""Divisors between the device and the contact: the contact would differentiate the motion of several ticks over one."""
+"""Divisors between device and contact are faults: the contact would differentiate the motion of several ticks."""
 
 import pytest
 
@@ -16,17 +16,17 @@ def faults(*sets: str) -> list[str]:
 
 
 @pytest.mark.parametrize("node", ["device", "finger", "collision"])
-def test_a_divisor_before_the_contact_is_refused_with_its_cure(node):
+def test_a_divisor_before_the_contact_is_a_fault_with_a_remedy(node):
     (fault,) = faults(f"{node}=3")
     assert f"node '{node}'" in fault and "every: 3" in fault and f"`{node}: {{every: 1}}`" in fault
 
 
-def test_all_such_divisors_are_reported_at_once():
+def test_all_wrong_divisors_are_reported_at_once():
     assert len(faults("finger=3", "collision=2")) == 2
 
 
 @pytest.mark.parametrize(
     "sets", [("friction=10", "tissue=5", "spread=2"), ("contact=2",), ("contact=4", "collision=2"), ("band=20",)]
 )
-def test_a_divisor_behind_the_contact_or_shared_with_it_is_no_fault(sets):
+def test_a_divisor_behind_or_shared_with_the_contact_is_valid(sets):
     assert not faults(*sets)

@@ -1,4 +1,4 @@
-"""Effects by name: what they switch, what is refused, and that leaving one out changes nothing that is still wanted."""
+"""Effects by name: what they switch, invalid switches, and that removing one does not change the other streams."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,7 @@ def planned(*sets, graph="kidney", **more):
     return plan(load(graph, overrides=sets, **more))
 
 
-def test_a_node_effect_that_is_off_does_not_run_and_says_where_that_was_said(write):
+def test_a_disabled_effect_does_not_run_and_names_its_switch(write):
     run = planned("effects.friction=off")
     assert "friction" not in run.order
     assert run.skipped["friction"] == "the effect friction is off (--set effects.friction=off)"
@@ -35,7 +35,7 @@ def test_a_node_effect_that_is_off_does_not_run_and_says_where_that_was_said(wri
     )
 
 
-def test_an_override_goes_before_the_scene_and_the_scene_before_the_graph(write):
+def test_an_override_precedes_the_scene_and_the_scene_precedes_the_graph(write):
     graph = write("g.yaml", "extends: kidney\nscene: s.yaml\neffects: {friction: on, band: off}\n")
     write("s.yaml", "extends: kidney\neffects: {friction: off, band: on}\n")
     run = planned(graph=graph)
@@ -43,12 +43,12 @@ def test_an_override_goes_before_the_scene_and_the_scene_before_the_graph(write)
     assert "friction" in planned("effects.friction=on", graph=graph).order
 
 
-def test_an_effect_that_is_on_runs_though_its_condition_does_not_hold():
+def test_an_enabled_effect_runs_if_its_condition_is_false():
     assert "band" not in planned().order
     assert "band" in planned("effects.band=on").order
 
 
-def test_a_part_is_computed_where_it_is_read_recorded_or_switched_on_and_nowhere_else():
+def test_a_part_is_computed_only_if_it_is_read_recorded_or_enabled():
     def fields(*sets, **more):
         return planned("tissue.use=deformation.BeamBundle", *sets, **more).wanted["tissue"]
 
@@ -60,7 +60,7 @@ def test_a_part_is_computed_where_it_is_read_recorded_or_switched_on_and_nowhere
     assert {"pressure", "displacement"} <= fields("log.fields=all")
 
 
-def test_a_setting_effect_that_is_off_gets_its_value_without_it():
+def test_a_disabled_effect_of_a_setting_sets_its_neutral_value():
     run = planned("effects.relaxation=off")
     assert run.graph.nodes["tissue"].settings["damping"] == 0.0
     run = planned("tissue.use=deformation.BeamBundle", "effects.relaxation=off")
@@ -81,18 +81,18 @@ def test_a_setting_effect_that_is_off_gets_its_value_without_it():
         ("effects=5", ["effects"]),
     ],
 )
-def test_what_cannot_be_is_told_with_its_cure(override, told):
+def test_an_invalid_switch_is_an_error_with_a_remedy(override, told):
     with pytest.raises(GraphError) as error:
         load("kidney", overrides=[override])
     for text in (*told, override.partition("=")[0].partition(".")[0]):
         assert text in str(error.value)
 
 
-def test_a_body_of_the_users_own_is_taken_to_fill_its_message():
+def test_a_custom_body_is_assumed_to_fill_its_message():
     assert "tissue" in planned("tissue.use=deformation.Rigid", "effects.shape=on").order
 
 
-def test_a_plan_keeps_what_was_said():
+def test_a_plan_keeps_the_switches():
     run = planned("effects.friction=off", "effects.shape=on")
     again = Plan.from_spec(json.loads(json.dumps(run.to_spec())))
     assert {n: c.on for n, c in again.graph.effects.items()} == {"friction": False, "shape": True}
@@ -113,13 +113,13 @@ def test_each_declared_effect_names_fields_and_settings_that_exist():
     assert {"friction", "deformation", "shape", "pressure", "nodule", "relaxation", "band"} <= set(known())
 
 
-def test_a_switch_tells_with_from_without():
+def test_a_switch_shows_whether_the_effect_is_computed():
     mark = Switch("relaxation")
     assert mark.has((0.1, 0.0)) and mark.has([2.0]) and not mark.has((0.0, 0.0)) and not mark.has(0.0)
     assert mark.without((0.1, 4.0)) == [0.0, 0.0] and mark.without(3.0) == 0.0
 
 
-def test_a_part_does_no_work_where_nobody_reads_it():
+def test_a_part_that_no_node_reads_is_not_computed():
     class Counting:
         wanted = None
         calls = 0
@@ -142,19 +142,19 @@ BODIES = {"MassSpring": MassSpring, "BeamBundle": BeamBundle}
 
 
 def rendered(recording):
-    """What the controller sends, but for which of its inputs there were: a ledger that is off is none."""
+    """The messages of the controller without their `used`, which changes if the ledger is off."""
     return [(m.tick, m.time, m.force, m.state, m.energy) for m in recording.messages("controller")]
 
 
 @pytest.mark.parametrize("body", BODIES)
-def test_what_is_wanted_is_the_same_without_the_parts_that_nobody_reads(tmp_path_factory, body):
-    """Random subsets of the parts: forces byte for byte, and never more parts computed than with all of them."""
+def test_wanted_streams_are_the_same_without_unread_parts(tmp_path_factory, body):
+    """Random subsets of the parts give bit-equal forces and never compute more parts than the whole set."""
     folder = tmp_path_factory.mktemp("parts")
     swap = f"tissue.use=deformation.{body}"
     parts = sorted({e.name for e in effects(BODIES[body]) if e.how == "part"})
     whole = short_touch(folder, "whole", swap, "log.fields=all", *(f"effects.{p}=on" for p in parts), "effects.band=on")
     forces = rendered(whole)
-    assert np.abs(whole.columns("contact")["force"]).max() > 0.01, "a run without a touch shows nothing"
+    assert np.abs(whole.columns("contact")["force"]).max() > 0.01, "the run has no touch"
 
     @settings(max_examples=4)
     @given(st.sets(st.sampled_from([*parts, "band", "sample"])))
@@ -167,13 +167,13 @@ def test_what_is_wanted_is_the_same_without_the_parts_that_nobody_reads(tmp_path
     check()
 
 
-def test_a_replay_keeps_the_recorded_fields_but_for_effects_that_are_switched_off(tmp_path):
+def test_a_replay_keeps_the_recorded_fields_except_those_of_disabled_effects(tmp_path):
     recording = short_touch(tmp_path, "one", "log.fields=all")
     assert "displacement" in changed(recording, ["tissue.damping=1"]).wanted["tissue"]
     assert "displacement" not in changed(recording, ["effects.shape=off"]).wanted["tissue"]
 
 
-def test_the_documented_catalogue_is_the_one_there_is():
+def test_the_documented_catalogue_is_up_to_date():
     from typer.testing import CliRunner
 
     from palpate.cli.__main__ import app

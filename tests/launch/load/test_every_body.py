@@ -1,4 +1,4 @@
-"""Every body that ships, in every graph and scene that ships: it loads, with all that it needs at its start."""
+"""Every shipped body loads in every shipped graph and scene, with the files that it needs at its start."""
 
 import pytest
 
@@ -16,23 +16,23 @@ PRESSED = {
     "nodule": ["tissue"], "organs": ["kidney", "liver"], "palpate-two": ["tissue"], "pinch": ["tissue"],
     "remote": ["tissue"], "texture": ["tissue"],
 }  # fmt: skip
-"""Graphs with bodies, and the nodes that these are."""
+"""Graphs with bodies, and the names of these nodes."""
 
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("graph", PRESSED)
-def test_it_loads(graph, body):
+def test_a_body_loads_in_a_graph(graph, body):
     for node in PRESSED[graph]:
         check_stored(chosen(graph, [f"{node}.use={body}"], None, None, False).plan())
 
 
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("scene", ["kidney", "nodule", "frictionless", "organs", "remote"])
-def test_it_loads_in_another_scene(scene, body):
+def test_a_body_loads_in_another_scene(scene, body):
     check_stored(chosen("kidney", [f"tissue.use={body}"], scene, None, False).plan())
 
 
-def test_a_basis_that_is_not_stored_is_a_fault_of_the_check_with_the_command_that_builds_it(monkeypatch, tmp_path):
+def test_a_missing_basis_is_a_fault_with_the_command_to_build_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     sets = ["tissue.use=deformation.ReducedFE", "scene.nodule.nodule_depth=9 mm"]
     with pytest.raises(
@@ -41,13 +41,13 @@ def test_a_basis_that_is_not_stored_is_a_fault_of_the_check_with_the_command_tha
         check_stored(chosen("nodule", sets, None, None, False).plan())
 
 
-def test_a_nodule_lies_where_the_scene_says_for_every_body():
-    """In the world, whichever frame the surface has; the basis of a place in the surface's frame serves them all."""
+def test_a_nodule_has_the_position_of_the_scene_in_every_body():
+    """The position is in the world frame, for any frame of the surface; all frames use the same basis."""
     place = {"surface": "plane", "vertices": 900, "nodule_radius": 4e-3, "nodule_depth": 6e-3}
     turned = {"position": (0.01, 0.02, 0.105), "rotation": (0.0, 0.0, 1.2)}
     usual = ReducedFE(**place, position=(0.0, 0.0, 0.0), nodule_position=(0.004, 0.0, 0.0))
     assert usual.nodule_centre() == (0.004, 0.0, -0.006)
-    x, y = 0.004 * 0.3623577544766736, 0.004 * 0.9320390859672263  # turned by 1.2
+    x, y = 0.004 * 0.3623577544766736, 0.004 * 0.9320390859672263  # rotated by 1.2 rad
     moved = {**place, **turned, "nodule_position": (0.01 + x, 0.02 + y, 0.105)}
     assert ReducedFE(**moved).key() == usual.key()
     assert ReducedFE(**moved).centre() == pytest.approx(MassSpring(**moved).centre())
@@ -59,7 +59,7 @@ def test_a_nodule_lies_where_the_scene_says_for_every_body():
 @pytest.mark.long
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("graph", PRESSED)
-def test_it_runs(graph, body):
+def test_a_body_runs_in_a_graph(graph, body):
     for node in PRESSED[graph]:
         run = find(graph).but(duration=0.05, record=None, place="fused", overrides=[f"{node}.use={body}"])
         outcome = execute(run)

@@ -1,4 +1,4 @@
-"""Loading graphs: what is read, and that each fault is told with its culprit and its cure."""
+"""Loading graphs: contents, and faults with cause and remedy."""
 
 import re
 import sys
@@ -26,7 +26,7 @@ def test_a_whole_graph_is_read(whole):
     assert graph.nodes["log"].listen is None and graph.nodes["log"].edges == ()
 
 
-def test_only_the_loops_are_held(whole):
+def test_only_loop_edges_are_held(whole):
     assert held(load(whole)) == {("device", "torque"), ("contact", "body")}
 
 
@@ -43,7 +43,7 @@ def test_settings_come_from_class_scene_line_and_command_line_in_that_order(whol
     assert both.nodes["tissue"].settings["stiffness"] == 2000.0
 
 
-def test_a_later_with_wins_over_an_earlier_one(whole):
+def test_a_later_with_precedes_an_earlier_one(whole):
     text = whole.read_text().replace("with: $tissue", "with: [$tissue, {stiffness: 9 N/m}]")
     whole.write_text(text)
     assert load(whole).nodes["tissue"].settings["stiffness"] == 9.0
@@ -56,7 +56,7 @@ def test_one_word_swaps_the_model(whole):
     assert {n: s.edges for n, s in foam.nodes.items()} == {n: s.edges for n, s in plain.nodes.items()}
 
 
-def test_a_users_own_class_takes_what_it_has_of_the_scene(whole, write, monkeypatch):
+def test_a_custom_class_takes_its_settings_from_the_scene(whole, write, monkeypatch):
     write(
         "mylab.py",
         """
@@ -77,7 +77,7 @@ def test_a_users_own_class_takes_what_it_has_of_the_scene(whole, write, monkeypa
     assert load(whole, overrides=["tissue.use=mylab.Liver"]).nodes["tissue"].settings == {"stiffness": 400.0}
 
 
-def test_an_effect_that_no_node_asks_for_is_no_fault_but_a_slip_is(whole):
+def test_an_unused_effect_is_valid_and_a_typing_error_is_a_fault(whole):
     text = (
         whole.read_text().replace(", when: tissue.friction", "").replace("friction: true", "friction: true, FLAG: on")
     )
@@ -88,7 +88,7 @@ def test_an_effect_that_no_node_asks_for_is_no_fault_but_a_slip_is(whole):
     load(whole)
 
 
-def test_dollar_reads_the_scene_anywhere_in_a_value(whole):
+def test_a_dollar_reads_the_scene_anywhere_in_a_value(whole):
     text = whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, offset: [$finger.h0, 1 mm, 0]}")
     whole.write_text(text)
     assert load(whole).nodes["near"].settings["offset"] == [0.003, 0.001, 0.0]
@@ -108,7 +108,7 @@ def test_a_whole_number_may_be_written_with_an_exponent(whole):
         load(whole, overrides=["near.count=2.5"])
 
 
-def test_another_scene_takes_the_place_of_the_graphs_own(whole, write):
+def test_another_scene_replaces_that_of_the_graph(whole, write):
     scene = write("dry.yaml", "tissue: {friction: false, stiffness: 5}\nfinger: {}\n")
     for chosen in (scene, str(scene), {"tissue": {"friction": False, "stiffness": 5}, "finger": {}}):
         graph = load(whole, scene=chosen)
@@ -116,7 +116,7 @@ def test_another_scene_takes_the_place_of_the_graphs_own(whole, write):
         assert "tissue.friction is false" in graph.nodes["friction"].off
 
 
-def test_a_scene_file_is_found_beside_the_graph_and_may_extend_another(whole, write):
+def test_a_scene_file_is_found_next_to_the_graph_and_may_extend_another(whole, write):
     write("scenes/base.yaml", "tissue: {friction: true, stiffness: 3}\nfinger: {radius: 1 mm}\n")
     write("scenes/soft.yaml", "extends: base.yaml\ntissue: {stiffness: 2, friction: null}\n")
     body = whole.read_text().split("nodes:")[1].replace(", when: tissue.friction", "")
@@ -148,8 +148,8 @@ def test_a_graph_extends_another_node_by_node(whole, write):
     assert graph.nodes["control"].every == 2 and len(graph.nodes["control"].edges) == 1
 
 
-def test_another_class_with_inputs_has_these_alone_and_without_keeps_what_it_finds(whole, write):
-    """With the same class the inputs are laid over those of the parent."""
+def test_another_class_replaces_the_inputs_only_if_it_has_inputs(whole, write):
+    """With the same class the inputs are merged with those of the parent."""
     text = "extends: whole.yaml\nnodes: {{{}}}\n"
     new = "spread: {use: graph_nodes.Rub, in: {contact: contact}}, tissue: null, contact: {in: {body: null}}"
     replaced = load(write("a.yaml", text.format(new)))
@@ -160,7 +160,7 @@ def test_another_class_with_inputs_has_these_alone_and_without_keeps_what_it_fin
     assert [e.port for e in laid.nodes["spread"].edges] == ["contact"]
 
 
-def test_an_input_is_taken_out_from_the_command_line_whatever_class_is_there(whole):
+def test_an_override_removes_an_input_of_any_class(whole):
     taken = load(
         whole,
         overrides=["spread.in.friction=null", "spread.use=graph_nodes.StrictSpread", "spread.in.friction=friction"],
@@ -174,27 +174,27 @@ def test_an_input_is_taken_out_from_the_command_line_whatever_class_is_there(who
         load(whole, overrides=["contact.in.bodi=null"])
 
 
-def test_a_fault_of_a_class_that_was_put_into_a_line_is_told_where_it_was_put(whole, write):
-    own = write("own.yaml", "extends: whole.yaml\nnodes:\n  near: {use: graph_nodes.Rub}\n")
+def test_a_fault_of_a_replaced_class_names_the_place_of_the_replacement(whole, write):
+    changed = write("changed.yaml", "extends: whole.yaml\nnodes:\n  near: {use: graph_nodes.Rub}\n")
     with pytest.raises(GraphError) as error:
-        load(own)
+        load(changed)
     printed = str(error.value)
-    assert "own.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in printed
+    assert "changed.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in printed
     assert "whole.yaml:8)" in printed and "To remove it: `in: {pose: null}`." in printed
-    assert "own.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in printed
+    assert "changed.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in printed
     whole.write_text(whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, count: 2}"))
-    with pytest.raises(GraphError, match=r"own\.yaml:3: node 'near', setting 'count': unknown; .*whole\.yaml:8\)"):
-        load(own)
+    with pytest.raises(GraphError, match=r"changed\.yaml:3: node 'near', setting 'count': unknown; .*whole\.yaml:8\)"):
+        load(changed)
     with pytest.raises(GraphError, match=r"--set near\.use=graph_nodes\.Rub: node 'near', setting 'count': unknown"):
         load(whole, overrides=["near.use=graph_nodes.Rub"])
 
 
-def test_a_node_can_be_taken_out_from_the_command_line(whole):
+def test_an_override_removes_a_node(whole):
     graph = load(whole, overrides=["log=null"])
     assert "log" not in graph.nodes
 
 
-def test_several_outputs_are_named_by_message(write):
+def test_several_outputs_are_named_by_their_message(write):
     graph = load(
         write(
             "g.yaml",
@@ -229,7 +229,7 @@ def test_the_file_may_name_the_loop_edge(write):
 
 
 def test_of_two_optional_edges_of_a_loop_the_backward_one_is_held(write):
-    """Each node reads the other; the file's order says which comes first, whatever the order of loading."""
+    """Each node reads the other; only the order in the file decides which comes first."""
     nodes = {
         "spread": "{use: graph_nodes.Spread, in: {contact: contact, friction: friction}}",
         "tissue": "{use: graph_nodes.Spring, in: {load: spread}}",
@@ -250,7 +250,7 @@ def test_of_two_optional_edges_of_a_loop_the_backward_one_is_held(write):
     assert held(load(write("b.yaml", lines))) == {("press", "body")}
 
 
-def test_all_faults_are_told_at_once(whole, write):
+def test_all_faults_are_reported_at_once(whole, write):
     bad = write(
         "bad.yaml",
         """
@@ -324,12 +324,12 @@ def test_a_driving_input_whose_sender_is_off_is_a_fault(whole):
         ("tissue.cells == many", False),
     ],
 )
-def test_conditions(whole, when, runs):
+def test_conditions_decide_whether_a_node_runs(whole, when, runs):
     graph = load(whole, overrides=[f"friction.when={when}"])
     assert (graph.nodes["friction"].off is None) == runs
 
 
-def test_a_package_that_is_not_installed_is_told_with_its_extra(whole, write, monkeypatch):
+def test_a_missing_package_is_an_error_with_its_extra(whole, write, monkeypatch):
     write("needs.py", "import skfem_that_is_missing\n")
     write("needs_scan.py", "raise ModuleNotFoundError(\"No module named 'pydicom'\", name='pydicom')\n")
     write("broken.py", "1/0\n")
@@ -348,6 +348,6 @@ def test_a_package_that_is_not_installed_is_told_with_its_extra(whole, write, mo
             assert word in str(error.value)
 
 
-def test_a_folder_in_place_of_a_file_is_named(tmp_path):
+def test_a_folder_instead_of_a_file_is_an_error(tmp_path):
     with pytest.raises(GraphError, match=f"{tmp_path.name}' is a folder"):
         load(str(tmp_path))

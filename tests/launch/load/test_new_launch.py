@@ -1,4 +1,4 @@
-"""`palpate new launch`, and the launch file that ships as an example."""
+"""`palpate new launch`, and the shipped example of a launch file."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def test_a_new_launch_file_loads_and_is_not_overwritten(tmp_path, graph):
     assert CliRunner().invoke(app, command).exit_code == 2
 
 
-def test_one_for_an_unknown_graph_is_not_written(tmp_path):
+def test_a_launch_file_for_an_unknown_graph_is_not_written(tmp_path):
     done = CliRunner().invoke(app, ["new", "launch", "mine", "--like", "kidny", "-o", str(tmp_path)])
     assert done.exit_code == 2 and not list(tmp_path.iterdir())
 

@@ -1,4 +1,4 @@
-"""`--organ`: a mesh file in place of the scene's organ, told what is wrong with it, mended, and touched."""
+"""`--organ`: a mesh file instead of the scene's organ; its faults, its repair, and a touch."""
 
 import json
 
@@ -20,11 +20,11 @@ from palpate.views.run import Run
 trimesh = pytest.importorskip("trimesh")
 
 SCANNER = np.array([30.0, -200.0, 1150.0])
-"""[mm] Where a liver lies in a scanner's coordinates."""
+"""[mm] Position of a liver in a scanner's coordinates."""
 
 
 @pytest.mark.parametrize("name", ["organ.stl", "organ.obj", "organ.ply"])
-def test_a_file_that_claims_gigabytes_is_refused_before_it_is_read(tmp_path, monkeypatch, name):
+def test_a_file_that_claims_gigabytes_is_rejected_before_reading(tmp_path, monkeypatch, name):
     file = tmp_path / name
     with file.open("wb") as out:
         out.write(b"solid".ljust(80) + (60_000_000).to_bytes(4, "little"))
@@ -50,7 +50,7 @@ def liver(subdivisions=3):
 
 
 def opened():
-    """Its underside cut away."""
+    """The liver without its underside."""
     mesh = liver()
     return trimesh.Trimesh(mesh.vertices, mesh.faces[mesh.triangles_center[:, 2] > SCANNER[2] - 20.0], process=False)
 
@@ -66,7 +66,7 @@ def half_turned():
 
 
 def crossing():
-    """Two balls that overlap, as two segments of a scan do."""
+    """Two overlapping balls, like two segments of a scan."""
     return trimesh.util.concatenate([ball(40.0, 1), ball(30.0, 1, (35.0, 0.0, 0.0))])
 
 
@@ -79,7 +79,7 @@ def bare(mesh):
     return Mesh(np.array(mesh.vertices) * 1e-3, np.array(mesh.faces, dtype=np.int32))
 
 
-def test_heights_are_those_of_the_highest_triangle_above_a_place():
+def test_the_height_is_that_of_the_highest_triangle_at_a_position():
     flat = plane(0.1, 400)
     tilted = Mesh(flat.vertices @ np.array([[1.0, 0, 0.5], [0, 1, -0.2], [0, 0, 1]]), flat.triangles)
     both = Mesh(
@@ -92,8 +92,8 @@ def test_heights_are_those_of_the_highest_triangle_above_a_place():
     assert np.isnan(found[3])
 
 
-def test_the_top_has_room_for_a_finger():
-    """A spike stands higher, and is none."""
+def test_the_top_is_wide_enough_for_a_finger():
+    """A spike is higher, but is not the top."""
     body, spike = bare(ball(50.0)), bare(ball(1.0, 1, (20.0, 0.0, 60.0)))
     both = Mesh(
         np.concatenate([body.vertices, spike.vertices]),
@@ -112,7 +112,7 @@ def test_the_top_has_room_for_a_finger():
         (crossing, "intersects itself, first seen at"),
     ],
 )
-def test_a_flaw_is_told_in_one_line_and_repair_removes_it(tmp_path, make, text):
+def test_a_flaw_is_an_error_of_one_line_and_repair_removes_it(tmp_path, make, text):
     file = saved(tmp_path, make())
     (line,) = flaws(str(file))
     assert text in line and str(file) in line and "\n" not in line
@@ -120,18 +120,18 @@ def test_a_flaw_is_told_in_one_line_and_repair_removes_it(tmp_path, make, text):
     assert done and mended.file != file and mended.unit == "m"
     assert flaws(str(mended.file)) == []
     volume = 1e9 * trimesh.load(mended.file).volume
-    # of the two balls the part that they share counts once
+    # the intersection of the two balls counts once
     assert 0.8 * abs(make().volume) < volume < 1.1 * abs(liver().volume if make is not crossing else make().volume)
 
 
-def test_a_sound_mesh_is_told_nothing_and_left_alone(tmp_path):
+def test_a_sound_mesh_is_not_changed(tmp_path):
     organ = OrganFile(saved(tmp_path, liver()), "mm")
     assert flaws(str(organ.file)) == []
     assert repaired(organ) == (organ, [])
 
 
-def test_edges_of_three_triangles_are_mended(tmp_path):
-    """A flap in the middle of a ball."""
+def test_edges_with_three_triangles_are_repaired(tmp_path):
+    """The mesh has a flap in the middle of a ball."""
     mesh = ball(40.0, 1)
     a, b = mesh.faces[0][:2]
     vertices = np.concatenate([mesh.vertices, [[0.0, 0.0, 0.0]]])
@@ -143,7 +143,7 @@ def test_edges_of_three_triangles_are_mended(tmp_path):
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "mm"), (1e-3, "m")])
-def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
+def test_the_only_plausible_unit_is_used(tmp_path, scale, unit):
     mesh = liver()
     mesh.apply_scale(scale)
     assert OrganFile.of(saved(tmp_path, mesh), None).unit == unit
@@ -159,14 +159,14 @@ def test_the_only_plausible_unit_is_taken(tmp_path, scale, unit):
         (200.0, "inch", "'inch', expected one of m, cm, mm"),
     ],
 )
-def test_a_wrong_or_missing_unit_names_those_that_fit(tmp_path, across, unit, text):
+def test_a_wrong_or_missing_unit_is_an_error_with_the_plausible_units(tmp_path, across, unit, text):
     file = saved(tmp_path, ball(across / 2, 1))
     with pytest.raises(MeshError, match=text) as caught:
         OrganFile.of(file, unit)
     assert "\n" not in str(caught.value)
 
 
-def test_the_kidney_itself_as_a_file_is_touched_as_before(tmp_path):
+def test_a_file_of_the_kidney_gives_the_same_touch(tmp_path):
     mesh = surface_mesh("kidney", 3000)
     far = trimesh.Trimesh(mesh.vertices * 1e3 + SCANNER, mesh.triangles, process=False)
     launch = find("kidney")
@@ -178,7 +178,7 @@ def test_the_kidney_itself_as_a_file_is_touched_as_before(tmp_path):
         assert (old["time"], old["hold"]) == (new["time"], new["hold"])
 
 
-def test_a_small_ball_gets_a_narrower_path_that_stays_on_it(tmp_path):
+def test_a_small_ball_gets_a_narrower_path_on_its_surface(tmp_path):
     launch, text = with_organ(find("kidney"), OrganFile(saved(tmp_path, ball(20.0)), "mm"))
     graph = launch.load()
     surface, hand = graph.scene["surface"], graph.scene["hand"]
@@ -194,13 +194,13 @@ def test_the_rotation_of_the_scene_is_kept(tmp_path):
     changed, text = with_organ(launch, OrganFile(saved(tmp_path, liver()), "mm"))
     surface = changed.load().scene["surface"]
     placed = surface_mesh(surface["surface"], 0, tuple(surface["position"]), tuple(surface["rotation"]), "mm")
-    # the thin lobe, at +x, lies below; what was the left end is the top now
+    # the thin lobe at +x is at the bottom; the former left end is now the top
     assert np.ptp(placed.vertices, axis=0)[2] == pytest.approx(0.2, abs=1e-3)
     assert placed.vertices[:, 2].max() == pytest.approx(0.105, abs=1e-3)
     assert "200 mm" in text.split(";")[0]
 
 
-def test_a_graph_without_a_surface_is_refused(tmp_path):
+def test_a_graph_without_a_surface_is_an_error(tmp_path):
     with pytest.raises(MeshError, match=r"softness has no scene\.surface"):
         with_organ(find("softness"), OrganFile(saved(tmp_path, liver()), "mm"))
 
@@ -210,7 +210,7 @@ def run(*words):
 
 
 def test_one_command_from_a_mesh_to_a_touch(tmp_path, monkeypatch):
-    """The hand presses as deep into the liver as into the kidney; a flaw of the file is among the notes."""
+    """The hand presses as deep into the liver as into the kidney; the notes include the flaw of the file."""
     monkeypatch.chdir(tmp_path)
     saved(tmp_path, inside_out())
     common = ["--fused", "--duration", "1 s", "--json", "--no-pictures"]
@@ -230,7 +230,7 @@ def test_unit_and_repair_need_an_organ():
 
 
 def test_the_unit_of_a_file_is_a_value_of_the_scene(tmp_path):
-    """What the message about an implausible size suggests can be typed."""
+    """The remedy in the message about an implausible size works."""
     file = saved(tmp_path, liver())
     launch = find("kidney").but(
         overrides=(f"scene.surface.surface={file}", "collision.use=collision.Mesh", "scene.surface.file_unit=mm")
@@ -238,8 +238,8 @@ def test_the_unit_of_a_file_is_a_value_of_the_scene(tmp_path):
     assert launch.load().nodes["collision"].settings["file_unit"] == "mm"
 
 
-def test_the_mouse_feels_an_organ_of_ones_own(tmp_path):
-    """The path that follows the organ is of the simulated hand, which the page replaces."""
+def test_the_mouse_touches_a_custom_organ(tmp_path):
+    """The path along the organ belongs to the simulated hand, which the page replaces."""
     launch, _ = with_organ(find("kidney"), OrganFile(saved(tmp_path, liver()), "mm"))
     planned = steered(launch, tmp_path)[0].plan()
     begin = launch.plan().graph.nodes["device"].settings["begin"]

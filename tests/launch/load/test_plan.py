@@ -1,4 +1,4 @@
-"""What runs, in which order, and why the rest does not; placements and launch files."""
+"""Plans: running nodes, their order, and the reasons of the others; placements and launch files."""
 
 import json
 import subprocess
@@ -41,11 +41,11 @@ def test_each_node_comes_after_the_senders_of_its_direct_edges(whole):
     assert run.skipped == {}
 
 
-def test_a_listener_of_everything_wants_everything(write):
+def test_an_observer_of_all_streams_needs_all_nodes(write):
     assert planned(write("g.yaml", TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: all}\n")).skipped == {}
 
 
-def test_without_listener_and_wanted_only_sources_and_sinks_pull(write):
+def test_without_observer_and_wanted_only_sources_and_sinks_need_nodes(write):
     run = planned(write("g.yaml", TWO_DISPLAYS))
     assert run.order == ["device"]
     assert run.skipped["control"] == "output unused: control"
@@ -55,7 +55,7 @@ def test_without_listener_and_wanted_only_sources_and_sinks_pull(write):
     assert set(run.skipped) == {"control"}
 
 
-def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_more(write):
+def test_an_observer_of_all_streams_needs_no_more_than_the_wanted_streams(write):
     path = write("g.yaml", "wanted: [contact]\n" + TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: all}\n")
     run = planned(path)
     assert set(run.skipped) == {"friction", "control"}
@@ -68,31 +68,31 @@ def test_wanted_streams_pull_what_they_need_and_a_listener_of_all_pulls_nothing_
     assert planned(path, "wanted=all", scene={"wanted": "device"}).skipped == {}
 
 
-def test_a_listener_of_some_streams_pulls_those(write):
+def test_an_observer_of_some_streams_needs_these(write):
     run = planned(write("g.yaml", TWO_DISPLAYS + "  log: {use: graph_nodes.Tape, in: [friction]}\n"))
     assert set(run.skipped) == {"control"}
     assert run.observers == {"log": ("friction",)}
 
 
-def test_an_effect_that_the_scene_lacks_is_left_out_with_the_reason(whole):
+def test_an_effect_disabled_by_the_scene_is_skipped_with_the_reason(whole):
     run = planned(whole, "scene.tissue.friction=off")
     assert run.skipped == {"friction": "tissue.friction is false (--set scene.tissue.friction=off)"}
     assert [e.port for e in run.edges["spread"]] == ["contact"]
     assert [e.port for e in run.edges["control"]] == ["contact"]
     compared = planned(whole, "friction.when=tissue.cells > 20")
-    reason = compared.skipped["friction"]  # the file's path is shown from where the command runs
+    reason = compared.skipped["friction"]  # the path of the file is relative to the working directory
     assert reason.startswith("tissue.cells > 20 is false: tissue.cells is 12 (") and reason.endswith("whole.yaml:3)")
 
 
-def test_pruning_leaves_the_held_edges_as_they_are(whole):
-    """Held edges are chosen on the whole graph: what is left computes the same as before."""
+def test_pruning_does_not_change_the_held_edges(whole):
+    """Held edges are chosen on the whole graph, so the running part computes the same values."""
     before, after = planned(whole), planned(whole, "scene.tissue.friction=off")
     for name in after.order:
         kept = tuple(e for e in before.edges[name] if e.producer in after.order)
         assert after.edges[name] == kept
 
 
-def test_only_fields_that_somebody_reads_are_wanted(whole):
+def test_only_fields_with_a_reader_are_wanted(whole):
     run = planned(whole, "wanted=[control]")
     assert run.wanted["tissue"] == {"stiffness", "rest_indentation"}
     assert run.wanted["control"] == {"force", "state", "energy"}
@@ -104,8 +104,8 @@ def test_only_fields_that_somebody_reads_are_wanted(whole):
     assert "displacement" in heard.wanted["tissue"]
 
 
-def test_a_plan_goes_through_json_and_back(whole, monkeypatch):
-    monkeypatch.chdir("/usr/lib")  # from here no file below another root is told by a shorter, relative path
+def test_a_plan_survives_a_round_trip_through_json(whole, monkeypatch):
+    monkeypatch.chdir("/usr/lib")  # no relative path from here is shorter than the absolute path
     for sets in ((), ("scene.tissue.friction=off", "wanted=[control]", "near.offset=[1 mm, 0, 0]")):
         run = planned(whole, *sets)
         spec = json.loads(json.dumps(run.to_spec()))
@@ -114,7 +114,7 @@ def test_a_plan_goes_through_json_and_back(whole, monkeypatch):
         assert again.make("finger").radius == 0.006
 
 
-def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
+def test_a_plan_with_a_removed_class_is_an_error(whole):
     spec = planned(whole).to_spec()
     spec["nodes"][0]["class"] = "graph_nodes.Gone"
     with pytest.raises(GraphError, match=r"node 'device': class 'graph_nodes.Gone' cannot be imported"):
@@ -124,14 +124,14 @@ def test_a_plan_of_a_class_that_is_gone_is_refused(whole):
 @pytest.mark.parametrize(
     ("key", "value"), [("every", "2"), ("settings", 3), ("edges", [{"port": 1}]), ("place", "here")]
 )
-def test_a_plan_of_a_file_with_a_value_of_another_type_is_refused(whole, key, value):
+def test_a_plan_with_a_value_of_another_type_is_an_error(whole, key, value):
     spec = json.loads(json.dumps(planned(whole).to_spec()))
     spec["nodes"][1][key] = value
     with pytest.raises(ValueError, match=rf"at `\$\[1\]\.{key}"):
         Plan.from_spec(spec)
 
 
-def test_plans_do_not_depend_on_the_order_of_hashes(whole):
+def test_plans_do_not_depend_on_the_hash_seed(whole):
     code = (
         "import json; from palpate.launch.load.graph import load; from palpate.launch.load.plan import plan;"
         f"print(json.dumps(plan(load({str(whole)!r}, overrides=['wanted=[control, tissue]'])).to_spec()))"
@@ -149,7 +149,7 @@ def test_plans_do_not_depend_on_the_order_of_hashes(whole):
     assert len(outs) == 1
 
 
-def test_by_default_each_node_has_its_own_process(whole):
+def test_by_default_each_node_has_a_separate_process(whole):
     run = planned(whole)
     assert [g.nodes for g in apart(run).groups] == [[n] for n in (*run.order, "log")]
     assert [g.nodes for g in fused(run).groups] == [[*run.order, "log"]]
@@ -194,7 +194,7 @@ def test_a_placement_groups_nodes(whole, write):
         ("3", ["expected a mapping"]),
     ],
 )  # fmt: skip
-def test_a_bad_placement_is_told(whole, write, text, words):
+def test_a_bad_placement_is_an_error(whole, write, text, words):
     with pytest.raises(GraphError) as error:
         load_place(write("place.yaml", text), planned(whole))
     for word in ["place.yaml", *words]:
@@ -233,14 +233,14 @@ def test_a_launch_file_is_one_run(whole, write):
     assert run.but(clock="simulated", duration=None).clock == "simulated" and run.but(duration=None).duration == 1.5
 
 
-def test_a_graph_alone_is_a_run_of_defaults(whole):
+def test_a_graph_alone_is_a_run_with_defaults(whole):
     assert find(str(whole)) == LaunchFile(graph=whole)
 
 
-def test_a_graph_that_extends_one_that_ships_runs_as_long_and_is_recorded_like_it(write):
+def test_a_graph_inherits_duration_and_recording_from_its_base(write):
     mine = write("mine.yaml", "extends: kidney\n")
-    own = write("own.yaml", "extends: mine.yaml\nnodes: {tissue: {stiffness: 2e3}}\n")
-    for file in (mine, own):
+    softer = write("softer.yaml", "extends: mine.yaml\nnodes: {tissue: {stiffness: 2e3}}\n")
+    for file in (mine, softer):
         run = find(str(file))
         assert run == LaunchFile(graph=file, duration=find("kidney").duration, record=Path(f"{file.stem}.mcap"))
     round_ = write("round.yaml", "extends: round.yaml\n")
@@ -248,7 +248,7 @@ def test_a_graph_that_extends_one_that_ships_runs_as_long_and_is_recorded_like_i
     assert find(str(write("lost.yaml", "extends: nowhere\n"))).record is None
 
 
-def test_the_run_of_a_graph_is_its_own_and_no_part_of_what_is_recorded_of_it(write):
+def test_the_run_of_a_graph_is_not_inherited_or_recorded(write):
     text = "extends: kidney\nrun: {clock: real, duration: 700 ms, record: sources, pace: 2}\n"
     file = write("mine.yaml", text)
     run = find(str(file))
@@ -268,7 +268,7 @@ def test_the_run_of_a_graph_is_its_own_and_no_part_of_what_is_recorded_of_it(wri
         ("run: {clock: [real]}", ["clock: found ['real']"]),
     ],
 )
-def test_a_bad_run_of_a_graph_is_told(write, text, words):
+def test_a_bad_run_of_a_graph_is_an_error(write, text, words):
     with pytest.raises(GraphError) as error:
         find(str(write("mine.yaml", f"extends: kidney\n{text}\n")))
     for word in ["mine.yaml:2", *words]:
@@ -295,20 +295,20 @@ def test_a_bad_run_of_a_graph_is_told(write, text, words):
         ("wanted: 3", ["wanted: found 3"]),
     ],
 )  # fmt: skip
-def test_a_bad_launch_file_is_told(whole, write, text, words):
+def test_a_bad_launch_file_is_an_error(whole, write, text, words):
     with pytest.raises(GraphError) as error:
         find(str(write("run.yaml", f"graph: whole.yaml\n{text}\n")))
     for word in ["run.yaml:2", *words]:
         assert word in str(error.value)
 
 
-def test_a_wrong_override_in_a_launch_file_is_told_with_its_line(whole, write):
+def test_a_wrong_override_in_a_launch_file_is_an_error_with_its_line(whole, write):
     run = find(str(write("run.yaml", "graph: whole.yaml\nset:\n  tissue.stifness: 3\n")))
     with pytest.raises(GraphError, match=r"run.yaml:3: node 'tissue', setting 'stifness'"):
         run.load()
 
 
-def test_what_ships_is_found_by_name():
+def test_shipped_files_are_found_by_name():
     assert "kidney" in names()
     run = find("kidney")
     assert run.path is None and run.graph.name == "kidney.yaml" and run.graph.parent.name == "graphs"
@@ -317,7 +317,7 @@ def test_what_ships_is_found_by_name():
         find("kidny")
 
 
-def test_auto_puts_the_force_path_together_and_says_why(whole):
+def test_auto_groups_the_force_path_and_gives_the_reason(whole):
     run = planned(whole)
     loop, rest = auto(run, cores=(0, 1)).groups
     assert set(loop.nodes) == force_path(run) and rest.nodes == ["log"]
@@ -327,7 +327,7 @@ def test_auto_puts_the_force_path_together_and_says_why(whole):
     assert auto(run, quick, cores=(0, 1)).groups[0].why == f"force path, {10 * len(loop.nodes)} of 1000 µs a tick"
 
 
-def test_auto_puts_a_slow_body_apart_where_a_core_is_free(whole):
+def test_auto_separates_a_slow_body_if_a_core_is_free(whole):
     run = planned(whole)
     slow = dict.fromkeys(run.order, 10e-6) | {"tissue": 600e-6}
     loop, body, rest = auto(run, slow, cores=(0, 1)).groups
@@ -335,7 +335,9 @@ def test_auto_puts_a_slow_body_apart_where_a_core_is_free(whole):
     assert body.nodes == ["tissue"] and body.why == "600 of 1000 µs a tick, used in the next one"
     assert "tissue" not in loop.nodes and rest.nodes == ["log"]
     assert "tissue" in auto(run, slow, cores=(0,)).groups[0].nodes
-    fast = dict.fromkeys(run.order, 90e-6)  # together too much, but a wake-up costs as much as any of them
+    fast = dict.fromkeys(run.order, 90e-6)  # too slow together, but a wake-up costs as much as each node
     assert "tissue" in auto(run, fast, cores=(0, 1)).groups[0].nodes
-    late = dict.fromkeys(run.order, 10e-6) | {"contact": 600e-6}  # the same tick waits for it: apart it gains nothing
+    late = dict.fromkeys(run.order, 10e-6) | {
+        "contact": 600e-6
+    }  # used in the same tick, so a separate process gains nothing
     assert "contact" in auto(run, late, cores=(0, 1)).groups[0].nodes

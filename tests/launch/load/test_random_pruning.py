@@ -1,4 +1,4 @@
-"""Random graphs, scenes and wanted streams: these have the same bytes as in the whole graph, with no more steps."""
+"""Random graphs, scenes and wanted streams: the wanted streams are bit-equal to the whole graph, with no more steps."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""What other distributions register as entry points is listed, suggested and tried beside what ships."""
+"""Classes that other distributions register as entry points are listed, suggested and tried like shipped ones."""
 
 import json
 import os
@@ -20,7 +20,7 @@ FILES = {
 
 
         class Foam(MassSpring):
-            \"\"\"A sponge from a lab of ours.\"\"\"
+            \"\"\"A sponge.\"\"\"
 
             rank = 2
 
@@ -76,7 +76,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def said(tmp_path_factory):
-    """Exit code and text of each command where a distribution `lab` is installed."""
+    """Exit code and output of each command with an installed distribution `lab`."""
     folder = tmp_path_factory.mktemp("site")
     for name, text in FILES.items():
         (folder / name).parent.mkdir(exist_ok=True)
@@ -90,15 +90,15 @@ def said(tmp_path_factory):
     return dict(zip(COMMANDS, json.loads(done.stdout), strict=True))
 
 
-def test_registered_nodes_are_in_the_catalogue_beside_those_that_ship(said):
+def test_registered_nodes_are_in_the_catalogue(said):
     code, text = said["nodes"]
     entries = {entry["use"]: entry for entry in json.loads(text)["nodes"]}
     assert code == 0 and entries["lab.tissue.Lamp"]["about"] == "Shines where it is pressed."
     assert entries["lab.tissue.Lamp"]["outputs"] == ["Glow"] and "deformation.MassSpring" in entries
-    assert "lab.tissue.MassSpring" not in entries, "a class that a module only imports is not its own"
+    assert "lab.tissue.MassSpring" not in entries, "a class that a module only imports is not listed"
 
 
-def test_a_distribution_that_is_broken_is_told_and_the_others_are_listed(said):
+def test_a_broken_distribution_is_reported_and_the_others_are_listed(said):
     missing = json.loads(said["nodes"][1])["missing"]
     assert "nothing_that_is_there" in missing["lab.broken"] and "'lab.odd.Odd' is not well formed" in missing["lab.odd"]
     code, text = said["shown"]
@@ -117,7 +117,7 @@ def test_registered_classes_are_suggested_and_run_by_their_full_name(said):
     assert said["check"][0] == 0
 
 
-def test_a_registered_body_with_a_rank_is_tried_wherever_bodies_are(tmp_path, monkeypatch):
+def test_a_registered_body_with_a_rank_is_tried_among_the_bodies(tmp_path, monkeypatch):
     (tmp_path / "sponge-1.0.dist-info").mkdir()
     (tmp_path / "sponge-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: sponge\nVersion: 1.0\n")
     (tmp_path / "sponge-1.0.dist-info" / "entry_points.txt").write_text("[palpate.nodes]\nsponge = sponge\n")

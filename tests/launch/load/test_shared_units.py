@@ -1,4 +1,4 @@
-"""Shipped classes that can replace one another give a setting of one name one unit."""
+"""Shipped classes that can replace one another use the same unit for settings with the same name."""
 
 from itertools import combinations
 
@@ -9,7 +9,7 @@ from palpate.nodes.base import settings
 
 
 def meaning(unit):
-    """What a unit counts in; its text where that is not fixed (N/m^n)."""
+    """The dimension of a unit, or its text if the dimension is not fixed (N/m^n)."""
     try:
         return parse(unit)
     except UnitError:

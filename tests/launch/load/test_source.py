@@ -1,4 +1,4 @@
-"""YAML as data with places: what is read, what is refused."""
+"""YAML as data with places: accepted and rejected files."""
 
 import pytest
 from hypothesis import given, settings
@@ -10,12 +10,12 @@ from palpate.launch.load.values.source import merge, parse, scalar
 
 
 @pytest.mark.parametrize("text", ["", "3", "[1, 2]", "nodes: {}", "nodes:", "a: &a [*a]", "- - - x", "\x00", "%YAML 9"])
-def test_what_is_no_graph_is_refused(write, text):
+def test_a_file_that_is_not_a_graph_is_an_error(write, text):
     with pytest.raises(GraphError):
         load(write("g.yaml", text))
 
 
-def test_a_deep_or_missing_file_is_refused(write, tmp_path):
+def test_a_deeply_nested_or_missing_file_is_an_error(write, tmp_path):
     with pytest.raises(GraphError, match="nested too deeply"):
         load(write("g.yaml", "[" * 5000))
     with pytest.raises(GraphError, match="not found"):
@@ -29,7 +29,7 @@ def test_a_deep_or_missing_file_is_refused(write, tmp_path):
 
 @settings(max_examples=150, deadline=None)
 @given(st.text(alphabet="nodes:use in{}[]&*!|>-#'\"\n \t$.0123", max_size=60))
-def test_any_text_is_a_graph_or_refused(text):
+def test_any_text_is_a_graph_or_an_error(text):
     try:
         parse(text, "x.yaml")
     except GraphError as error:
@@ -41,7 +41,7 @@ def test_any_text_is_a_graph_or_refused(text):
     [("2e3", 2000.0), ("3e-3", 0.003), ("010", 10), (".5", 0.5), ("-1", -1), ("on", True), ("No", False), ("~", None),
      ("6 mm", "6 mm"), ("1.2.3", "1.2.3"), ("2001-01-01", "2001-01-01"), ("1:30", "1:30")],
 )  # fmt: skip
-def test_scalars_are_read_as_people_mean_them(text, value):
+def test_scalars_are_read_as_expected(text, value):
     assert scalar(text) == value and type(scalar(text)) is type(value)
 
 
@@ -54,6 +54,6 @@ def test_merging_keeps_order_and_places():
     assert base.data == {"a": {"x": 1, "y": 2}, "b": 3}
 
 
-def test_nearest_names():
+def test_the_nearest_names_are_suggested():
     assert nearest("Stifness", ["stiffness", "damping"]) == ["stiffness"]
     assert nearest("zzz", ["stiffness"]) == []

@@ -1,4 +1,4 @@
-"""The library of tissues: every number has a source and its law's modulus; a scene takes one by its name."""
+"""The library of tissues: every record has a source and the modulus of its law; a scene uses one by its name."""
 
 import json
 
@@ -43,14 +43,14 @@ def test_every_record_has_a_source_and_its_modulus():
         ("rate: 1 Hz", "speed: 1 Hz", r"missing \['rate'\], unknown \['speed'\]"),
     ],
 )
-def test_a_record_that_is_wrong_is_refused(tmp_path, monkeypatch, old, new, expected):
+def test_an_invalid_record_is_an_error(tmp_path, monkeypatch, old, new, expected):
     (tmp_path / "liver.yaml").write_text(GOOD.replace(old, new))
     monkeypatch.setattr(library, "TISSUES", tmp_path)
     with pytest.raises(GraphError, match=f"liver-x.*{expected}"):
         tissues.__wrapped__()
 
 
-def test_a_misspelt_name_is_refused_before_any_law_is_compiled(monkeypatch):
+def test_a_misspelt_name_is_an_error_before_any_law_is_compiled(monkeypatch):
     monkeypatch.setattr(library, "tissues", lambda: pytest.fail("it checks all records first"))
     refused = CliRunner().invoke(app, ["list", "tissues", "liver-humn"])
     assert refused.exit_code == 2 and "Did you mean 'liver-human'" in refused.output + str(refused.exception)
@@ -64,7 +64,7 @@ def test_a_scene_takes_a_tissue_by_its_name_and_keeps_the_rest(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("extends: kidney\ntissue: liver-human\n")
     kidney = load("kidney").nodes["tissue"].settings["stiffness"] / (19e3 / (1 - 0.45**2))
-    expected = kidney * 4 * 2090.0  # E/(1 - nu²) = 4 G where nu is a half
+    expected = kidney * 4 * 2090.0  # E/(1 - nu²) = 4 G for nu = 0.5
     for graph in (
         load("kidney", scene=file),
         load("kidney", overrides=["scene.tissue=liver-human"]),
@@ -77,20 +77,20 @@ def test_a_scene_takes_a_tissue_by_its_name_and_keeps_the_rest(tmp_path):
     assert reduced.nodes["tissue"].settings["young"] == approx(4 * 2090.0 * (1 - 0.45**2), rel=5e-3)
 
 
-def test_the_assumed_kidney_is_the_kidney():
+def test_the_assumed_kidney_equals_the_scene_kidney():
     assert stiffness(load("kidney", overrides=["scene.tissue=kidney-assumed"])) == stiffness(load("kidney"))
 
 
-def test_an_unknown_tissue_is_told_with_the_nearest_or_why_it_was_left_out():
+def test_an_unknown_tissue_is_an_error_with_the_nearest_name_or_the_reason():
     with pytest.raises(GraphError, match=r"no tissue 'liver-humann'") as caught:
         load("kidney", overrides=["scene.tissue=liver-humann"])
     assert "liver-human" in str(caught.value)
-    assert str(caught.value).rstrip(".").endswith(" more") and "..." not in str(caught.value)  # the list is cut
+    assert str(caught.value).rstrip(".").endswith(" more") and "..." not in str(caught.value)  # the list is truncated
     with pytest.raises(GraphError, match="left out: Capilnasiu"):
         load("kidney", overrides=["scene.tissue=liver-bovine-fresh"])
 
 
-def test_the_command_lists_them_with_what_was_left_out():
+def test_the_command_lists_the_tissues_and_those_left_out():
     listed = CliRunner().invoke(app, ["list", "tissues"])
     one = CliRunner().invoke(app, ["list", "tissues", "liver-human"]).output
     assert "shear: 2.09 kPa" in one and "grade       published" in one and "{" not in one

@@ -70,7 +70,7 @@ def test_millimetres_give_the_same_float_as_the_plain_number(number):
         ("3 N/mm", "N/m^n", ["plain number, taken in N/m^n"]),
     ],
 )
-def test_what_does_not_fit_is_refused_with_both_dimensions(text, unit, words):
+def test_a_wrong_quantity_is_an_error_with_both_dimensions(text, unit, words):
     with pytest.raises(UnitError) as error:
         convert(text, unit)
     for word in words:
@@ -82,7 +82,7 @@ def test_a_vanishing_number_is_zero():
 
 
 @given(st.text(max_size=30))
-def test_any_text_is_a_quantity_or_refused(text):
+def test_any_text_is_a_quantity_or_an_error(text):
     try:
         value = convert(text, "m")
     except UnitError:
@@ -91,7 +91,7 @@ def test_any_text_is_a_quantity_or_refused(text):
 
 
 @given(st.text(alphabet="mkNsg/^²()123 *·.-", max_size=20))
-def test_any_unit_is_read_or_refused(text):
+def test_any_text_is_a_unit_or_an_error(text):
     try:
         assert parse(text).factor > 0
     except UnitError:

@@ -1,5 +1,5 @@
-"""The command line as a user meets it when something goes wrong: one clear line, the right exit code, a recording that
-can be read, nothing that stays behind."""
+"""The command line when a run fails: one clear line, the right exit code, a readable recording, no remaining
+processes."""
 
 import os
 import resource
@@ -39,7 +39,7 @@ def _long(*given: str):
 
 
 class Run:
-    """One `palpate run` as a process, marked so that whatever it leaves behind can be found."""
+    """One `palpate run` as a process, marked so that remaining processes can be found."""
 
     def __init__(self, folder: Path, *options: str, text: str = GRAPH, before=None, quiet=True) -> None:
         self.record = folder / "run.mcap"
@@ -66,7 +66,7 @@ class Run:
         return sum(stream == "src" for stream, _, _ in Recording(self.record).payloads())
 
     def running(self) -> bool:
-        """Wait until the recording has something in it."""
+        """Wait until the recording has data."""
         for _ in range(2400):
             if self.record.is_file() and self.record.stat().st_size > 12_000:
                 return self.process.pid in started_in(self.folder, self.mark)
@@ -74,7 +74,7 @@ class Run:
         return False
 
     def left(self) -> list[int]:
-        """Processes that this run has left behind, after at most a minute for the kernel to end them."""
+        """Remaining processes of this run, after at most 1 min for the kernel to end them."""
         for _ in range(1200):
             if not (processes := started_in(self.folder, self.mark)):
                 break
@@ -117,30 +117,30 @@ CASES = [
 
 
 @pytest.mark.parametrize(("way", "how"), CASES)
-def test_a_node_that_goes_wrong_is_one_clear_line_and_a_readable_recording(tmp_path, way, how):
-    timeout = "1" if "hang" in how or how == "spin" else "5"  # a crash is slow to end on a busy machine
+def test_a_failing_node_gives_one_clear_line_and_a_readable_recording(tmp_path, way, how):
+    timeout = "1" if "hang" in how or how == "spin" else "5"  # after a crash the process ends slowly on a busy machine
     run = Run(tmp_path, "--duration", "0.3", "--timeout", timeout, "--set", f"bad.how={how}", *WAYS[way])
-    # the stop is tried at the start, which may take long
+    # a test of the stop runs at the start, which may take long
     assert run.wait(START_PATIENCE + 120.0 if how == "stop hang" else 120.0) == 1
     said = run.err.read_text()
     line = next(line for line in said.splitlines() if line.startswith("node 'bad'"))
     assert SAYS.get(how, "its process ended") in line
     assert "node 'end'" not in said and "node 'src'" not in said
-    if not how.startswith(("start", "stop")):  # a stop is tried at the start as well
+    if not how.startswith(("start", "stop")):  # a test of the stop also runs at the start
         assert run.ticks() >= 49
     assert not run.left()
 
 
 @pytest.mark.parametrize("how", ["none", "fork", *map(_long, ["print", "no line end", "numpy", "program"])])
-def test_a_node_that_is_only_odd_runs_through_and_leaves_nothing_behind(tmp_path, how):
+def test_an_unusual_node_completes_and_leaves_no_processes(tmp_path, how):
     run = Run(tmp_path, "--duration", "0.1", "--set", f"bad.how={how}")
     assert run.wait() == 0, run.err.read_text()
     assert run.ticks() == 100
     assert not run.left()
 
 
-def test_a_node_that_has_much_to_do_at_its_end_is_not_ended_before(tmp_path):
-    """As the system that writes a long recording to a slow disk; it hears no signal meanwhile."""
+def test_a_node_with_a_long_stop_is_not_killed(tmp_path):
+    """Like the write of a long recording to a slow disk, which no signal interrupts."""
     run = Run(tmp_path, "--duration", "0.1", "--timeout", "0.2", "--set", "bad.how=stop long", *WAYS["fused"])
     assert run.wait() == 0, run.err.read_text()
 
@@ -152,10 +152,10 @@ def test_a_slow_node_does_not_count_as_hung(tmp_path):
 
 
 @pytest.mark.parametrize("way", ["fused", "processes"])
-def test_a_message_of_the_users_own_travels_with_its_arrays(tmp_path, way):
+def test_a_custom_message_is_sent_with_its_arrays(tmp_path, way):
     run = Run(tmp_path, "--duration", "0.05", *WAYS[way], text=SHEET)
     assert run.wait() == 0, run.err.read_text()
-    assert nodes_that_misbehave.Sheet  # imported by this program, and so no code that the file brings
+    assert nodes_that_misbehave.Sheet  # already imported by this program, so the recording may use it
     recording = Recording(run.record)
     sheets, forces = list(recording.messages("sheet")), list(recording.messages("bad"))
     assert sheets[-1].cells.shape == (3, 4) and sheets[-1].count == 7
@@ -166,7 +166,7 @@ def test_a_message_of_the_users_own_travels_with_its_arrays(tmp_path, way):
     ("way", "name", "code"),
     [("fused", "SIGINT", 130), ("processes", "SIGINT", 130), ("real", "SIGTERM", 143), _long("fused", "SIGTERM", 143)],
 )
-def test_a_signal_ends_a_run_in_order_and_the_exit_code_says_which(tmp_path, way, name, code):
+def test_a_signal_ends_a_run_gracefully_with_its_exit_code(tmp_path, way, name, code):
     run = Run(tmp_path, *WAYS[way])
     assert run.running()
     run.process.send_signal(signal.Signals[name])
@@ -177,7 +177,7 @@ def test_a_signal_ends_a_run_in_order_and_the_exit_code_says_which(tmp_path, way
 
 
 @pytest.mark.parametrize("way", ["processes", _long("fused"), _long("real")])
-def test_when_the_launcher_is_killed_nothing_stays_and_the_recording_opens(tmp_path, way):
+def test_killing_the_launcher_leaves_no_processes_and_a_readable_recording(tmp_path, way):
     run = Run(tmp_path, *WAYS[way], *([] if way == "fused" else ["--set", "bad.how=program"]))
     assert run.running()
     time.sleep(0.6)
@@ -204,7 +204,7 @@ MANY = GRAPH.replace(
     ],
     ids=["hangs", "catches it", "takes long", "hangs in a process"],
 )
-def test_ctrl_c_ends_a_start_and_says_so(tmp_path, options, text):
+def test_ctrl_c_ends_a_start_with_a_message(tmp_path, options, text):
     run = Run(tmp_path, *options, text=text, quiet=False)
     until = time.monotonic() + 60.0
     while "start " not in run.out.read_text() and time.monotonic() < until:
@@ -217,15 +217,15 @@ def test_ctrl_c_ends_a_start_and_says_so(tmp_path, options, text):
 
 
 @pytest.mark.parametrize("way", ["fused", "processes"])
-def test_when_a_node_fails_at_the_start_those_that_had_started_are_stopped(tmp_path, way):
+def test_a_failed_start_stops_the_nodes_that_have_started(tmp_path, way):
     first = "  first: {use: nodes_that_misbehave.Bad, how: stop tell, in: {pose: src}}\n  bad:"
     run = Run(tmp_path, "--set", "bad.how=start raise", *WAYS[way], text=GRAPH.replace("  bad:", first), quiet=False)
     assert run.wait() == 1
     assert "stopped in order" in run.out.read_text()
 
 
-def test_a_fork_server_that_imports_is_ended_at_once(tmp_path, monkeypatch):
-    """It was killed after ten seconds: then whatever it had started would have stayed."""
+def test_a_fork_server_is_ended_at_once_during_its_imports(tmp_path, monkeypatch):
+    """A kill after 10 s would leave the processes that it had started."""
     (tmp_path / "slow_to_import.py").write_text("print('importing', flush=True)\nimport time\ntime.sleep(1000)\n")
     monkeypatch.syspath_prepend(tmp_path)
     server = ForkServer()
@@ -240,12 +240,12 @@ def test_a_fork_server_that_imports_is_ended_at_once(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("way", ["fused", "processes"])
-def test_a_full_disk_ends_the_recording_with_one_line_and_the_run_goes_on_and_is_no_success(tmp_path, way):
+def test_a_full_disk_ends_the_recording_and_the_run_continues_and_fails(tmp_path, way):
     def little_space() -> None:
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 
-    # Small chunks: what comes all at once, when the machine has stood still, is not most of what there is room for.
+    # Small chunks, so that the backlog after a stall of the machine does not fill most of the space.
     text = GRAPH.replace("logger.Mcap,", "logger.Mcap, within: 0.02,")
     run = Run(tmp_path, "--duration", "2", "--pace", "2", *WAYS[way], before=little_space, text=text)
     code = run.wait()
@@ -280,7 +280,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("options", WRONG)
-def test_a_wrong_option_is_told_without_a_traceback(tmp_path, monkeypatch, options):
+def test_a_wrong_option_is_an_error_without_a_traceback(tmp_path, monkeypatch, options):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "g.yaml").write_text(GRAPH)
     given = ["--duration", "0.1"] * ("duration" not in options) + ["--fused"] * ("place" not in options)

@@ -1,4 +1,4 @@
-"""Many runs at once, on fewer cores: none counts as hung, and no message is lost."""
+"""Parallel runs on fewer cores: no run counts as hung, and no message is lost."""
 
 import os
 from pathlib import Path
@@ -13,7 +13,7 @@ from palpate.launch.run.member import WorkerHandle
 from palpate.records.reader import Recording
 
 
-def test_time_in_which_the_launcher_did_not_run_is_not_silence():
+def test_time_without_scheduling_does_not_count_as_silence():
     member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)))
     member._checked -= 3600.0
     assert member.silence() < 0.25
@@ -38,7 +38,7 @@ def test_parallel_runs_succeed_and_their_recordings_are_complete(tmp_path):
 
 
 def test_a_slow_logger_receives_all_messages(tmp_path):
-    """When the nodes have ended it has most of the messages still before it, for several seconds."""
+    """When the nodes have ended, it still has several seconds of messages to process."""
     text = GRAPH.replace("logger.Mcap", "nodes_for_runs.Slow, pause: 0.002")
     outcome = execute(LaunchFile(graph=write_graph(tmp_path, text), duration=0.3), patience=2.5)
     assert outcome.result.ok, outcome.result.deaths

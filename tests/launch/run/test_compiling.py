@@ -1,4 +1,4 @@
-"""The first run on a machine says that it compiles, once, on a terminal or not; later ones say nothing."""
+"""The first run on a machine reports the compilation once, on a terminal or not; later runs report nothing."""
 
 import numba
 import pytest
@@ -9,7 +9,7 @@ from palpate.launch.run.screen import Screen
 from palpate.launch.run.work.compiling import compiling
 
 
-def test_each_kernel_that_is_compiled_is_counted_and_none_that_is_there_already():
+def test_compiled_kernels_are_counted_and_cached_ones_are_not():
     kernels = [numba.njit(lambda x, k=k: x + k) for k in range(3)]
     printed = []
     with compiling(printed.append):
@@ -21,7 +21,7 @@ def test_each_kernel_that_is_compiled_is_counted_and_none_that_is_there_already(
 
 
 @pytest.mark.parametrize("terminal", [False, True])
-def test_the_first_run_says_that_it_compiles_once(terminal):
+def test_the_first_run_reports_the_compilation_once(terminal):
     console = Console(width=120, force_terminal=terminal)
     with console.capture() as capture, Screen(console, "kidney", 1000.0, 100, ["tissue"]) as screen:
         for kernels in (0, 1, 0, 2):
@@ -29,10 +29,10 @@ def test_the_first_run_says_that_it_compiles_once(terminal):
             screen.show(Result(), "starting", {"tissue": "tissue"}, kernels)
     printed = capture.get()
     assert printed.count("compiling the kernels for this processor: once") == 1
-    assert ("2 of about" in printed) is terminal  # next to the bar
+    assert ("2 of about" in printed) is terminal  # text of the bar
 
 
-def test_a_run_that_loads_its_kernels_says_nothing():
+def test_a_run_with_cached_kernels_reports_nothing():
     console = Console(width=120)
     with console.capture() as capture, Screen(console, "kidney", 1000.0, 100, ["tissue"]) as screen:
         screen.show(Result(), "starting", {"tissue": "tissue"}, 0)

@@ -1,4 +1,4 @@
-"""An optional effect dies on the real clock, with a process for each node: the normal force stays."""
+"""An optional effect dies on the real clock, with one process per node: the normal force is not disturbed."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ from palpate.launch.run.launcher import Launcher
 from palpate.messages.base import Message
 from palpate.records.reader import Recording
 
-HELD = 600  # [ticks] of the run before the kill: the finger rests in the tissue
+HELD = 600  # [ticks] before the kill; the finger then rests in the tissue
 AFTER = 150
 TRIES = 6
 PRESS = (
@@ -34,7 +34,8 @@ def disturbance(steps: list[Message]) -> tuple[int, int]:
 
 
 def kill(name: str, folder) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Kill the process of a node in a press: the disturbance of the contact in the 40 steps before and after it."""
+    """Kill the process of a node during a press; returns the disturbance of the contact in the 40 steps before and
+    after it."""
     file = folder / "run.mcap"
     launch = find("kidney").but(record=file, place="apart", clock="real", overrides=[*PRESS, *SWITCHED.get(name, ())])
     graph = launch.load()
@@ -62,10 +63,10 @@ def kill(name: str, folder) -> tuple[tuple[int, int], tuple[int, int]]:
 
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("name", ["friction", *(pytest.param(name, marks=pytest.mark.long) for name in SWITCHED)])
-def test_the_normal_force_stays_when_an_effect_is_killed(tmp_path, name):
-    """The teardown of a process of the force path used to keep the others on its core from running for 5 to 15 ms. On a
-    busy machine others may do the same at any time, so a run counts against what it showed before the kill, and one
-    undisturbed run of several is enough."""
+def test_killing_an_effect_does_not_disturb_the_normal_force(tmp_path, name):
+    """The end of a process of the force path once blocked the others on its core for 5 to 15 ms. On a busy machine,
+    other programs may do the same, so each run is compared with its state before the kill, and one undisturbed run of
+    several is enough."""
     seen = []
     for _ in range(TRIES):
         (gap_before, lacks_before), (gap, lacks) = kill(name, tmp_path)

@@ -1,4 +1,4 @@
-"""Durations are counted in bins, and their quantiles are near those of the durations themselves."""
+"""Durations are counted in bins, and the quantiles of the histogram are near those of the durations."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from palpate.engine.health import Histogram
 
 
 @pytest.mark.parametrize("scale", [3e2, 5e4, 2e9])
-def test_quantiles_of_a_smooth_distribution(scale):
+def test_quantiles_of_a_smooth_distribution_are_accurate(scale):
     durations = (scale * np.random.default_rng(1).lognormal(0.0, 0.4, 20000)).astype(int)
     counted = Histogram()
     for duration in durations:
@@ -20,7 +20,7 @@ def test_quantiles_of_a_smooth_distribution(scale):
 
 
 @pytest.mark.parametrize("duration", [0, 1, 7, 8, 15, 16, 17, 1023, 1024, 10**9, 2**47])
-def test_a_single_duration_is_found_in_its_bin(duration):
+def test_a_single_duration_is_in_its_bin(duration):
     counted = Histogram()
     counted.add(duration)
     assert counted.report()["p50"] * 1e9 == pytest.approx(duration, rel=0.13, abs=8.0)
@@ -28,5 +28,5 @@ def test_a_single_duration_is_found_in_its_bin(duration):
     assert counted.count == 10 and counted.total == 10 * duration
 
 
-def test_nothing_counted_is_zero():
+def test_an_empty_histogram_reports_zeros():
     assert set(Histogram().report().values()) == {0.0}

@@ -1,4 +1,4 @@
-"""What is sent last is read, however far behind the reader is: who closes waits until it was taken."""
+"""The last frames are read by a slow reader, because the sender waits for their delivery before it closes."""
 
 import os
 import threading
@@ -12,13 +12,13 @@ from palpate.launch.run.wire import inlet as inlet_module
 from palpate.launch.run.wire.addresses import RunFolder
 from palpate.launch.run.wire.bus import END, HEALTH, Bus, frame, split
 
-RUN = f"test-{os.getpid()}"  # others may run these tests beside this process
+RUN = f"test-{os.getpid()}"  # other processes may run these tests in parallel
 FRAMES, ROOM, BEHIND = 20_000, 50, 120
 LARGE = b"x" * 500
 
 
 class Ends:
-    """The sender and the reader of a run, and what the sender does beside the test."""
+    """The sender and the reader of a run, and the threads of the sender."""
 
     def __init__(self, folder: str, real: bool):
         self.sender, self.reader = (
@@ -27,7 +27,7 @@ class Ends:
         self.beside: list[threading.Thread] = []
 
     def observe(self, *topics: str) -> None:
-        """The reader hears these of the sender, and both know it."""
+        """Subscribe the reader to these streams of the sender, and wait until the sender knows it."""
         address = self.sender.bind(None)["observers"][0]
         self.sender.sends(["a"])
         self.reader.connect(address, ["a", *topics], observed=True, secured=False, group="one")
@@ -39,11 +39,11 @@ class Ends:
         return self.beside[-1]
 
     def closing(self) -> threading.Thread:
-        """The sender closes in order beside this thread."""
+        """Close the sender gracefully in another thread."""
         return self.start(self.sender.close, True)
 
     def end(self) -> None:
-        self.reader.context.destroy(linger=0)  # without its reader the sender ends
+        self.reader.context.destroy(linger=0)  # without a reader the sender ends
         for thread in self.beside:
             thread.join(5.0)
         if not any(thread.is_alive() for thread in self.beside):
@@ -52,7 +52,7 @@ class Ends:
 
 @pytest.fixture
 def ends(request, monkeypatch, tmp_path):
-    """Ends whose outlets and inlets hold few frames; on the simulated clock, or on the real one as the test says."""
+    """Ends with small buffers, on the simulated clock, or on the real one if the test requests it."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     for module in (bus_module, inlet_module):
         monkeypatch.setattr(module, "HIGH_WATER", ROOM)
@@ -71,7 +71,7 @@ def number(payload: bytes) -> int:
     return int(payload.split()[0])
 
 
-def test_an_observer_gets_what_was_kept_for_it_before_the_end(ends):
+def test_an_observer_gets_its_buffered_frames_before_the_end(ends):
     ends.observe(HEALTH, END)
     for k in range(FRAMES):
         ends.sender.keep(payload(k))
@@ -91,16 +91,16 @@ def test_an_observer_gets_what_was_kept_for_it_before_the_end(ends):
         else:
             seen.append(number(said))
         if len(seen) == FRAMES - BEHIND:
-            sending.join(0.5)  # the rest has been sent, and there is no room for it here
+            sending.join(0.5)  # the rest was sent, but the buffers here are full
     assert seen == list(range(FRAMES))
-    while sending.is_alive() and time.monotonic() < until:  # who leaves has to look at its socket
+    while sending.is_alive() and time.monotonic() < until:  # the leaving reader must poll its socket
         ends.reader.overheard(wait=True)
     assert not sending.is_alive()
 
 
 @pytest.mark.parametrize("ends", [pytest.param(True, id="real clock")], indirect=True)
-def test_an_observer_that_has_lost_frames_gets_the_end(ends):
-    """On the real clock what has no room is lost, but not that this was all."""
+def test_an_observer_with_lost_frames_gets_the_end_marker(ends):
+    """On the real clock frames without buffer space are lost, but not the end-of-stream marker."""
     ends.observe(END)
     for k in range(FRAMES):
         ends.sender.keep(payload(k))
@@ -115,14 +115,14 @@ def test_an_observer_that_has_lost_frames_gets_the_end(ends):
                 break
             seen += 1
     else:
-        pytest.fail("the end has not come")
+        pytest.fail("the end-of-stream marker did not arrive")
     assert 0 < seen < FRAMES
     while sending.is_alive() and time.monotonic() < until:
         ends.reader.overheard(wait=True)
     assert not sending.is_alive()
 
 
-def test_a_node_on_another_machine_gets_what_was_sent_to_it(ends):
+def test_a_node_on_another_machine_gets_all_its_frames(ends):
     sender, reader = ends.sender, ends.reader
     sender._external = {"a": ("other",)}
     address = sender.bind("127.0.0.1")["force"][1]
@@ -152,7 +152,7 @@ def test_a_node_on_another_machine_gets_what_was_sent_to_it(ends):
     assert not sending.is_alive()
 
 
-def test_who_was_killed_is_not_waited_for(ends):
+def test_the_sender_does_not_wait_for_a_killed_reader(ends):
     ends.observe(END)
     ends.sender.keep(frame("a", LARGE))
     sending = ends.closing()
@@ -163,7 +163,7 @@ def test_who_was_killed_is_not_waited_for(ends):
     assert not sending.is_alive()
 
 
-def test_strangers_who_listen_are_not_waited_for(ends):
+def test_the_sender_does_not_wait_for_external_programs(ends):
     address = ends.sender.bind(None)["observers"][0]
     ends.sender.sends(["a"])
     with zmq.Context() as context, context.socket(zmq.SUB) as stranger:

@@ -1,4 +1,4 @@
-"""Listening to a running graph: the example of the documentation, `palpate echo` and `palpate top`."""
+"""Reading the streams of a running graph: the example of the documentation, `palpate echo` and `palpate top`."""
 
 import json
 import os
@@ -45,7 +45,7 @@ def say(*args):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A graph that runs until the tests are done; gives the name of its run."""
+    """A graph that runs until the end of the tests; yields the name of its run."""
     graph = write_graph(tmp_path_factory.mktemp("run"), f"rate: {RATE}\n{GRAPH}")
     with subprocess.Popen([sys.executable, "-c", RUN, str(graph)], env=ENV) as process:
         until = time.monotonic() + 120
@@ -73,7 +73,7 @@ def test_the_example_reads_a_stream_with_pyzmq_and_msgpack_alone(run):
 
 
 def test_the_example_in_c_reads_a_stream(run, tmp_path):
-    """It is linked with the library that pyzmq brings, and with the system's header where there is one."""
+    """It is linked with the library of pyzmq, and compiled with the system's header if it exists."""
     compiler = shutil.which("cc")
     if compiler is None:
         pytest.skip("no C compiler: apt install gcc")
@@ -99,7 +99,7 @@ def test_echo_prints_values_with_units(run):
     assert second["tick"] >= first["tick"] + 3 and len(first["forces"]) == 50
 
 
-def test_echo_of_a_stream_that_the_run_lacks_is_told(run):
+def test_echo_of_an_unknown_stream_is_an_error(run):
     code, _, err = say("echo", "sprong", "--run", run)
     assert code == 1 and "no stream 'sprong'" in err and "Did you mean 'spring'" in err
 
@@ -116,8 +116,8 @@ def test_top_shows_rates_and_counts_of_every_node(run):
     assert code == 0 and "longest" in out and "spread" in out, out
 
 
-def test_top_collects_for_a_second_in_which_the_machine_runs(monkeypatch):
-    """It stalls before the first report and after the second: all nodes are there nevertheless, with their rates."""
+def test_top_collects_for_a_second_without_stalls(monkeypatch):
+    """After stalls before the first report and after the second, all nodes still have their rates."""
     clock = [0.0]
 
     def reports(*_):
@@ -137,7 +137,7 @@ def test_top_collects_for_a_second_in_which_the_machine_runs(monkeypatch):
     assert clock[0] < 8.0  # a second of reports, and the stalls
 
 
-def test_a_run_that_does_not_go_on_is_told():
+def test_a_run_that_is_not_active_is_an_error():
     for args in (["top", "--run", "no-such"], ["echo", "sum", "--run", "no-such"]):
         code, _, err = say(*args)
         assert code == 1 and "run 'no-such' is not active" in err and len(err.strip().splitlines()) == 1

@@ -1,4 +1,4 @@
-"""A message that was sent and does not come: on the simulated clock its reader would wait for ever."""
+"""A lost message is detected: on the simulated clock its reader would wait forever."""
 
 import random_faults
 from pytest import mark, param
@@ -16,7 +16,7 @@ def member(name: str, awaits: tuple[str, int] | None) -> WorkerHandle:
 
 
 def told(*members: WorkerHandle, signs: int = SIGNS, **ticks: int) -> str | None:
-    """Who has lost a message after so many signs of life that change nothing."""
+    """The worker whose message counts as lost after this number of heartbeats without progress."""
     gone = None
     for _ in range(signs + 1):
         gone = gone or lost(members, {name: {"tick": tick} for name, tick in ticks.items()}, SIGNS)
@@ -25,24 +25,24 @@ def told(*members: WorkerHandle, signs: int = SIGNS, **ticks: int) -> str | None
     return gone[0].names if gone else None
 
 
-def test_the_sender_is_beyond_what_is_awaited():
+def test_a_message_is_lost_if_its_sender_is_beyond_it():
     def pair() -> tuple[WorkerHandle, WorkerHandle]:
         return member("a", ("b", 8)), member("b", ("a", 7))
 
-    assert told(*pair(), a=7, b=7) == "a"  # a has sent its message of tick 7, and b has not got it
+    assert told(*pair(), a=7, b=7) == "a"  # a has sent its message of tick 7, and b has not received it
     assert told(*pair(), a=6, b=7) is None
     assert told(*pair(), signs=SIGNS - 1, a=7, b=7) is None
 
 
-def test_a_sender_that_may_not_have_sent_yet_has_lost_nothing():
-    """It stepped, and is held back by another reader: it waits for no message itself."""
+def test_a_sender_that_may_not_have_sent_has_lost_nothing():
+    """It has stepped, and another reader blocks it: it does not wait for a message."""
     a, b = member("a", None), member("b", ("a", 7))
     assert told(a, b, a=7, b=6) is None
     assert told(a, b, a=8, b=6) == "a"
 
 
-def test_a_reader_that_has_waited_long_for_a_slow_sender_has_lost_nothing():
-    """The news that the message was sent comes before the news that the reader goes on."""
+def test_a_long_wait_for_a_slow_sender_is_not_a_loss():
+    """The report that the message was sent arrives before the report that the reader continues."""
     a, b = member("a", None), member("b", ("a", 7))
     assert told(a, b, signs=10 * SIGNS, a=6, b=6) is None
     a.waits(("b", 8))
@@ -61,6 +61,6 @@ def test_a_run_ends_and_names_the_sender(tmp_path, what):
 
 
 @mark.parametrize("what", ["sends a frame twice", param("floods", marks=mark.long)])
-def test_frames_that_come_again_are_dropped(tmp_path, what):
+def test_duplicate_frames_are_dropped(tmp_path, what):
     fault = Fault("wire", what, "spring", "simulated", "each", "loop", 40)
     assert random_faults.run(fault, tmp_path) == []

@@ -1,4 +1,4 @@
-"""Programs that look on at a run never hold it up: they lose what they do not take, and are named with how much."""
+"""External programs never block a run: they lose messages that they do not read, and the losses are reported."""
 
 import os
 import select
@@ -33,12 +33,12 @@ while sys.argv[1] != "never":
     socket.recv()
 time.sleep(1000)
 """
-"""Stock pyzmq that takes one message, and then none or one after each pause [s]."""
+"""A pyzmq program that reads one message, and then none or one after each pause [s]."""
 
 
 @pytest.fixture(params=[False, True], ids=["simulated", "real"])
 def bus(request, monkeypatch, tmp_path):
-    """The sockets of a worker whose stream `a` nobody of the run reads; it is held up for a hundred looks at most."""
+    """The sockets of a worker whose stream `a` no node of the run reads; it may block for at most 100 polls."""
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setattr(outlet_module, "QUEUE", 1 << 18)
     folder = RunFolder(RUN)
@@ -52,13 +52,13 @@ def bus(request, monkeypatch, tmp_path):
 
 
 class Held:
-    """Counts how often a sender is held up."""
+    """Counts the polls of a blocked sender."""
 
     looks = 0
 
     def __call__(self):
         self.looks += 1
-        assert self.looks < 100, "a program that looks on holds up the run"
+        assert self.looks < 100, "an external program blocks the run"
 
 
 def onlooker(how, *addresses):
@@ -71,7 +71,7 @@ def until(bus, condition):
         if condition():
             return
         time.sleep(0.001)
-    raise AssertionError("it did not happen")
+    raise AssertionError("the condition did not become true")
 
 
 def send(bus, count, first=0, held=None):
@@ -84,8 +84,8 @@ def send(bus, count, first=0, held=None):
 
 
 @pytest.mark.parametrize("how", ["never", "0.005", "stopped"])
-def test_who_falls_behind_loses_messages_that_are_counted_and_holds_nobody_up(bus, how):
-    """A second one, which reads, gets all."""
+def test_a_slow_program_loses_counted_messages_and_blocks_no_one(bus, how):
+    """A second program, which reads, gets all messages."""
     count, held, seen = 20_000, Held(), []
     process = onlooker("0" if how == "stopped" else how, endpoint(RUN, "one", "observers"))
     good = zmq.Context()
@@ -109,7 +109,7 @@ def test_who_falls_behind_loses_messages_that_are_counted_and_holds_nobody_up(bu
         finally:
             process.kill()
         assert held.looks == 0
-        assert seen == list(range(-1, count)), "the one who reads loses nothing"
+        assert seen == list(range(-1, count)), "the reading program loses nothing"
         assert max(reader.queued for reader in bus._public._readers) <= 1 << 18
         (note,) = bus._public.notes()
         lost = int(note.split()[0])
@@ -117,7 +117,7 @@ def test_who_falls_behind_loses_messages_that_are_counted_and_holds_nobody_up(bu
         assert note == f"{lost} messages of group 'one' were dropped: the buffer of process {process.pid} was full"
 
 
-def test_only_whole_messages_are_lost_and_the_others_come_in_order(bus):
+def test_only_whole_messages_are_lost_and_the_others_arrive_in_order(bus):
     with zmq.Context() as context, context.socket(zmq.SUB) as reader:
         reader.set(zmq.RCVHWM, 1)
         reader.subscribe(b"a\0")
@@ -127,7 +127,7 @@ def test_only_whole_messages_are_lost_and_the_others_come_in_order(bus):
         send(bus, 10_000)
         lost, seen = connection.dropped, []
         assert 0 < lost < 10_000
-        bus.keep(frame("a", b"10000 "))  # as large a message as there is room for is not lost later on
+        bus.keep(frame("a", b"10000 "))  # a message that fills the queue is not lost later
         until(bus, lambda: reader.poll(0))
         while reader.poll(200):
             stream, data = split(reader.recv())
@@ -139,7 +139,7 @@ def test_only_whole_messages_are_lost_and_the_others_come_in_order(bus):
     assert seen == sorted(seen) and len(set(seen)) == len(seen) == 10_001 - connection.dropped
 
 
-def test_a_message_larger_than_the_queue_comes_whole(bus):
+def test_a_message_larger_than_the_queue_arrives_whole(bus):
     large = frame("a", os.urandom(3 << 20))
     with zmq.Context() as context, context.socket(zmq.SUB) as reader:
         reader.subscribe(b"a\0")
@@ -151,7 +151,7 @@ def test_a_message_larger_than_the_queue_comes_whole(bus):
         assert reader.recv() == large
 
 
-def test_at_the_end_a_reader_gets_what_is_queued_and_the_last_word(bus):
+def test_at_the_end_a_reader_gets_the_queue_and_the_end_marker(bus):
     got = []
 
     def read():
@@ -171,8 +171,8 @@ def test_at_the_end_a_reader_gets_what_is_queued_and_the_last_word(bus):
     assert got == ["a"] * 600 + [END]
 
 
-def test_on_the_real_clock_those_who_come_and_go_cost_one_event_in_a_look(bus):
-    """45 at once: none of them waits for ever, and no look at the sockets serves more than one of them."""
+def test_on_the_real_clock_a_poll_serves_at_most_one_new_client(bus):
+    """With 45 clients at once, each is served in the end, and each poll of the sockets serves at most one."""
     with zmq.Context() as context:
         readers = [context.socket(zmq.SUB) for _ in range(45)]
         for reader in readers:
@@ -198,7 +198,7 @@ def test_on_the_real_clock_those_who_come_and_go_cost_one_event_in_a_look(bus):
 
 
 @pytest.mark.parametrize("outlet", ["observers", "force"])
-def test_a_simulated_run_goes_on_and_its_recording_is_complete(tmp_path, outlet):
+def test_a_simulated_run_continues_with_a_complete_recording(tmp_path, outlet):
     graph = write_graph(tmp_path, f"rate: 1000\n{GRAPH}")
     procs: list[subprocess.Popen] = []
 
@@ -219,8 +219,8 @@ def test_a_simulated_run_goes_on_and_its_recording_is_complete(tmp_path, outlet)
 
 @pytest.mark.long
 @pytest.mark.parametrize("place", [None, "two"])
-def test_a_long_simulated_run_is_not_held_up_by_who_never_reads(tmp_path, place):
-    """Longer than libzmq would have queued. Nodes that share a process do so in one that records nothing."""
+def test_a_program_that_never_reads_does_not_block_a_long_simulated_run(tmp_path, place):
+    """The run has more messages than libzmq would queue. In the grouped case the processes with nodes do not record."""
     graph = write_graph(tmp_path, f"rate: 1000\n{GRAPH}")
     groups = tmp_path / "place.yaml"
     groups.write_text("a: {nodes: [source, spring, drag]}\nb: {nodes: [spread, sum]}\n")

@@ -1,5 +1,5 @@
-"""Placement never changes the answer: random graphs of small nodes with divisors, optional inputs, several outputs and
-loops, in random groupings, against the same graph in one process."""
+"""Placement never changes the messages: random graphs of small nodes with divisors, optional inputs, several outputs
+and loops, in random groupings, compared with the same graph in one process."""
 
 import random
 from pathlib import Path
@@ -14,7 +14,7 @@ TICKS = 60
 
 
 def graph(rng: random.Random) -> tuple[str, list[str]]:
-    """A random graph, as text, and the names of its nodes. A node hears earlier ones, and by its third input any."""
+    """A random graph as text, and its nodes. A node reads earlier nodes, and any node with its third input."""
     names = [f"n{i}" for i in range(1, rng.randint(4, 7))]
     kinds = {name: rng.choice(["One", "Two"]) for name in names}
     torques, forces = ["n0"], [f"{name}.Force" for name in names if kinds[name] == "Two"]

@@ -1,4 +1,4 @@
-"""The rules of the real clock one by one, without processes: ages of inputs, ticks left out, messages passed over."""
+"""The rules of the real clock one by one, without processes: ages of inputs, omitted ticks, skipped messages."""
 
 from types import SimpleNamespace
 
@@ -18,7 +18,7 @@ MS = 1_000_000
 
 
 def slot(cls: str, *ports: tuple[str, dict]) -> Slot:
-    """A node of tests/support with inputs from elsewhere."""
+    """A node of tests/support with inputs from another process."""
     jobs = tuple(InputJob(port=name, stream=name, producer=name, **given) for name, given in ports)
     job = NodeJob("node", f"nodes_for_runs.{cls}", {}, 1, jobs, ("node",))
     made = Slot(job, make(job), ())
@@ -44,7 +44,7 @@ def worker(rate: float = 1000.0, links: int = 0, wait=lambda feed, deadline=0: N
 
 
 def drag(age: int, every: int = 1, loop: bool = False, **given) -> tuple[Slot, list | None]:
-    """Its inputs at tick 100 with a held force that is `age` ticks old."""
+    """A drag node, and its inputs at tick 100 with a held force that is `age` ticks old."""
     made = slot("Drag", ("pose", {}), ("force", {"every": every, "loop": loop, "waits": False}))
     put(made, 0, POSE, 100)
     put(made, 1, FORCE, 100 - age)
@@ -66,12 +66,12 @@ def drag(age: int, every: int = 1, loop: bool = False, **given) -> tuple[Slot, l
         ({"every": 10, "links": 2}, 15),
     ],
 )
-def test_a_needed_input_is_held_up_to_its_age(given, oldest):
+def test_a_required_input_is_held_up_to_its_age(given, oldest):
     assert drag(oldest, **given)[1] is not None
     assert drag(oldest + 1, **given)[1] is None
 
 
-def test_an_input_that_a_node_can_do_without_is_absent_beyond_its_age():
+def test_an_optional_input_is_absent_beyond_its_age():
     for links in (0, 3):
         for age, absent in ((7, False), (8, True)):
             made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
@@ -82,7 +82,7 @@ def test_an_input_that_a_node_can_do_without_is_absent_beyond_its_age():
 
 
 @pytest.mark.parametrize(("age", "absent"), [(9, False), (10, True)])
-def test_a_device_is_without_torque_beyond_its_own_age(age, absent):
+def test_a_device_is_without_torque_beyond_its_age(age, absent):
     made = slot("Source", ("torque", {"loop": True, "optional": True}))
     put(made, 0, TORQUE, 100 - age)
     gathered = real._gather(worker(links=5), made, 100, 0, leading=True)
@@ -93,7 +93,7 @@ def test_a_device_is_without_torque_beyond_its_own_age(age, absent):
     ("age", "every", "loop", "held"),
     [(0, 1, False, 0), (1, 1, False, 1), (1, 1, True, 0), (2, 1, True, 1), (0, 10, False, 0)],
 )
-def test_only_what_is_older_than_the_tick_asks_for_counts_as_held(age, every, loop, held):
+def test_only_inputs_older_than_required_count_as_held(age, every, loop, held):
     made, gathered = drag(age, every, loop)
     assert gathered is not None and made.health.held == held
 
@@ -121,7 +121,7 @@ def test_a_step_waits_for_its_inputs_until_the_deadline_and_no_longer(monkeypatc
     assert gather(3 * MS, False) == ([100, 99], 0)
 
 
-def test_a_driving_message_that_does_not_come_means_no_step():
+def test_a_missing_driving_message_means_no_step():
     made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
     put(made, 0, POSE, 99)
     put(made, 1, FORCE, 100)
@@ -136,13 +136,13 @@ def test_of_several_driving_messages_the_newest_counts_and_the_others_are_lost()
     assert real._follow(here, made) == (6, 6 * MS)
     assert made.health.lost == 2
     here.tick, made.due = 6, 7
-    assert real._follow(here, made) is None  # they are of ticks that have run
+    assert real._follow(here, made) is None  # messages of earlier ticks
     assert made.health.lost == 2 and not made.inputs[0].queue
 
 
 @pytest.mark.parametrize("every", [1, 3, 10])
 def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every):
-    """A tick at a time nothing is lost; after a stall, each run that the messages passed over were for."""
+    """Tick by tick no message is lost; after a stall each run of the divisor with skipped messages counts once."""
     made = slot("Drag", ("pose", {}), ("force", {"loop": True, "waits": False}))
     made.every = every
     made.begin()
@@ -173,7 +173,7 @@ def test_messages_between_the_runs_of_a_divisor_are_not_lost(monkeypatch, every)
     )
 
 
-def test_a_run_that_lacks_an_input_is_lost_once(monkeypatch):
+def test_a_run_that_lacks_an_input_counts_as_lost_once(monkeypatch):
     made, here = slot("Drag", ("pose", {}), ("force", {"waits": False})), worker()
     made.every, here.last, here.slots, here.parts = 10, 25, [made], [made]
     made.begin()
@@ -185,7 +185,7 @@ def test_a_run_that_lacks_an_input_is_lost_once(monkeypatch):
     assert made.health.lost == 3
 
 
-def test_a_node_that_waits_ends_when_it_is_told():
+def test_a_waiting_node_ends_on_an_order():
     made, here = slot("Drag", ("pose", {}), ("force", {})), worker()
 
     def check_orders() -> None:
@@ -198,7 +198,7 @@ def test_a_node_that_waits_ends_when_it_is_told():
 
 @pytest.mark.parametrize(("late", "skipped"), [(0.0, 0), (0.9, 0), (1.1, 1), (2.6, 2)])
 @pytest.mark.parametrize("before", [-1, 0, 4])
-def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatch, late, skipped, before):
+def test_ticks_whose_whole_period_has_passed_are_omitted_and_counted(monkeypatch, late, skipped, before):
     origin, deadlines = 1000, []
     monkeypatch.setattr(real, "sleep_until", lambda deadline: deadlines.append(deadline) or round(late * MS))
     monkeypatch.setattr(real, "now", lambda: origin + 77)
@@ -209,14 +209,14 @@ def test_ticks_whose_whole_period_has_passed_are_left_out_and_counted(monkeypatc
     assert made.health.late == (skipped if before >= 0 else 0)
 
 
-def test_a_machine_that_stalls_at_the_end_makes_no_tick_beyond_the_last(monkeypatch):
+def test_a_stall_at_the_end_causes_no_tick_beyond_the_last(monkeypatch):
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 10 * MS)
     made, here = slot("Source", ("torque", {"loop": True})), worker()
     here.tick, here.last = 597, 599
     assert real._pace(here, made, 0, MS)[0] == 599 and made.health.late == 1
 
 
-def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
+def test_a_stopped_run_ends_at_its_next_tick(monkeypatch):
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
     here = worker()
     here.stopping = True
@@ -224,13 +224,13 @@ def test_a_run_that_is_told_to_stop_ends_at_its_next_tick(monkeypatch):
         real._pace(here, slot("Source", ("torque", {"loop": True})), 0, MS)
 
 
-def test_what_a_dead_sender_sent_is_not_used():
+def test_messages_of_a_dead_sender_are_not_used():
     made, _ = drag(0)
     made.inputs[1].dead = True
     assert real._gather(worker(), made, 100, 0, leading=True) is None
 
 
-def test_the_input_of_a_loop_is_of_the_tick_before():
+def test_the_input_of_a_loop_is_from_the_previous_tick():
     made = slot("Source", ("torque", {"loop": True}))
     put(made, 0, TORQUE, 99)
     put(made, 0, TORQUE, 100)
@@ -238,7 +238,7 @@ def test_the_input_of_a_loop_is_of_the_tick_before():
 
 
 class Here(SimpleNamespace):
-    """A worker with a paced node at each tick, one at every second, and one that is blocked."""
+    """A worker with a paced node at each tick, a node at every second tick, and a blocked node."""
 
     def __init__(self, last: int) -> None:
         super().__init__(job=SimpleNamespace(rate=1000.0, links=0), tick=-1, last=last, stopping=False)
@@ -256,7 +256,7 @@ class Here(SimpleNamespace):
         self.clock[0] += 30_000
 
     def drain(self) -> None:
-        """Nothing comes."""
+        """No message arrives."""
 
     check_orders = housekeep = drain
 
@@ -288,8 +288,8 @@ def test_each_node_runs_at_its_ticks_up_to_the_last(monkeypatch):
     assert here.slots[0].health.age.longest == 30_000 and here.slots[1].health.age.longest == 60_000
 
 
-def test_a_sender_that_has_stopped_is_not_waited_for_where_the_node_can_do_without(monkeypatch):
-    """Else every step of its reader would take a period more than it has."""
+def test_a_node_does_not_wait_for_a_stopped_optional_sender(monkeypatch):
+    """Otherwise every step of its reader would take one more period."""
     clock = [0]
     monkeypatch.setattr(real, "now", lambda: clock[0])
     waited = []
@@ -315,8 +315,8 @@ def test_a_sender_that_has_stopped_is_not_waited_for_where_the_node_can_do_witho
 
 
 @pytest.mark.parametrize(("hardware", "absent"), [(False, False), (True, True)])
-def test_what_a_node_stood_still_for_makes_its_inputs_no_older_but_for_hardware(hardware, absent):
-    """Stopped from tick 70 to 100 with the whole loop, its newest input of tick 68: two ticks old, or 32."""
+def test_a_stall_of_the_node_ages_its_inputs_only_for_hardware(hardware, absent):
+    """The whole loop stalls from tick 70 to 100, and the newest input is of tick 68: its age is 2 ticks, or 32."""
     made = slot("Spread", ("force", {}), ("friction", {"optional": True, "waits": False}))
     made.due = 70
     made.node.hardware = hardware
@@ -326,7 +326,7 @@ def test_what_a_node_stood_still_for_makes_its_inputs_no_older_but_for_hardware(
     assert gathered is not None and (gathered[1] is None) == absent
 
 
-def test_a_step_that_answers_after_a_period_is_overdue(monkeypatch):
+def test_an_output_after_the_period_is_overdue(monkeypatch):
     here = Here(last=0)
     monkeypatch.setattr(real, "sleep_until", lambda deadline: 0)
     monkeypatch.setattr(real, "now", lambda: here.clock[0])
@@ -337,7 +337,7 @@ def test_a_step_that_answers_after_a_period_is_overdue(monkeypatch):
     assert [made.health.overdue for made in here.slots] == [0, 1, 0]
 
 
-def test_a_step_has_the_time_of_the_message_that_drives_it_and_a_nominal_length_at_first(monkeypatch):
+def test_a_step_has_the_time_of_its_driving_message_and_first_a_nominal_dt(monkeypatch):
     here, seen = Here(last=100), []
     made = slot("Drag", ("pose", {}), ("force", {"waits": False}))
     made.every = made.inputs[0].every = 2
@@ -370,7 +370,7 @@ def test_a_wait_ends_when_its_sender_dies_or_the_run_stops():
         assert len(waits) == 1
 
 
-def test_a_node_that_is_not_wanted_looks_at_what_comes_while_its_input_comes_on():
+def test_a_blocked_node_polls_the_sockets_while_its_input_arrives():
     made, here, drained = slot("Drag", ("pose", {}), ("force", {})), worker(), []
     made.blocked, here.check_orders = True, lambda: None
     put(made, 0, POSE, 3)
@@ -386,7 +386,7 @@ def test_a_node_that_is_not_wanted_looks_at_what_comes_while_its_input_comes_on(
 
 
 @pytest.mark.parametrize("lacks", ["dead", "feed"])
-def test_a_node_whose_driving_sender_is_gone_pauses_until_it_is_back(lacks):
+def test_a_node_pauses_while_its_driving_sender_is_dead(lacks):
     made, here = slot("Drag", ("pose", {}), ("force", {})), worker(wait=None)
     port, pauses = made.inputs[0], []
     setattr(port, lacks, True if lacks == "dead" else None)

@@ -1,4 +1,4 @@
-"""Whole runs: fused, as processes, in random groupings, over TCP; what happens when a node fails."""
+"""Whole runs: fused, as processes, in random groupings, over TCP; failures of nodes."""
 
 import os
 import random
@@ -42,7 +42,7 @@ def streams(path: Path) -> dict[str, list[bytes]]:
 
 
 def processes() -> set[str]:
-    """Fork servers that this process has started and workers that lost theirs, as the kernel lists them."""
+    """Fork servers started by this process, and workers without a fork server, from the kernel's process list."""
     pids = set()
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -106,7 +106,7 @@ def test_groups_over_tcp_send_the_same_bytes(tmp_path, reference):
 
 
 def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda running, far: None):
-    """The outcome of the run, and the exit code of the group's process, which `watch` gets, too."""
+    """The outcome of the run, and the exit code of the group's process; `watch` also gets this process."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     keys.make()
     place = tmp_path / "joined.yaml"
@@ -122,13 +122,13 @@ def with_a_group_joined_by_hand(tmp_path, monkeypatch, duration, watch=lambda ru
         return outcome, far.wait(60)
 
 
-def test_a_group_that_joins_by_hand_sends_the_same_bytes(tmp_path, reference, monkeypatch):
+def test_a_group_started_by_hand_sends_the_same_bytes(tmp_path, reference, monkeypatch):
     outcome, code = with_a_group_joined_by_hand(tmp_path, monkeypatch, TICKS / 1000)
     assert outcome.result.ok and code == 0, outcome.result.deaths
     assert streams(tmp_path / "run.mcap") == reference
 
 
-def test_ctrl_c_where_a_group_has_joined_by_hand_ends_the_run_and_says_where(tmp_path, monkeypatch):
+def test_ctrl_c_in_a_group_started_by_hand_ends_the_run_with_its_name(tmp_path, monkeypatch):
     asked: list[int] = []
 
     def interrupted(running: launcher.Launcher, far: subprocess.Popen) -> None:
@@ -141,7 +141,7 @@ def test_ctrl_c_where_a_group_has_joined_by_hand_ends_the_run_and_says_where(tmp
     assert code == 130 and death.node == "spring, drag, spread" and "stopped by its user" in death.text
 
 
-def test_a_logger_beside_nodes_hears_the_nodes_of_other_groups_too(tmp_path, reference):
+def test_a_logger_in_a_group_of_nodes_also_reads_other_groups(tmp_path, reference):
     place = tmp_path / "place.yaml"
     place.write_text("a: [source, spring, log]\nb: [drag, spread, sum]\n")
     outcome = go(tmp_path, place=place)
@@ -150,7 +150,7 @@ def test_a_logger_beside_nodes_hears_the_nodes_of_other_groups_too(tmp_path, ref
     assert Recording(tmp_path / "run.mcap").counts["sum"] == {"count": TICKS, "lost": 0}
 
 
-def test_a_slower_node_is_held_at_its_own_ticks(tmp_path):
+def test_a_slower_node_is_held_at_its_ticks(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Drag,", "nodes_for_runs.Drag, every: 7,")
     results = []
     for place in ("fused", None):
@@ -178,7 +178,7 @@ def test_the_real_clock_keeps_its_rate(tmp_path):
     assert min(late) >= 0 and sorted(late)[len(late) // 2] < 1_000_000
     source = outcome.result.health["source"]
     assert source["tick"] == 499
-    # Each tick is run or counted as left out, but for those that passed on a busy machine before the first one.
+    # Each tick is run or counted as omitted, except those that passed before the first one on a busy machine.
     assert source["steps"] + source["late"] == 500 - sent[0].tick
 
 
@@ -202,7 +202,7 @@ FAULTS = {
         *(pytest.param(how, "real", marks=pytest.mark.long) for how in ("raise", "nan", "kill")),
     ],
 )
-def test_a_node_that_fails_is_named_with_its_reason(tmp_path, how, clock):
+def test_a_failed_node_is_named_with_the_reason(tmp_path, how, clock):
     text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: {how},")
     outcome = go(tmp_path, text, clock=clock, ticks=3000)
     (death,) = outcome.result.deaths
@@ -215,7 +215,7 @@ def test_a_node_that_fails_is_named_with_its_reason(tmp_path, how, clock):
 
 
 @pytest.mark.parametrize("how", ["raise", "nan", "type", "input", "start"])
-def test_a_node_that_fails_in_one_process_is_named_too(tmp_path, how):
+def test_a_failed_node_of_a_fused_run_is_named(tmp_path, how):
     text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: {how},")
     outcome = go(tmp_path, text, place="fused")
     (death,) = outcome.result.deaths
@@ -224,7 +224,7 @@ def test_a_node_that_fails_in_one_process_is_named_too(tmp_path, how):
 
 
 @pytest.mark.parametrize("clock", ["simulated", "real"])
-def test_a_node_that_hangs_is_named_with_the_place_where_it_hangs(tmp_path, clock):
+def test_a_hung_node_is_named_with_its_traceback(tmp_path, clock):
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: hang,")
     outcome = go(tmp_path, text, clock=clock, ticks=0, patience=0.8)
     (death,) = outcome.result.deaths
@@ -232,8 +232,8 @@ def test_a_node_that_hangs_is_named_with_the_place_where_it_hangs(tmp_path, cloc
     assert "nodes_for_runs.py" in death.trace
 
 
-def test_who_waits_for_the_disk_is_not_taken_for_one_that_hangs(tmp_path):
-    """No signal reaches it there, and it goes on by itself. Its main thread waits for one that writes."""
+def test_waiting_for_the_disk_does_not_count_as_hung(tmp_path):
+    """No signal reaches the writing thread, and it continues without help. The main thread waits for it."""
     outcome = go(
         tmp_path, f"{GRAPH}  disk: {{use: nodes_for_runs.AtTheDisk, in: all, pipe: {tmp_path}/pipe}}\n", patience=1.0
     )
@@ -258,7 +258,7 @@ def interrupted(tmp_path: Path, text: str = GRAPH, tick: int = 400, **more) -> R
 
 
 def whole(tmp_path: Path, outcome: RunOutcome) -> None:
-    """All streams of its recording end at the same tick."""
+    """Assert that all streams of the recording end at the same tick."""
     counts = {name: len(sent) for name, sent in streams(tmp_path / "run.mcap").items()}
     assert outcome.ok and not outcome.result.notes, (outcome.result, counts)
     assert set(counts) == set(NODES) and len(set(counts.values())) == 1 and counts["sum"] > 10, counts
@@ -268,20 +268,20 @@ def test_ctrl_c_ends_all_streams_at_the_same_tick(tmp_path):
     whole(tmp_path, interrupted(tmp_path))
 
 
-def test_after_ctrl_c_who_waits_for_the_disk_is_waited_for(tmp_path, monkeypatch):
+def test_after_ctrl_c_the_run_waits_for_the_disk(tmp_path, monkeypatch):
     monkeypatch.setattr(ending, "STOP_PATIENCE", 1.5)
     text = GRAPH.replace("nodes_for_runs.Spring,", f"nodes_for_runs.Faulty, how: disk, at: 300, note: {tmp_path}/note,")
     whole(tmp_path, interrupted(tmp_path, text, tick=295, patience=60.0))
 
 
-def test_after_ctrl_c_a_node_that_hangs_is_killed_and_named(tmp_path, monkeypatch):
+def test_after_ctrl_c_a_hung_node_is_killed_and_named(tmp_path, monkeypatch):
     monkeypatch.setattr(ending, "STOP_PATIENCE", 0.5)
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: hang, at: 300,")
     outcome = interrupted(tmp_path, text, tick=295, patience=60.0)
     assert "spring did not end within 0.5 s and was killed" in outcome.result.notes
 
 
-def test_a_port_in_use_is_one_clear_line(tmp_path):
+def test_a_port_in_use_is_an_error_of_one_line(tmp_path):
     import zmq
 
     taken = zmq.Context.instance().socket(zmq.REP)
@@ -294,24 +294,24 @@ def test_a_port_in_use_is_one_clear_line(tmp_path):
     assert f"cannot bind tcp://127.0.0.1:{port}: Address already in use" in death.text
 
 
-def test_a_node_with_restart_comes_back(tmp_path):
+def test_a_node_with_restart_is_restarted(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, at: 500, restart: true,")
     outcome = go(tmp_path, text, clock="real", ticks=60_000, watch=until_it_is_back("spring"))
     assert {death.node for death in outcome.result.deaths} == {"spring"}
     recording = Recording(tmp_path / "run.mcap")
-    begun, *_ = recording.restarted["spring"]  # a busy machine may let it come to its 500th step anew
+    begun, *_ = recording.restarted["spring"]  # on a busy machine the new one may reach its 500th step, too
     assert max(m.tick for m in recording.messages("spring")) > begun
 
 
-def test_on_simulated_time_a_death_ends_the_run_in_spite_of_restart(tmp_path):
-    """What the node has missed would never come again."""
+def test_on_simulated_time_a_death_ends_the_run_despite_restart(tmp_path):
+    """The restarted node could not get the missed messages."""
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Faulty, how: kill, restart: true,")
     outcome = go(tmp_path, text, ticks=200_000)
     assert [death.node for death in outcome.result.deaths] == ["spring"]
     assert outcome.result.health["source"]["tick"] < 200_000 - 1
 
 
-def test_the_recording_tells_of_its_run(tmp_path):
+def test_the_recording_has_the_provenance_of_its_run(tmp_path):
     go(tmp_path, place="fused")
     recording = Recording(tmp_path / "run.mcap")
     assert recording.complete

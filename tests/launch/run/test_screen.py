@@ -1,4 +1,4 @@
-"""The tables of a run, and of `palpate top`, in terminals of any width: no figure is cut."""
+"""The tables of a run and of `palpate top` in terminals of any width: no number is cut."""
 
 import pytest
 from rich.console import Console
@@ -36,7 +36,7 @@ def shown(what, width):
 
 @pytest.mark.parametrize("what", [run, top])
 @pytest.mark.parametrize("width", [60, 80, 120])
-def test_names_and_the_figures_that_matter_are_whole_in_any_width(what, width):
+def test_names_and_important_numbers_are_complete_at_any_width(what, width):
     lines = shown(what(), width)
     assert max(map(len, lines)) <= width and "…" not in "".join(lines)
     for name in NAMES:
@@ -45,7 +45,7 @@ def test_names_and_the_figures_that_matter_are_whole_in_any_width(what, width):
 
 
 @pytest.mark.parametrize("what", [run, top])
-def test_what_has_no_room_is_named(what):
+def test_dropped_columns_are_named(what):
     narrow, wide = shown(what(), 60), shown(what(), 120)
     assert "a wider terminal also shows" in narrow[-1]
     assert "wider" not in wide[-1] and "127639" in wide[-1]

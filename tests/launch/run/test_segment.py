@@ -1,4 +1,4 @@
-"""Compiled nodes that one call runs give the bytes that they give one by one, whatever stands between them."""
+"""Compiled nodes in one call send the same bytes as one by one, also with other nodes between them."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,7 +32,7 @@ TOUCH = (
 
 
 class PythonLuGre(Node):
-    """LuGre friction in a node of the user's: Python between two compiled ones."""
+    """LuGre friction in a custom node: Python between two compiled nodes."""
 
     def start(self) -> None:
         self.law = LuGre(play=30e-6)
@@ -49,7 +49,7 @@ class PythonLuGre(Node):
 
 
 class Spring(CompiledNode):
-    """A wall that becomes infinitely stiff, divides by zero or gives up, as it is told."""
+    """A wall that becomes infinitely stiff, divides by zero or sets a fault, according to `how`."""
 
     how: Annotated[int, "1"] = 0
 
@@ -71,7 +71,7 @@ class Spring(CompiledNode):
 
 
 def made(overrides: tuple[str, ...] = (), ticks: int = 300) -> Worker:
-    """The kidney graph in this process, each of its streams taken by somebody."""
+    """The kidney graph in this process; each stream has a listener."""
     graph = find("kidney").but(overrides=(*TOUCH, *overrides)).load()
     set_recording(graph, None)
     planned = plan(graph)
@@ -81,7 +81,7 @@ def made(overrides: tuple[str, ...] = (), ticks: int = 300) -> Worker:
 
 
 def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, ...]]]:
-    """What each stream carries, and what is counted of each node."""
+    """The payloads of each stream, and the counters of each node."""
     payloads: dict[str, list[bytes]] = {}
 
     def deliver(output, tick, payload):
@@ -104,7 +104,7 @@ def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, .
 
 @pytest.fixture
 def one_by_one(monkeypatch) -> Iterator[None]:
-    """Every node is stepped by itself."""
+    """Step each node separately."""
     monkeypatch.setattr(workers, "segments", lambda slots, make: list(slots))
 
 
@@ -115,7 +115,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("overrides", CASES, ids=str)
-def test_a_segment_sends_the_bytes_of_its_nodes_one_by_one(overrides, monkeypatch):
+def test_a_segment_sends_the_same_bytes_as_its_nodes_one_by_one(overrides, monkeypatch):
     joined = made(overrides)
     together = sent(joined)
     assert any(isinstance(part, Segment) and len(part.slots) > 3 for part in joined.parts)
@@ -127,7 +127,7 @@ def test_python_between_compiled_nodes_changes_no_bit():
     assert sent(made())[0] == sent(made((f"friction.use={__name__}.PythonLuGre",)))[0]
 
 
-def test_a_journal_that_is_full_is_emptied_and_goes_on_where_it_was(monkeypatch):
+def test_a_full_journal_is_emptied_and_the_segment_continues(monkeypatch):
     whole = sent(made())
     init = Segment.__init__
 
@@ -140,7 +140,7 @@ def test_a_journal_that_is_full_is_emptied_and_goes_on_where_it_was(monkeypatch)
     assert whole == sent(made())
 
 
-def test_nodes_are_timed_now_and_then():
+def test_the_steps_of_nodes_are_timed_at_some_ticks():
     worker = made()
     sent(worker)
     timed = [slot.health.step.count for slot in worker.slots]
@@ -157,7 +157,7 @@ def test_a_fault_in_compiled_code_names_node_tick_and_cause(how, text):
         sent(worker)
 
 
-def test_a_message_is_made_only_where_somebody_asks(monkeypatch):
+def test_a_message_object_is_created_only_on_request(monkeypatch):
     worker = made()
     worker.job = msgspec.structs.replace(worker.job, external={})
     for output in worker.outputs.values():
@@ -174,7 +174,7 @@ def test_a_message_is_made_only_where_somebody_asks(monkeypatch):
     worker.stop()
 
 
-def test_a_segment_starts_anew_with_its_nodes():
+def test_a_segment_restarts_with_its_nodes():
     worker = made()
     first = sent(worker)
     for slot in worker.slots:
@@ -191,7 +191,7 @@ def sent_again(worker: Worker) -> dict[str, list[bytes]]:
     return payloads
 
 
-def test_everything_in_the_journal_can_be_read():
+def test_every_message_in_the_journal_can_be_read():
     payloads, _ = sent(made())
     worker = made()
     kinds = {stream: output.kind for stream, output in worker.outputs.items()}

@@ -1,4 +1,4 @@
-"""Nodes at rest sleep: nothing that is felt or shown changes, and they wake without losing a tick."""
+"""Nodes at rest sleep: forces and pictures do not change, and nodes wake up without losing a tick."""
 
 import dataclasses
 
@@ -16,12 +16,12 @@ from palpate.records.reader import Recording
 AIR = (
     "scene.hand.path=[{hold: 0.05}, {to: [0, 0, 0.1035], time: 0.15}, {to: [0.004, 0, 0.121], time: 0.15}, {hold: 0.5}]"
 )
-"""Pressed from 7 mm above, dragged a little, and held 12 mm above: longer than the tissue takes to recover."""
+"""A press from 7 mm above, a short drag, and a hold at 12 mm above that is longer than the recovery of the tissue."""
 
 
 @pytest.fixture(params=["MassSpring", "ReducedFE"])
 def runs(request, tmp_path, monkeypatch):
-    """The recording of a run whose nodes sleep and of one whose nodes do not, and the counters of the first."""
+    """The recordings of a run with sleep and of one without, and the counters of the first."""
     counters = {}
     for sleeps in (False, True):
         monkeypatch.setattr(Slot, "sleeps", sleeps)
@@ -33,7 +33,7 @@ def runs(request, tmp_path, monkeypatch):
     return tmp_path / "True.mcap", tmp_path / "False.mcap", counters
 
 
-def test_what_the_hand_and_the_eye_get_is_the_same_to_the_byte(runs):
+def test_force_and_displayed_surface_are_bit_equal_with_sleep(runs):
     asleep, awake, counters = runs
     assert all(counters[node]["asleep"] > 50 for node in ("contact", "friction", "spread", "tissue"))
     assert all(counters[node]["asleep"] == 0 for node in ("device", "finger", "collision", "controller", "statics"))
@@ -44,12 +44,12 @@ def test_what_the_hand_and_the_eye_get_is_the_same_to_the_byte(runs):
     assert max(mine.contact.force) > 0.3
     assert list(mine.contact.force) == list(theirs.contact.force)
     deepest = ([abs(moved).max(initial=0.0) for moved in run.tissue.displacement] for run in (mine, theirs))
-    # What still fades while the contact sleeps is shown round the foot where it fell asleep.
+    # Displacements that decay while the contact sleeps are centred on the foot point at which it fell asleep.
     assert all(abs(a - b) < 5e-9 for a, b in zip(*deepest, strict=True))
 
 
 class Counter(Node):
-    """Rests while the torque is zero; tells how long its steps were."""
+    """Rests while the torque is zero; sends the duration of its steps."""
 
     def start(self) -> None:
         self.steps: list[float] = []
@@ -64,7 +64,7 @@ class Counter(Node):
         return Torque(torques=(self.last, float(len(self.steps)), 0.0))
 
 
-def test_a_node_wakes_at_the_tick_that_needs_it_and_sees_one_step():
+def test_a_node_wakes_at_the_required_tick_with_one_long_step():
     node = Counter()
     bus = FakeBus(node)
     answers = bus.publish(*(Torque(torques=(x, 0.0, 0.0)) for x in (1.0, 0.0, 0.0, 0.0, 2.0, 2.0)))

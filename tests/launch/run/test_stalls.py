@@ -1,4 +1,4 @@
-"""A machine that stands still for a while is no silence: who waits for others counts what it has looked at itself."""
+"""A stall of the machine is not silence: a waiting process counts only the time in which it has polled."""
 
 import faulthandler
 import fcntl
@@ -26,7 +26,7 @@ MS = 1_000_000
 
 @pytest.fixture
 def time(monkeypatch):
-    """A clock that stands but where a test moves it [ns]."""
+    """A clock that only the test advances [ns]."""
     moment = SimpleNamespace(ns=0)
     monkeypatch.setattr(clock, "now", lambda: moment.ns)
     monkeypatch.setattr(ending, "time", SimpleNamespace(monotonic=lambda: moment.ns * 1e-9))
@@ -45,8 +45,8 @@ def test_silence_adds_up_over_polls(time):
     assert silence.poll() == 0
 
 
-def test_an_observer_next_to_a_node_takes_what_was_under_way_when_the_machine_stood_still(time):
-    """It stands still for longer than the silence after which a stream on the real clock has come to its end."""
+def test_an_observer_receives_frames_in_transit_during_a_stall(time):
+    """The stall is longer than the silence that marks the end of a stream on the real clock."""
     comes = iter([(20, True), (3000, False), (20, True)])
     heard = []
 
@@ -67,8 +67,8 @@ def test_an_observer_next_to_a_node_takes_what_was_under_way_when_the_machine_st
     assert len(heard) == 3 + QUIET // (20 * MS) + 1
 
 
-def test_after_a_death_the_others_get_their_time_to_hear_of_it_when_the_machine_goes_on(time):
-    """They are told to quit when they have run for so long, and not at once, with the news of the death unread."""
+def test_after_a_death_and_a_stall_the_others_get_time_for_the_news(time):
+    """`Quit` is sent after this running time, not at once, when the report of the death is still unread."""
     printed = []
     wires = SimpleNamespace(tell=lambda group, order: printed.append(order))
     end = ending.Ending({}, wires, None, True, lambda text: None)
@@ -82,7 +82,7 @@ def test_after_a_death_the_others_get_their_time_to_hear_of_it_when_the_machine_
     assert printed == [Quit()]
 
 
-def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_before(time, monkeypatch):
+def test_the_last_report_of_a_worker_is_read_after_a_stall(time, monkeypatch):
     member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), state="running", pid=1)
 
     def later() -> int:
@@ -90,7 +90,7 @@ def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_bef
         return time.ns
 
     def next_report(wait: int) -> bool:
-        member.state = "failed"  # as its report of the fault does
+        member.state = "failed"  # like the report of its fault
         return True
 
     monkeypatch.setattr(clock, "now", later)
@@ -101,8 +101,8 @@ def test_the_last_words_of_a_worker_are_heard_though_the_machine_stood_still_bef
 
 
 @pytest.mark.parametrize(("status", "state"), [(REPORTED, "failed"), (3, "died")])
-def test_a_reported_failure_is_waited_for_and_an_unknown_end_is_not(time, status, state):
-    """The report arrives 2 s after the end of the process, while the machine is never quiet for long."""
+def test_the_launcher_waits_for_a_reported_failure_only(time, status, state):
+    """The report arrives 2 s after the end of the process, while other reports arrive continuously."""
     member = WorkerHandle(Job("a", (NodeJob("a", "", {}, 1, (), ()),)), state="running", pid=1)
     due = time.ns + 2000 * MS
 
@@ -123,13 +123,13 @@ def test_a_reported_failure_is_waited_for_and_an_unknown_end_is_not(time, status
     assert member.state == state
 
 
-def test_a_run_that_starts_while_another_is_about_to_lock_its_folder_leaves_it_alone(monkeypatch, tmp_path):
+def test_a_starting_run_keeps_the_folder_of_another_starting_run(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path) if len(str(tmp_path)) < 40 else "")
     first, second = f"1-{os.getpid()}", f"2-{os.getpid()}"
     lock, others = fcntl.flock, []
 
     def flock(number: int, how: int) -> None:
-        """The first one stands still before it has the lock."""
+        """The first run stalls before it has the lock."""
         if how == fcntl.LOCK_EX and not others:
             others.append(None)
             others.append(addresses.RunFolder(second))
@@ -144,8 +144,8 @@ def test_a_run_that_starts_while_another_is_about_to_lock_its_folder_leaves_it_a
 
 
 @pytest.mark.parametrize(("patience", "least"), [(0.05, 60.0), (5.0, 60.0), (START_PATIENCE, 240.0)])
-def test_a_run_in_one_process_outlives_a_machine_that_stands_still_for_a_minute(monkeypatch, patience, least):
-    """A thread of the system's own, which cannot tell a pause from a node that never returns, would end it."""
+def test_a_fused_run_survives_a_stall_of_a_minute(monkeypatch, patience, least):
+    """The system's watchdog thread cannot distinguish a stall from a node that never returns, and would end the run."""
     ends = []
     monkeypatch.setattr(faulthandler, "dump_traceback_later", lambda end, exit: ends.append(end))
     with watched(patience):
@@ -154,8 +154,8 @@ def test_a_run_in_one_process_outlives_a_machine_that_stands_still_for_a_minute(
 
 
 @pytest.mark.parametrize("stuck", [False, True])
-def test_an_observer_may_take_long_for_many_messages_but_not_for_one(monkeypatch, stuck):
-    """A starved process may take seconds for the messages of one batch."""
+def test_an_observer_may_be_slow_for_many_messages_but_not_for_one(monkeypatch, stuck):
+    """A process without processor time may take seconds for the messages of one batch."""
     moment = [0.0]
     monkeypatch.setattr(watchdog, "time", SimpleNamespace(monotonic=lambda: moment[0]))
 

@@ -1,4 +1,4 @@
-"""The start of a run: nobody is told anything before he hears it."""
+"""The start of a run: no worker gets an order before it can receive it."""
 
 import socket
 import threading
@@ -15,7 +15,7 @@ from palpate.launch.run.wire.bus import split
 
 
 def free_port() -> int:
-    """A port that is free, and the next one, too."""
+    """A free port whose successor is also free."""
     while True:
         with socket.socket() as one, socket.socket() as other:
             one.bind(("127.0.0.1", 0))
@@ -27,12 +27,11 @@ def free_port() -> int:
             return port
 
 
-END = Stop | Quit | Close  # on any of these a worker that waits ends
+END = Stop | Quit | Close  # a waiting worker ends on any of these orders
 
 
 def late(port: int, group: str, told: list[Order], seconds: float, until=Order) -> None:
-    """A worker whose report that it is ready overtakes its subscription to orders; it ends after an order of these
-    kinds."""
+    """A worker whose report `Ready` overtakes its subscription to orders; it ends after an order of these kinds."""
     with zmq.Context() as context, context.socket(zmq.PUSH) as said, context.socket(zmq.SUB) as heard:
         said.connect(f"tcp://127.0.0.1:{port + 1}")
         heard.connect(f"tcp://127.0.0.1:{port}")
@@ -51,7 +50,7 @@ OBSERVER = Job("b", (), (ObserverJob("log", "nodes_for_runs.Slow", {}, {}),))
 
 @pytest.fixture
 def launched():
-    """Starts a launcher whose workers are started elsewhere, and gives the port where they find it."""
+    """Start a launcher without starting its workers; returns the launcher and its port."""
     port = free_port()
 
     def launch(*jobs: Job, show=lambda _: None) -> Launcher:
@@ -61,7 +60,7 @@ def launched():
     return port, launch
 
 
-def test_a_worker_is_told_whom_to_read_when_it_can_hear_it(launched):
+def test_a_worker_gets_its_senders_after_it_has_subscribed(launched):
     port, launch = launched
     printed: list[Order] = []
     launcher = launch(NODES)
@@ -73,8 +72,8 @@ def test_a_worker_is_told_whom_to_read_when_it_can_hear_it(launched):
 
 
 @pytest.mark.parametrize("others", [(), (NODES,)], ids=["alone", "when all nodes have ended"])
-def test_a_worker_that_did_not_hear_that_the_run_was_stopped_is_told_when_it_does(launched, others):
-    """It was told to begin, and the run went on without end; or it was told nothing, and the run waited for it."""
+def test_a_worker_that_missed_the_stop_gets_it_after_its_subscription(launched, others):
+    """Otherwise it would start and run without end, or get no order, and the run would wait for it."""
     port, launch = launched
     told: list[Order] = []
     there = [threading.Thread(target=late, args=(port, other.group, [], 0.0)) for other in others]
@@ -97,8 +96,8 @@ def test_a_worker_that_did_not_hear_that_the_run_was_stopped_is_told_when_it_doe
 @pytest.mark.parametrize(
     "report", [Ready({"force": [], "observers": []}), Linked()], ids=lambda report: type(report).__name__
 )
-def test_what_a_worker_reported_before_it_was_killed_does_not_bring_it_back(launched, report):
-    """It counted as alive, and its end as a fault of its node in a run that Ctrl-C had stopped."""
+def test_a_late_report_of_a_killed_worker_is_ignored(launched, report):
+    """Otherwise it would count as alive, and its end as a failure of its node in a run stopped by Ctrl-C."""
     _, launch = launched
     launcher = launch(NODES)
     launcher._control._missing["a"] = 0

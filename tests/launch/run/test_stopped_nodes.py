@@ -1,7 +1,7 @@
-"""A node that stops without a word: the rule for the age of inputs takes the torque from the device in time.
+"""A node stops silently: the limits of input ages remove the torque from the device in time.
 
-Each node of a graph runs by the rules of the real clock as in a process of its own, without processes and on a clock
-that stands: only the numbers of the ticks count, so that the answer does not depend on the machine.
+Each node of a graph runs by the rules of the real clock as in a separate process, but without processes and on a
+constant clock: only tick numbers count, so that the result does not depend on the machine.
 """
 
 from itertools import pairwise
@@ -11,13 +11,13 @@ from graphs_for_runs import write_graph
 
 from palpate.launch.load.launchfile import LaunchFile, find
 
-LAST = 20  # [ticks of 1 ms] promised between the last message of a node and a device without torque
+LAST = 20  # [ticks of 1 ms] documented limit from the last message of a node to a device without torque
 
 
 @pytest.mark.parametrize("late", [0, 1])
 @pytest.mark.parametrize("node", ["finger", "collision", "contact", "spread", "tissue", "controller", "statics"])
-def test_the_device_is_without_torque_soon_after_any_node_has_stopped(chain, node, late):
-    """Whatever stops, and even where each hop takes a tick; only friction is done without."""
+def test_the_device_loses_its_torque_in_time_after_any_node_stops(chain, node, late):
+    """This applies to every node except friction, which is optional, and also if each hop takes one tick."""
     run = chain(find("kidney"), late)
     run.run(700)
     assert run.torque() > 0.03
@@ -28,7 +28,7 @@ def test_the_device_is_without_torque_soon_after_any_node_has_stopped(chain, nod
         assert silent < LAST
 
 
-def test_without_friction_the_contact_goes_on(chain):
+def test_the_contact_continues_without_friction(chain):
     run = chain(find("kidney"))
     run.run(700)
     run.run(100, "friction")
@@ -37,8 +37,8 @@ def test_without_friction_the_contact_goes_on(chain):
 
 @pytest.mark.parametrize("late", [0, 1])
 @pytest.mark.parametrize("links", [1, 2, 3, 5])
-def test_nodes_that_hold_one_another_s_messages_share_the_time(chain, tmp_path, links, late):
-    """Each of them needs what it holds, so one falls silent after the other."""
+def test_a_chain_of_held_inputs_shares_the_time_limit(chain, tmp_path, links, late):
+    """Each held input is required, so the nodes stop one after another."""
     names = ["first", *(f"n{i}" for i in range(links))]
     held = "".join(
         f"  {name}: {{use: nodes_for_runs.Hold, in: {{pose: source, force: {before}}}}}\n"

@@ -1,4 +1,4 @@
-"""What is not of the run: dropped and counted where it comes in; shut out where it can be."""
+"""Foreign frames are dropped and counted; foreign peers are excluded where possible."""
 
 import os
 import random
@@ -26,8 +26,8 @@ from palpate.launch.run.wire.wires import ControlChannel
 
 
 def run(folder: Path, during, foreign: int = 0) -> Result:
-    """A run on the real clock; `during` gets the launcher once, in a thread, when it has begun. The run ends when that
-    has, and when so many frames were dropped, or after a minute."""
+    """A run on the real clock. `during` is called once with the launcher, in a thread, when the run has begun. The run
+    ends when `during` has ended and `foreign` frames were dropped, or after 1 min."""
     launch = LaunchFile(graph=write_graph(folder, f"rate: 200\n{GRAPH}".replace("logger.Mcap", "nodes_for_runs.Slow")))
     plan = launch.plan()
     threads: list[threading.Thread] = []
@@ -53,7 +53,7 @@ def garbage(seed: int, count: int) -> list[bytes]:
     return frames
 
 
-def test_frames_that_are_no_reports_are_dropped_and_counted(tmp_path):
+def test_frames_that_are_not_reports_are_dropped_and_counted(tmp_path):
     sent = garbage(1, 2_000)
 
     def send(launcher: Launcher) -> None:
@@ -67,8 +67,8 @@ def test_frames_that_are_no_reports_are_dropped_and_counted(tmp_path):
     assert any(f"{len(sent)} frames that do not belong to this run were dropped" in note for note in result.notes)
 
 
-def test_frames_that_are_no_subscriptions_or_orders_are_dropped(tmp_path):
-    """An outlet for observers, and the launcher's orders, take subscriptions from anybody who can reach them."""
+def test_invalid_subscriptions_and_orders_are_dropped(tmp_path):
+    """Outlets for observers and the launcher's orders accept subscriptions from any peer that can reach them."""
     heard: list[bytes] = []
 
     def send(launcher: Launcher) -> None:
@@ -78,7 +78,7 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped(tmp_path):
                     socket.connect(addresses.endpoint(launcher.run_id, *place))
                     for data in [b"\x07" + os.urandom(20) for _ in range(50)]:
                         socket.send(data)
-                    if place != ("control",):  # a subscription after them is served, so they were taken and dropped
+                    if place != ("control",):  # a later subscription is served, so they were read and dropped
                         socket.send(b"\1source\0")
                         assert socket.poll(60_000)
                         heard.append(socket.recv())
@@ -93,8 +93,8 @@ def test_frames_that_are_no_subscriptions_or_orders_are_dropped(tmp_path):
     assert any("50 frames that do not belong to this run were dropped" in note for note in result.notes)
 
 
-def test_frames_that_are_no_reports_are_taken_one_at_a_time():
-    """Who sends them without end would else keep the launcher from all that it has to do: it takes so many a turn."""
+def test_invalid_reports_are_handled_in_limited_numbers():
+    """Otherwise a flood would block the launcher: it handles a limited number per turn."""
     control = ControlChannel(f"{os.getpid()}-flood", {}, None, None)
     try:
         with zmq.Context() as context, context.socket(zmq.PUSH) as stranger:
@@ -109,7 +109,7 @@ def test_frames_that_are_no_reports_are_taken_one_at_a_time():
         control.close(0)
 
 
-def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_off():
+def test_a_peer_with_too_long_a_subscription_is_disconnected():
     control = ControlChannel(f"{os.getpid()}-large", {}, None, None)
     try:
         with zmq.Context() as context, context.socket(zmq.XSUB) as stranger:
@@ -117,7 +117,7 @@ def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_o
             stranger.connect(control.control)
             stranger.send(b"\x07" + bytes(1000))
             stranger.send(b"\x07" + bytes(2000))
-            assert monitor.poll(20_000), "it may send what it likes"
+            assert monitor.poll(20_000), "it may send frames of any length"
             control.deliver()
             assert control.foreign == 1
             stranger.disable_monitor()
@@ -125,7 +125,7 @@ def test_who_sends_more_than_any_subscription_to_where_orders_come_from_is_cut_o
         control.close(0)
 
 
-def test_the_sockets_of_a_run_are_for_its_user_alone_and_gone_at_its_end(tmp_path):
+def test_only_the_user_can_reach_the_sockets_which_are_removed_at_the_end(tmp_path):
     modes: dict[str, int] = {}
 
     def look(launcher: Launcher) -> None:
@@ -139,7 +139,7 @@ def test_the_sockets_of_a_run_are_for_its_user_alone_and_gone_at_its_end(tmp_pat
     assert not any(Path(path).exists() for path in list(modes)[1:])
 
 
-def test_a_folder_that_others_can_enter_is_refused(tmp_path, monkeypatch):
+def test_a_folder_that_other_users_can_enter_is_an_error(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", f"/tmp/palpate-t{os.getpid()}")
     base = Path(os.environ["XDG_RUNTIME_DIR"])
     (base / "palpate").mkdir(parents=True, mode=0o777)
@@ -152,7 +152,7 @@ def test_a_folder_that_others_can_enter_is_refused(tmp_path, monkeypatch):
         base.rmdir()
 
 
-def test_what_a_killed_launcher_has_left_is_removed(tmp_path):
+def test_the_folder_of_a_killed_launcher_is_removed(tmp_path):
     left = addresses.folder() / "1-dead"
     left.mkdir(mode=0o700)
     (left / "lock").touch()
@@ -161,14 +161,14 @@ def test_what_a_killed_launcher_has_left_is_removed(tmp_path):
     assert not left.exists()
 
 
-def test_over_tcp_only_those_who_hold_the_key_hear_anything(tmp_path):
+def test_over_tcp_only_peers_with_the_key_receive_messages(tmp_path):
     key, heard = keys.Key.make(), {}
     port = free_port()
     place = tmp_path / "place.yaml"
     place.write_text(f"a: {{nodes: [source, sum], host: '127.0.0.1:{port}'}}\n")
     launch = LaunchFile(graph=write_graph(tmp_path, f"rate: 100\n{GRAPH}"), place=place)
     plan = launch.plan()
-    work = jobs(plan, launch.placement(plan), clock="real", ticks=300)  # three seconds
+    work = jobs(plan, launch.placement(plan), clock="real", ticks=300)  # 3 s
 
     def listen(launcher: Launcher) -> None:
         other = keys.Key.make()
@@ -182,7 +182,7 @@ def test_over_tcp_only_those_who_hold_the_key_hear_anything(tmp_path):
                     key.secure(socket, server=False)
                 elif name == "other":
                     other.secure(socket, server=False)
-                elif name == "half":  # knows the public key, but has another pair
+                elif name == "half":  # has the public key, but another key pair
                     half.secure(socket, server=False)
                     socket.set(zmq.CURVE_SERVERKEY, key.public.encode())
                 socket.subscribe(b"source\0")
@@ -202,7 +202,7 @@ def test_over_tcp_only_those_who_hold_the_key_hear_anything(tmp_path):
     assert heard == {"with": 1, "none": 0, "other": 0, "half": 0}
 
 
-def test_a_run_with_other_machines_is_refused_without_a_key_unless_told_otherwise(tmp_path, monkeypatch):
+def test_a_run_with_other_machines_requires_a_key_or_the_option(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     place = tmp_path / "far.yaml"
     place.write_text("far: {nodes: [spring, drag, spread], join: true}\n")
@@ -237,7 +237,7 @@ def test_keys_are_made_and_listed_and_belong_to_their_user(tmp_path, monkeypatch
         keys.load()
 
 
-def test_a_stray_file_among_the_runs_is_none_and_harms_none():
+def test_a_stray_file_among_the_runs_is_ignored():
     stray = addresses.folder() / "stray"
     stray.write_text("x")
     try:

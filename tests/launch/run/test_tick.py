@@ -1,4 +1,4 @@
-"""Nodes are stepped in one place: what lies ready in a process is what the rules of each clock would pick."""
+"""Nodes are stepped in one place: messages available in the process are those that the rules of each clock select."""
 
 from dataclasses import replace
 from itertools import count
@@ -20,8 +20,8 @@ TICKS = 400
 
 
 def touch(monkeypatch, clock: str, ready: bool) -> tuple[list[dict[str, bytes]], list[tuple[int, int, int]]]:
-    """What the nodes of the kidney graph send at each tick in one process, and how many steps, losses and holds they
-    count; `ready`: they may take what lies ready."""
+    """The messages of the kidney graph at each tick in one process, and the numbers of steps, losses and holds;
+    `ready`: nodes may use the messages available in the process."""
     launch = replace(find("kidney").but(place="fused", overrides=["friction.every=3", "tissue.every=2"]), record=None)
     graph = launch.load()
     graph.nodes["log"].off = "nothing is recorded"
@@ -54,13 +54,13 @@ def touch(monkeypatch, clock: str, ready: bool) -> tuple[list[dict[str, bytes]],
 
 
 @pytest.mark.parametrize("clock", ["simulated", "real"])
-def test_what_lies_ready_is_what_would_be_gathered(monkeypatch, clock):
+def test_available_messages_equal_the_gathered_ones(monkeypatch, clock):
     ready, gathered = touch(monkeypatch, clock, True), touch(monkeypatch, clock, False)
     assert len(ready[0]) == TICKS and ready == gathered
 
 
 class Host:
-    """Gives each node no inputs, and notes who has stepped."""
+    """Has no inputs for the nodes, and records which ones step."""
 
     rate, at = 1000.0, 7
 
@@ -75,7 +75,7 @@ class Host:
 
 
 class Node:
-    """What `run_tick` sees of a slot."""
+    """The attributes of a slot that `run_tick` uses."""
 
     near = follows = blocked = False
     every = 2
@@ -95,7 +95,7 @@ def test_a_node_steps_if_it_is_due_and_not_blocked_and_has_its_inputs():
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_a_worker_that_begins_after_the_run_tells_its_nodes_that_they_replace_others(late):
+def test_a_late_worker_marks_its_nodes_as_restarted(late):
     launch = replace(find("kidney").but(place="fused"), record=None)
     planned = plan(launch.load())
     [job] = jobs(planned, launch.placement(planned), clock="real", ticks=TICKS)

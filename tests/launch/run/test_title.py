@@ -1,4 +1,4 @@
-"""A worker is named after its nodes in `ps`."""
+"""A worker has the names of its nodes in `ps`."""
 
 import subprocess
 import sys

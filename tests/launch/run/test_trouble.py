@@ -1,5 +1,5 @@
-"""A node that fails in whatever way: the device is without torque, the culprit is named, nothing outlives the run, and
-what was recorded before can be checked."""
+"""Any failure of a node: the device loses its torque, the failed node is named, no process survives the run, and the
+recording before the failure can be checked."""
 
 from pathlib import Path
 
@@ -44,9 +44,9 @@ def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, 
     assert death.node == "spring"
     fault = int((tmp_path / "fault").read_text())
     samples = list(Recording(tmp_path / "run.mcap").messages("source"))
-    after = [m.used == (-1,) for m in samples if m.tick > fault]  # whether it is without torque
+    after = [m.used == (-1,) for m in samples if m.tick > fault]  # whether it has no torque
     without = after.index(True)
-    assert without <= 20  # samples: a busy machine may hold up the device
+    assert without <= 20  # samples: a busy machine may delay the device
     assert all(after[without + 20 :])
     check(tmp_path)
 
@@ -60,7 +60,7 @@ def test_the_device_is_without_torque_20_ms_after_a_fault_of_any_kind(tmp_path, 
         *(_long("simulated", how) for how in ("terminate", "kill group")),
     ],
 )
-def test_a_node_that_ends_its_process_or_its_group_is_named(tmp_path, clock, how):
+def test_a_node_that_kills_its_process_or_group_is_named(tmp_path, clock, how):
     outcome = go(tmp_path, how, clock)
     (death,) = outcome.result.deaths
     assert death.node == "spring" and KILLED[how] in death.text
@@ -68,15 +68,15 @@ def test_a_node_that_ends_its_process_or_its_group_is_named(tmp_path, clock, how
 
 
 @pytest.mark.parametrize("how", ["stop", _long("spin")])
-def test_on_the_simulated_clock_a_hung_node_is_named_and_the_record_before_it_checks(tmp_path, how):
+def test_on_the_simulated_clock_a_hung_node_is_named_and_the_recording_is_valid(tmp_path, how):
     outcome = go(tmp_path, how, "simulated")
     (death,) = outcome.result.deaths
     assert death.node == "spring" and "hangs" in death.text
     check(tmp_path)
 
 
-def test_a_node_whose_driving_sender_died_goes_on_without_it_and_can_be_checked(tmp_path):
-    """Its driving input is optional."""
+def test_a_node_continues_after_the_death_of_its_optional_driving_sender(tmp_path):
+    """The recording of such a run can be checked."""
     text = """
 nodes:
   source: {use: nodes_for_runs.Source}
@@ -93,7 +93,7 @@ nodes:
 
 
 @pytest.mark.parametrize(("how", "where"), [("no memory", "step at tick 299"), ("no memory in start", "start")])
-def test_in_one_process_no_node_is_blamed_for_memory_that_all_have_used(tmp_path, how, where):
+def test_in_one_process_a_memory_error_is_not_attributed_to_a_node(tmp_path, how, where):
     (death,) = go(tmp_path, how, "simulated", place="fused").result.deaths
     assert death.node == "" and death.where == "process" and not death.trace
     assert str(death).startswith("process: there was no memory left while node 'spring' had its turn (" + where)

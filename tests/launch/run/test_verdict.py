@@ -1,4 +1,4 @@
-"""Whether a run on the real clock kept its rate: counted, said in a line, and an exit code on wish."""
+"""The verdict on the rate of a run on the real clock: counts, one line, and the exit code with --strict."""
 
 import json
 
@@ -32,17 +32,17 @@ def counted(steps: int, answers: int, overdue: int, ticks: int | None = 1000, si
         ((950, 950, 0, None, 2), False, "5 % of 1000 ticks left out, 0 % answered after the next had begun"),
     ],
 )  # fmt: skip
-def test_left_out_late_and_missing_answers_are_told_apart(given, kept, words):
+def test_omitted_ticks_and_late_or_missing_outputs_are_distinguished(given, kept, words):
     found = counted(*given)
     assert found is not None and found.kept is kept and str(found).removeprefix("not real time: ") == words
 
 
-def test_a_run_that_skips_all_of_its_ticks_did_not_keep_its_rate():
+def test_a_run_without_ticks_did_not_keep_its_rate():
     found = verdict(Result(), plan(find("kidney").load()), None)
     assert found is not None and not found.kept and str(found) == "not real time: no tick of 1000 Hz was run"
 
 
-def test_a_node_that_takes_too_long_is_in_the_verdict_and_in_the_exit_code_on_wish(tmp_path):
+def test_a_slow_node_changes_the_verdict_and_with_strict_the_exit_code(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Spring,", "nodes_for_runs.Work, seconds: 0.3, at: 50,")
     graph = str(write_graph(tmp_path, text))
     arguments = ["run", graph, "--clock", "real", "--duration", "0.5", "--json", "--no-record"]
@@ -65,16 +65,16 @@ def test_the_simulated_clock_has_no_verdict(tmp_path):
     assert execute(LaunchFile(graph=graph, duration=0.05, place="fused")).verdict is None
 
 
-def test_only_what_a_scene_calls_for_and_all_can_do_without_is_gone_on_without():
+def test_only_optional_nodes_with_a_condition_are_spared():
     assert spared(plan(find("kidney").load())) == {"friction"}
     with_ledger = find("kidney").but(overrides=("scene.energy.ledger=true", "scene.finger.band=true"))
     assert spared(plan(with_ledger.load())) == {"friction", "band"}
 
 
-def test_a_run_goes_on_without_an_effect_that_died_and_says_so(tmp_path):
+def test_a_run_continues_without_a_dead_effect_and_reports_it(tmp_path):
     text = GRAPH.replace("nodes_for_runs.Drag, in", "nodes_for_runs.FaultyDrag, at: 100, when: drag, in")
     launch = LaunchFile(graph=write_graph(tmp_path, "scene: {drag: true}" + text), duration=60.0, clock="real")
-    counted: list[int] = []  # steps of the source that were known after the death
+    counted: list[int] = []  # steps of the source known after the death
 
     def watch(running: Launcher) -> None:
         if running.result.deaths:

@@ -1,4 +1,4 @@
-"""The runner warms nodes: nothing is compiled, or loaded from the cache of kernels, in a step of a run."""
+"""The runner warms nodes up: no step of a run compiles a kernel or loads one from the cache."""
 
 import json
 import subprocess
@@ -21,7 +21,7 @@ GRAPHS = (
     ("pinch", "0.5"),
     ("pinch", "0.5", "tissue.use=deformation.ReducedFE"),
 )
-OTHERS = (  # of whose kernels each is in one of those above
+OTHERS = (  # graphs whose kernels are all in GRAPHS
     ("kidney", "0.4", "tissue.use=deformation.ReducedFE"),
 )
 RUNS = """
@@ -34,7 +34,7 @@ from palpate.launch.run import forkserver
 from palpate.launch.run.execute import execute
 from palpate.launch.run.work.worker import Worker
 
-forkserver.load()  # what has nothing to do with a graph, once for all of them
+forkserver.load()  # imports that are independent of the graph, once for all
 late, start, compiled = [], Worker.start, Dispatcher.compile
 
 def started(self):  # named as in the method: the watchdog looks for it
@@ -58,8 +58,8 @@ for name, duration, *overrides in json.loads(sys.argv[1]):
     "graphs", [GRAPHS, pytest.param(OTHERS, marks=pytest.mark.long)], ids=["each kernel", "others"]
 )
 def test_graphs_compile_nothing_after_their_start(graphs):
-    """Until after the first touch, each in a process of its own: what a test, or a graph, before has compiled would
-    hide it."""
+    """Each graph runs until after the first touch in a separate process, because kernels compiled by an earlier test or
+    graph would hide a late compilation."""
     command = [sys.executable, "-c", RUNS, json.dumps(graphs)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     codes = [line for line in done.stdout.splitlines() if line.lstrip("-").isdigit()]
@@ -67,7 +67,7 @@ def test_graphs_compile_nothing_after_their_start(graphs):
 
 
 class Net(Message):
-    """A message of the user's own.
+    """A custom message.
 
     edges   [1] (e,2)  vertices of each
     pull    [N] (e)    of each
@@ -86,7 +86,7 @@ def total(pull, edges, gain):
 
 
 class Pull(Node):
-    """A node of the user's own, with a kernel and nothing said of warming."""
+    """A custom node with a kernel, without code for warm-up."""
 
     begins: Annotated[int, "1"] = 0
 
@@ -103,14 +103,14 @@ class Pull(Node):
 KERNEL = njit(total)
 
 
-def test_a_kernel_of_the_users_own_is_compiled_before_the_first_step():
+def test_a_custom_kernel_is_compiled_before_the_first_step():
     bus = FakeBus(Pull())
     before = list(KERNEL.signatures)
     assert len(before) == 1
     net = Net(edges=[[0, 1], [1, 2]], pull=[1.0, 2.0], gains=(2.0,), tight=False)
     (force,) = bus.publish(net)
     assert KERNEL.signatures == before
-    assert force.force == (6.0, 1.0, 1e-3)  # and the state is that of a start
+    assert force.force == (6.0, 1.0, 1e-3)  # and the state is the initial one
 
 
 class Sink(Pull):
@@ -129,7 +129,7 @@ class Refuses(Pull):
 
 
 @pytest.mark.parametrize("kind", [Sink, Device])
-def test_what_touches_the_world_is_not_stepped_before_its_run(kind):
+def test_a_node_with_external_effects_is_not_stepped_before_the_run(kind):
     calls = []
     node = kind()
     node.step = lambda *messages, dt: calls.append(messages)
@@ -138,12 +138,12 @@ def test_what_touches_the_world_is_not_stepped_before_its_run(kind):
     assert calls == ["start"]
 
 
-def test_an_example_that_a_node_refuses_ends_nothing():
+def test_an_example_that_a_node_rejects_is_ignored():
     net = Net(edges=np.zeros((3, 2)), pull=np.ones(3), gains=(2.0,), tight=False)
     assert FakeBus(Refuses()).publish(net)[0].force == (6.0, 1.0, 1e-3)
 
 
 @pytest.mark.parametrize("kind", message_types().values(), ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("loaded", [False, True])
-def test_every_message_has_an_example_that_can_travel(kind, loaded):
+def test_every_message_has_an_example_that_can_be_sent(kind, loaded):
     assert type(kind.example(loaded)) is kind

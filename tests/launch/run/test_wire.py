@@ -1,4 +1,4 @@
-"""The wire between processes: frames whole and in order, senders held back, and any ZeroMQ program at either end."""
+"""Connections between processes: whole frames in order, blocked senders, and any ZeroMQ program as peer."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ MESSAGES = [
 
 
 class End:
-    """One end of a wire, with its own watch; `held` counts how often a sender looked round while it was held back."""
+    """One end of a connection, with its poller; `held` counts the polls of a blocked sender."""
 
     def __init__(self, path: Path, real: bool = False) -> None:
         self.path, self.real, self.held, self.most = str(path), real, 0, 250
@@ -78,7 +78,7 @@ class End:
         return self
 
     def serve(self, until: Callable[[], bool]) -> None:
-        """Serve readers until this holds."""
+        """Serve readers until `until` is true."""
         end = time.monotonic() + 60.0
         while not until():
             assert time.monotonic() < end
@@ -99,7 +99,7 @@ class End:
 
 
 def link(writer: End, reader: End) -> None:
-    """Bring both to the point where messages go."""
+    """Complete the connection between both ends."""
     end = time.monotonic() + 60.0
     while not (reader.inlet.linked and writer.outlet.linked("pose")):
         assert time.monotonic() < end
@@ -124,7 +124,7 @@ def ends(tmp_path) -> Iterator[tuple[End, End]]:
     writer.outlet.close()
 
 
-def test_frames_of_any_size_come_whole_and_in_order(ends):
+def test_frames_of_any_size_arrive_whole_and_in_order(ends):
     writer, reader = ends
     sent = [bytes([i]) * size for i, size in enumerate(SIZES)]
     sender = threading.Thread(target=lambda: [writer.send(data) for data in sent])
@@ -134,7 +134,7 @@ def test_frames_of_any_size_come_whole_and_in_order(ends):
     assert reader.inlet.take() == []
 
 
-def test_a_full_wire_holds_its_sender_back_and_loses_nothing(ends):
+def test_a_full_connection_blocks_its_sender_and_loses_nothing(ends):
     writer, reader = ends
     count = 30_000
     sender = threading.Thread(target=lambda: [writer.send(b"%d" % i + bytes(300)) for i in range(count)])
@@ -147,14 +147,14 @@ def test_a_full_wire_holds_its_sender_back_and_loses_nothing(ends):
     sender.join()
 
 
-def test_a_sender_that_is_held_back_can_be_called_away(ends):
+def test_a_blocked_sender_can_be_interrupted(ends):
     ends[0].most = 10
     with pytest.raises(TimeoutError):
         for _ in range(100_000):
             ends[0].send(bytes(500))
 
 
-def test_a_reader_that_has_closed_holds_nobody_back(ends):
+def test_a_closed_reader_does_not_block_the_sender(ends):
     writer, reader = ends
     reader.inlet.close()
     for _ in range(3000):
@@ -162,7 +162,7 @@ def test_a_reader_that_has_closed_holds_nobody_back(ends):
     assert not writer.held and not writer.sender.readers
 
 
-def test_a_reader_that_ends_while_its_sender_is_held_back_lets_it_go(tmp_path):
+def test_a_reader_that_ends_releases_its_blocked_sender(tmp_path):
     writer, reader = make(tmp_path, real=False)
 
     def hold() -> None:
@@ -177,7 +177,7 @@ def test_a_reader_that_ends_while_its_sender_is_held_back_lets_it_go(tmp_path):
     assert writer.held == 1
 
 
-def test_on_the_real_clock_what_has_no_room_is_dropped_whole_and_counted(tmp_path):
+def test_on_the_real_clock_frames_without_space_are_dropped_whole_and_counted(tmp_path):
     writer, reader = make(tmp_path, real=True)
     sent = [b"%6d" % i + bytes([i % 251]) * (100 if i % 3 else 150_000) for i in range(3000)]
     for data in sent:
@@ -185,7 +185,7 @@ def test_on_the_real_clock_what_has_no_room_is_dropped_whole_and_counted(tmp_pat
     heard = reader.inlet.take()
     while (payloads := reader.inlet.take()) or reader.inlet._connection.decoder.rest:
         heard += payloads
-        writer.outlet.tend()  # the last one goes in parts
+        writer.outlet.tend()  # the last one is sent in parts
     assert not writer.held and 10 < len(heard) < len(sent)
     assert heard == [sent[int(data[:6])] for data in heard]
     writer.send(b"after")
@@ -195,7 +195,7 @@ def test_on_the_real_clock_what_has_no_room_is_dropped_whole_and_counted(tmp_pat
     ]
 
 
-def test_a_writer_that_starts_again_is_found_and_half_a_message_of_the_first_is_forgotten(tmp_path):
+def test_a_restarted_writer_is_found_and_a_partial_message_is_discarded(tmp_path):
     writer, reader = make(tmp_path, real=True)
     writer.send(b"old")
     writer.sender.readers[0].end.send(frame(b"pose\0" + bytes(5000))[:1000])
@@ -207,7 +207,7 @@ def test_a_writer_that_starts_again_is_found_and_half_a_message_of_the_first_is_
     assert reader.next() == b"new"
 
 
-def test_a_reader_that_starts_again_hears_what_is_sent_from_then_on(tmp_path):
+def test_a_restarted_reader_receives_new_messages(tmp_path):
     writer, reader = make(tmp_path, real=True)
     writer.send(b"while it was there")
     reader.inlet.close()
@@ -223,7 +223,7 @@ def test_a_reader_that_starts_again_hears_what_is_sent_from_then_on(tmp_path):
 
 @pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("loaded", [False, True])
-def test_a_stock_subscriber_reads_every_message(tmp_path, kind, loaded):
+def test_a_libzmq_subscriber_reads_every_message(tmp_path, kind, loaded):
     writer = End(tmp_path / "out").listen()
     message = kind.example(loaded)
     with zmq.Context() as context, context.socket(zmq.SUB) as heard:
@@ -237,7 +237,7 @@ def test_a_stock_subscriber_reads_every_message(tmp_path, kind, loaded):
 
 
 def follow(reader: End, out: zmq.Socket) -> None:
-    """Link a reader to a stock publisher."""
+    """Connect a reader to a publisher of libzmq."""
     out.bind(f"ipc://{reader.path}")
     reader.read_from()
     until = time.monotonic() + 60.0
@@ -248,7 +248,7 @@ def follow(reader: End, out: zmq.Socket) -> None:
 
 @pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("loaded", [False, True])
-def test_a_stock_publisher_sends_every_message(tmp_path, kind, loaded):
+def test_a_libzmq_publisher_sends_every_message(tmp_path, kind, loaded):
     reader = End(tmp_path / "out")
     with zmq.Context() as context, context.socket(zmq.XPUB) as out:
         follow(reader, out)
@@ -260,7 +260,7 @@ def test_a_stock_publisher_sends_every_message(tmp_path, kind, loaded):
 
 
 @pytest.mark.parametrize("size", [0, 248, 250, 251, 252, CHUNK, 3_000_000])
-def test_stock_sockets_and_ours_agree_on_frames_of_any_size(tmp_path, size):
+def test_sockets_of_libzmq_and_palpate_exchange_frames_of_any_size(tmp_path, size):
     writer, reader = End(tmp_path / "out").listen(), End(tmp_path / "pub")
     data = os.urandom(size)
     with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUB) as out:
@@ -284,7 +284,7 @@ def test_stock_sockets_and_ours_agree_on_frames_of_any_size(tmp_path, size):
     writer.outlet.close()
 
 
-def test_a_stock_subscriber_may_cancel_and_ping(tmp_path, monkeypatch):
+def test_a_libzmq_subscriber_may_cancel_and_ping(tmp_path, monkeypatch):
     answers: list[bytes] = []
     monkeypatch.setattr(outlet_module, "pong", lambda *said: answers.append(pong(*said)) or answers[-1])
     writer = End(tmp_path / "out").listen()
@@ -296,7 +296,7 @@ def test_a_stock_subscriber_may_cancel_and_ping(tmp_path, monkeypatch):
         heard.send(b"\1po")
         writer.serve(lambda: bool(writer.sender.readers))
         writer.serve(lambda: sum(answer is not None for answer in answers) >= 5)
-        assert not events.poll(100), "it did not take the answers to its pings"
+        assert not events.poll(100), "it did not accept the answers to its pings"
         heard.send(b"\0po")
         writer.serve(lambda: not writer.sender.readers)
         heard.disable_monitor()
@@ -320,7 +320,7 @@ def test_messages_of_several_frames_and_of_other_streams_are_dropped(tmp_path):
 
 
 def stranger(writer: End, *said: bytes) -> socket.socket:
-    """A program that has connected and said this."""
+    """A program that has connected and sent this data."""
     end = socket.socket(socket.AF_UNIX)
     end.connect(writer.path)
     for data in said:
@@ -341,19 +341,19 @@ HOSTILE = {
 
 
 @pytest.mark.parametrize("how", sorted(HOSTILE))
-def test_who_does_not_speak_as_he_should_is_refused_and_named(ends, how):
+def test_a_peer_that_violates_the_protocol_is_refused_and_named(ends, how):
     writer, reader = ends
     end = stranger(writer, HOSTILE[how])
     writer.serve(lambda: bool(writer.outlet.notes()))
     writer.send(b"goes on")
     assert reader.next() == b"goes on"
-    while end.recv(4096):  # a greeting; then it was closed
+    while end.recv(4096):  # a greeting, then the connection is closed
         pass
     (note,) = writer.outlet.notes()
     assert note.startswith(f"a reader of group 'here' was refused, process {os.getpid()}: ")
 
 
-def test_who_subscribes_to_nothing_gets_nothing_and_holds_nobody_back(ends):
+def test_a_peer_without_subscription_gets_nothing_and_blocks_no_one(ends):
     writer, reader = ends
     end = stranger(writer, GREETING + SUB)
     writer.serve(
@@ -366,7 +366,7 @@ def test_who_subscribes_to_nothing_gets_nothing_and_holds_nobody_back(ends):
     assert writer.outlet.notes() == []
 
 
-def test_a_stranger_who_stops_reading_loses_messages_and_holds_nobody_back(ends):
+def test_a_peer_that_stops_reading_loses_messages_and_blocks_no_one(ends):
     writer, reader = ends
     end = stranger(writer, GREETING + SUB + command(b"SUBSCRIBE", b""))
     writer.serve(lambda: len(writer.sender.readers) == 2)
@@ -382,7 +382,7 @@ def test_a_stranger_who_stops_reading_loses_messages_and_holds_nobody_back(ends)
     ]
 
 
-def test_a_writer_that_announces_too_much_is_left_and_tried_again(tmp_path):
+def test_a_writer_that_announces_too_long_a_frame_is_disconnected_and_retried(tmp_path):
     reader = End(tmp_path / "out")
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(reader.path)
@@ -432,7 +432,7 @@ for turn in range(60):
 def test_a_hop_is_one_write_and_one_read(tmp_path):
     strace = shutil.which("strace")
     if strace is None or subprocess.run([strace, "-o", "/dev/null", "true"], capture_output=True).returncode:
-        pytest.skip("needs strace, and leave to trace")
+        pytest.skip("needs strace, and permission to trace")
     a, b, log = tmp_path / "a", tmp_path / "b", tmp_path / "calls"
     other = subprocess.Popen([sys.executable, "-c", PASS_ON, b, a, "first"], stdout=subprocess.DEVNULL)
     command = [strace, "-qq", "-e", "signal=none", "-o", log, sys.executable, "-c", PASS_ON, a, b, "second"]
@@ -451,7 +451,7 @@ def pose(tick: int) -> Pose:
     return Pose(position=(0, 0, 0), velocity=(0, 0, 0), dt=1e-3, tick=tick)
 
 
-def test_an_input_drops_a_second_copy_and_what_is_older():
+def test_an_input_drops_duplicates_and_older_messages():
     port = Input(InputJob("pose", "source", "source"), inputs(Spring)[0], None)
     for tick in (0, 2, 2, 1, 4):
         port.put(pose(tick))
@@ -462,7 +462,7 @@ def test_an_input_drops_a_second_copy_and_what_is_older():
 
 
 def recorded(folder, text: str, ticks: int, place: str | None) -> list[tuple[str, int, bytes]]:
-    """Stream, tick and payload of all messages of a run, by stream and tick."""
+    """Stream, tick and payload of all messages of a run, sorted by stream and tick."""
     file = folder / f"{place}.mcap"
     launch = LaunchFile(graph=write_graph(folder, text), place=place, duration=ticks / 1000, record=file)
     outcome = execute(launch)
@@ -488,15 +488,15 @@ def test_a_reader_that_dies_far_behind_ends_the_run(tmp_path):
     assert [death.node for death in outcome.result.deaths] == ["spring"]
 
 
-def test_a_reader_that_has_ended_does_not_hold_up_its_sender(tmp_path):
-    """It has no step after tick 0 and nothing to wait for."""
+def test_a_reader_that_has_ended_does_not_block_its_sender(tmp_path):
+    """It has no step after tick 0 and waits for nothing."""
     graph = write_graph(tmp_path, AHEAD.replace("how: doze", "every: 30000"))
     outcome = execute(LaunchFile(graph=graph, duration=20.0))
     assert outcome.result.ok and outcome.result.health["source"]["tick"] == 19_999
 
 
-def test_a_slow_branch_beside_a_fast_one_does_not_lock_up(tmp_path):
-    """`sum` waits for `drag` of a far tick while the source's stream, which it reads each tick, fills up."""
+def test_a_slow_branch_next_to_a_fast_one_causes_no_deadlock(tmp_path):
+    """`sum` waits for `drag` of a later tick while the source's stream, which it reads each tick, fills its buffer."""
     text = """
 wanted: [sum]
 nodes:
@@ -509,7 +509,7 @@ nodes:
     assert outcome.result.ok and outcome.result.health["sum"]["steps"] == 3
 
 
-def test_a_run_goes_on_with_strangers_at_its_streams_and_names_them(tmp_path):
+def test_a_run_continues_with_foreign_peers_and_names_them(tmp_path):
     heard: list[bytes] = []
 
     def look(launcher: Launcher) -> None:

@@ -1,4 +1,4 @@
-"""The wire protocol by its bytes, as RFC 37 prints them, and whatever else a peer may send."""
+"""The bytes of the wire protocol as in RFC 37, and arbitrary data from a peer."""
 
 import pytest
 from hypothesis import given
@@ -23,22 +23,22 @@ from palpate.launch.run.wire.zmtp import (
 )
 
 LIBZMQ = bytes.fromhex("ff00000000000000017f0301") + b"NULL" + bytes(48)
-"""The greeting of libzmq 4.3: it sets a bit in the padding."""
+"""The greeting of libzmq 4.3, which sets a bit in the padding."""
 SUB = ready({b"Socket-Type": b"SUB", b"Identity": b""})
 
 
 def subscriber(longest: int = 1024) -> Connection:
-    """Our end of a connection to a subscriber."""
+    """This end of a connection to a subscriber."""
     return Connection(b"PUB", SUBSCRIBERS, longest, "here")
 
 
-def test_the_greeting_is_that_of_the_rfc():
+def test_the_greeting_equals_that_of_the_rfc():
     assert len(GREETING) == 64
     assert GREETING[:12] == bytes.fromhex("ff00000000000000007f0301")
     assert GREETING[12:33] == b"NULL" + bytes(17) and not any(GREETING[33:])
 
 
-def test_frames_and_commands_are_those_of_the_rfc():
+def test_frames_and_commands_equal_those_of_the_rfc():
     assert frame(b"abc") == b"\x00\x03abc"
     assert frame(b"") == b"\x00\x00"
     assert frame(bytes(255))[:2] == b"\x00\xff"
@@ -49,7 +49,7 @@ def test_frames_and_commands_are_those_of_the_rfc():
 
 
 @given(st.lists(st.tuples(st.sampled_from([0, MORE, COMMAND]), st.binary(max_size=600)), max_size=8), st.data())
-def test_frames_come_out_as_they_went_in_however_they_are_cut(frames, data):
+def test_frames_survive_a_round_trip_in_any_pieces(frames, data):
     stream = b"".join(frame(body, flags) for flags, body in frames)
     cuts = sorted(data.draw(st.lists(st.integers(0, len(stream)), max_size=12)))
     decoder, found = Decoder(600), []
@@ -59,13 +59,13 @@ def test_frames_come_out_as_they_went_in_however_they_are_cut(frames, data):
 
 
 @given(st.dictionaries(st.binary(min_size=1, max_size=20).map(bytes.lower), st.binary(max_size=300), max_size=5))
-def test_properties_come_out_as_they_went_in(given):
+def test_properties_survive_a_round_trip(given):
     name, data = split_command(Decoder(10_000).feed(ready(given))[0][1])
     assert name == b"READY" and properties(data) == given
 
 
 @given(st.lists(st.binary(max_size=200), max_size=6), st.booleans())
-def test_whatever_a_peer_sends_it_is_refused_or_understood(parts, greets):
+def test_any_data_of_a_peer_is_decoded_or_refused(parts, greets):
     connection = subscriber()
     try:
         for data in [GREETING + SUB, *parts] if greets else parts:
@@ -78,21 +78,21 @@ def test_whatever_a_peer_sends_it_is_refused_or_understood(parts, greets):
 
 
 @pytest.mark.parametrize("length", [1025, 1 << 32, (1 << 63) - 1, (1 << 64) - 1])
-def test_a_length_is_refused_before_anything_is_kept(length):
+def test_a_length_is_refused_before_any_data_is_buffered(length):
     decoder = Decoder(1024)
     with pytest.raises(ZmtpError, match=f"a frame of {length} bytes, longest 1024"):
         decoder.feed(b"\x02" + length.to_bytes(8, "big"))
     assert not decoder.rest
 
 
-def test_a_long_frame_takes_no_more_memory_than_has_come():
+def test_a_long_frame_uses_no_more_memory_than_was_received():
     decoder = Decoder(1 << 28)
     assert decoder.feed(b"\x02" + (1 << 28).to_bytes(8, "big") + b"x") == []
     assert len(decoder.rest) == 10
 
 
 @pytest.mark.parametrize("flags", [5, 7, 8, 0x80, 0xFF])
-def test_flags_that_do_not_exist_are_refused(flags):
+def test_unknown_flags_are_refused(flags):
     with pytest.raises(ZmtpError, match=f"flags {flags:#x}"):
         Decoder(100).feed(bytes((flags, 0)))
 
@@ -114,7 +114,7 @@ def test_flags_that_do_not_exist_are_refused(flags):
         (GREETING + ready({b"Socket-Type": b"SUB"})[:-1].replace(b"\x19", b"\x18"), "cut off"),
     ],
 )
-def test_who_cannot_be_talked_to_is_named(said, why):
+def test_the_error_names_the_incompatibility_of_a_peer(said, why):
     with pytest.raises(ZmtpError, match=why):
         subscriber().feed(said)
 
@@ -123,7 +123,7 @@ def test_who_cannot_be_talked_to_is_named(said, why):
     "greeting", [GREETING, LIBZMQ, GREETING[:11] + b"\x00" + GREETING[12:], b"\xff" * 9 + b"\x7f\x04" + GREETING[11:]]
 )
 @pytest.mark.parametrize("step", [1, 7, 200])
-def test_a_peer_of_version_3_or_later_is_taken_however_its_bytes_come(greeting, step):
+def test_a_peer_of_version_3_or_later_is_accepted_in_any_pieces(greeting, step):
     connection, frames = subscriber(), []
     said = greeting + SUB + frame(b"\x01pose\0") + command(b"SUBSCRIBE", b"force\0")
     for at in range(0, len(said), step):
@@ -132,7 +132,7 @@ def test_a_peer_of_version_3_or_later_is_taken_however_its_bytes_come(greeting, 
     assert [subscription(*given) for given in frames] == [(True, b"pose\0"), (True, b"force\0")]
 
 
-def test_a_publisher_learns_by_which_form_its_reader_may_subscribe():
+def test_a_publisher_knows_the_version_of_its_subscriber():
     for greeting, minor in (
         (GREETING, 1),
         (GREETING[:11] + b"\x00" + GREETING[12:], 0),
