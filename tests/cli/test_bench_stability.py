@@ -74,18 +74,18 @@ def test_an_invalid_device_is_rejected_with_the_name_of_the_option(tmp_path, wro
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "output_text"),
     [
         (["--mass", "-1"], "--mass: found -1"),
         (["--rate", "nan"], "--rate: found nan"),
         (["-o", "{file}/x"], "file/x: Not a directory"),
     ],
 )
-def test_invalid_options_are_rejected_before_the_estimated_time_is_printed(tmp_path, monkeypatch, options, said):
+def test_invalid_options_are_rejected_before_the_estimated_time_is_printed(tmp_path, monkeypatch, options, output_text):
     monkeypatch.setattr(walls, "row", lambda *given: pytest.fail("it computes first"))
     (tmp_path / "file").write_text("")
     given = [text.format(file=tmp_path / "file") for text in options]
     result = CliRunner().invoke(app, ["bench", "stability", "-o", str(tmp_path / "out"), *given])
     text = result.output + str(result.exception)
-    assert result.exit_code == 2 and said in " ".join(text.split()) and "roughly" not in text
+    assert result.exit_code == 2 and output_text in " ".join(text.split()) and "roughly" not in text
     assert not (tmp_path / "out").exists()

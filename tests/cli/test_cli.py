@@ -62,16 +62,16 @@ def test_brackets_in_printed_text_are_not_markup(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("said", "args"),
+    ("printed", "args"),
     [
         ("--thin: found 'contact=²'", ("run", "kidney", "--fused", "--no-pictures", "--thin", "contact=²")),
         ("address: found 'tcp://host:²'", ("remote", "join", "tcp://host:²", "loop")),
     ],
 )
-def test_a_unicode_digit_is_rejected_with_the_name_of_the_option(tmp_path, monkeypatch, said, args):
+def test_a_unicode_digit_is_rejected_with_the_name_of_the_option(tmp_path, monkeypatch, printed, args):
     monkeypatch.chdir(tmp_path)
     refused = run(*args)
-    assert refused.exit_code == 2 and said in refused.stderr
+    assert refused.exit_code == 2 and printed in refused.stderr
 
 
 def test_the_help_shows_its_texts_completely():

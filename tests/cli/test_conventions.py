@@ -330,9 +330,9 @@ def test_pictures_are_announced_and_skipped_after_ctrl_c(stopped, tmp_path, monk
     result = Result(ticks=5, signal=signal.SIGINT if stopped else 0)
     ended(SimpleNamespace(result=result, plan=plan, recording=file, verdict=None, lacking="", placed=""), "kidney",
           tmp_path, [], False, False)  # fmt: skip
-    said = " ".join("".join(capsys.readouterr()).split())
-    assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in said) is not stopped
-    assert ("no pictures: interrupted; palpate picture" in said) is stopped
+    output_text = " ".join("".join(capsys.readouterr()).split())
+    assert drawn == ([] if stopped else [file]) and ("drawing the pictures" in output_text) is not stopped
+    assert ("no pictures: interrupted; palpate picture" in output_text) is stopped
 
 
 def test_touch_records_only_sources_unless_all_is_requested(monkeypatch):
@@ -351,5 +351,5 @@ def test_notes_of_the_live_view_are_not_repeated_at_the_end(capsys):
     )
     plan = SimpleNamespace(graph=graph, skipped={})
     ended(SimpleNamespace(result=result, plan=plan, recording=None, verdict=None), "kidney", None, [], False, False)
-    said = capsys.readouterr().out
-    assert "a priority was refused" in said and "softer" not in said
+    output_text = capsys.readouterr().out
+    assert "a priority was refused" in output_text and "softer" not in output_text

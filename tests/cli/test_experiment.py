@@ -126,7 +126,7 @@ STEPS = "procedure: staircase, start: 4e3, steps:"
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "output_text"),
     [
         (changed_text("[2e3, 4e3]", "[3e3]"), "the stimuli of a pair are the same: tissue.stiffness = 3000"),
         (changed_text("vary: tissue.stiffness", "vary: tissue.stifness"), "Did you mean 'stiffness'?"),
@@ -154,9 +154,9 @@ STEPS = "procedure: staircase, start: 4e3, steps:"
         ("[]", "expected a mapping with graph"),
     ],
 )  # fmt: skip
-def test_errors_are_reported_before_the_first_trial(mine, tmp_path, text, said):
+def test_errors_are_reported_before_the_first_trial(mine, tmp_path, text, output_text):
     done = call(mine(text), "--simulate", "-o", "out")
-    assert done.exit_code == 2 and said in done.output, done.output
+    assert done.exit_code == 2 and output_text in done.output, done.output
     assert "Traceback" not in done.output and not list(tmp_path.glob("out/sourcedata/**/*.mcap"))
 
 

@@ -81,10 +81,10 @@ def test_the_proof_prints_the_force_with_the_opposite_choice(recording):
 def test_the_command_prints_text_or_json_and_draws_a_picture(recording, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     text = command("plan", "kidney", "--ablate", recording.path).stdout
-    said = " ".join(text.split())
+    output = " ".join(text.split())
     assert (
-        "µs: median step time of the nodes that run only for this effect" in said
-        and "the whole tick, recomputed" in said
+        "µs: median step time of the nodes that run only for this effect" in output
+        and "the whole tick, recomputed" in output
     )
     assert "the whole tick" not in " ".join(command("plan", "kidney").stdout.split())
     assert "friction" in text and "force differs by" in text and "no times yet" not in text

@@ -57,7 +57,7 @@ def test_a_study_file_yields_a_table_and_pictures_and_a_second_run_is_stored(min
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "output_text"),
     [
         ("- 1", "expected a mapping with graph, over and keep"),
         ("graph: ball.yaml", "over: found None"),
@@ -71,9 +71,9 @@ def test_a_study_file_yields_a_table_and_pictures_and_a_second_run_is_stored(min
         (STUDY + "set: {ball.radios: 1}", "set ball.radios: node 'ball', setting 'radios': unknown"),
     ],
 )
-def test_an_invalid_file_is_reported_in_one_line(mine, text, said):
+def test_an_invalid_file_is_reported_in_one_line(mine, text, output_text):
     outcome = call(mine(text))
-    assert outcome.exit_code == 2 and said in outcome.stderr, outcome.stderr
+    assert outcome.exit_code == 2 and output_text in outcome.stderr, outcome.stderr
 
 
 def test_a_large_study_asks_for_confirmation(mine):
@@ -129,7 +129,7 @@ def test_ctrl_c_ends_a_study_with_its_exit_code_and_keeps_finished_points(mine, 
         time.sleep(0.05)
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=120)
+    _, output_text = process.communicate(timeout=120)
     stored = len(Store(tmp_path / "out", write=False).rows)
-    assert process.returncode == 130 and f"stopped; {stored} of 40 points are stored" in said and stored >= 4
+    assert process.returncode == 130 and f"stopped; {stored} of 40 points are stored" in output_text and stored >= 4
     assert not list(temporary.glob("palpate-*"))

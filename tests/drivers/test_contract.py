@@ -127,7 +127,7 @@ def test_a_silent_device_is_an_error_with_its_name(name, reconnect):
         return not any("does not answer any more" in note for note in notes)
 
     try:
-        with pytest.raises(Exception) as told:
+        with pytest.raises(Exception) as reported:
             for _ in range(20_000):
                 if not answers():
                     break
@@ -136,7 +136,7 @@ def test_a_silent_device_is_an_error_with_its_name(name, reconnect):
             node.stop()
     finally:
         node.stop()
-    text = str(told.value) if ": DeviceError" in str(told.value) else f"DeviceError: {told.value}"
+    text = str(reported.value) if ": DeviceError" in str(reported.value) else f"DeviceError: {reported.value}"
     assert re.search(called, text)
     assert not any("rate" in note for note in notes)
 
@@ -161,9 +161,9 @@ def test_a_released_dead_man_button_gives_no_force(name, made):
 @pytest.mark.parametrize("name", [n for n in KINDS if n != "netft"])  # UDP does not detect a pulled plug
 def test_a_pulled_plug_is_an_error_of_one_line(name, made):
     _, bus = made(name, faults=EmulatedFaults(unplug=0.3))
-    with pytest.raises(DeviceError, match=r"gone.*(Plug it in|Start it) again") as told:
+    with pytest.raises(DeviceError, match=r"gone.*(Plug it in|Start it) again") as reported:
         run(bus, 8.0)
-    assert told.value.lost and "\n" not in str(told.value)
+    assert reported.value.lost and "\n" not in str(reported.value)
 
 
 @pytest.mark.parametrize("name", ["falcon", "rawhid"])

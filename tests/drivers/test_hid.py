@@ -54,8 +54,8 @@ def test_a_command_survives_a_round_trip(sequence, flags, watchdog, values):
 
 
 @given(U16, U16, st.integers(0, 7), st.integers(0, 2**32 - 1), st.tuples(*[I32] * 6), U16)
-def test_a_state_survives_a_round_trip(sequence, heard, flags, stamp, counts, buttons):
-    message = raw.RawState(sequence, heard, flags, 3, stamp, counts, buttons)
+def test_a_state_survives_a_round_trip(sequence, received, flags, stamp, counts, buttons):
+    message = raw.RawState(sequence, received, flags, 3, stamp, counts, buttons)
     assert len(raw.pack(message)) == 64 and raw.unpack(raw.pack(message)) == message
 
 

@@ -50,13 +50,13 @@ def each_grown(setup: str, call: str, *paths: Path) -> list[tuple[str, int]]:
     done = subprocess.run([sys.executable, "-c", code, *map(str, paths)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     printed: list[tuple[str, int]] = []
-    said: list[str] = []
+    output: list[str] = []
     for line in done.stdout.splitlines():
         if line.startswith("grew by "):
-            printed.append(("\n".join(said), int(line.split()[2])))
-            said = []
+            printed.append(("\n".join(output), int(line.split()[2])))
+            output = []
         else:
-            said.append(line)
+            output.append(line)
     assert len(printed) == len(paths), done.stdout
     return printed
 
@@ -81,8 +81,8 @@ def test_an_lz4_chunk_unpacks_to_no_more_than_it_claims(tmp_path, store_size):
         list(opened(path))
     setup = "from palpate.records.format.mcap_file import Broken, opened"
     call = "\n        ".join(["try: list(opened(path))", "except Broken as error: print(error)"])
-    said, more = grown(setup, call, path)
-    assert "cannot be decompressed" in said and more < 20
+    output, more = grown(setup, call, path)
+    assert "cannot be decompressed" in output and more < 20
 
 
 @pytest.mark.parametrize("compression", ["", "lz4", "zstd"])
@@ -113,10 +113,10 @@ def test_a_file_that_is_one_hole_is_not_read_into_memory(tmp_path, kind):
     path, length = tmp_path / "hole.mcap", 1 << 33
     path.write_bytes(MAGIC + struct.pack("<BQ", kind, length))
     os.truncate(path, len(MAGIC) + 9 + length)
-    said, more = grown(
+    output, more = grown(
         "from palpate.records.reader import Recording", "Recording(path)", path
     )  # fmt: skip
-    assert "not a recording of palpate" in said and more < 50
+    assert "not a recording of palpate" in output and more < 50
 
 
 def complete(path: Path, records: list, summary: list) -> Path:
@@ -144,8 +144,8 @@ def test_metadata_that_the_index_names_a_thousand_times_is_read_once_or_refused(
     about = Metadata("other", {"text": "x" * 1_000_000})
     index = [lambda places: MetadataIndex(places[1], 0, "other")] * 1000
     path = complete(tmp_path / "a.mcap", [about], index)
-    said, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
-    assert "not a recording of palpate" in said and more < 100
+    output, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
+    assert "not a recording of palpate" in output and more < 100
 
 
 def test_a_schema_is_parsed_once_for_all_channels_and_not_beyond_its_limit(tmp_path):
@@ -155,8 +155,8 @@ def test_a_schema_is_parsed_once_for_all_channels_and_not_beyond_its_limit(tmp_p
     channels = [Channel(id=k, topic=f"s{k}", message_encoding="msgpack", schema_id=1,
                         metadata={"producer": f"s{k}", "every": "1"}) for k in range(500)]  # fmt: skip
     path = complete(tmp_path / "a.mcap", [], [schema, *channels])
-    said, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
-    assert "not a recording of palpate" in said and more < 100
+    output, more = grown("from palpate.records.reader import Recording", "Recording(path)", path)
+    assert "not a recording of palpate" in output and more < 100
     huge = Schema(id=1, data=b" " * (MOST_HEAD + 1), encoding="jsonschema", name="Contact")
     with pytest.raises(RecordingError, match=r"bytes of streams|expected at most"):
         Recording(complete(tmp_path / "b.mcap", [], [huge]))
@@ -186,8 +186,8 @@ def test_a_tick_far_away_takes_no_more_memory_than_one_nearby(tmp_path):
         record.write(builder)
     path.write_bytes(MAGIC + builder.end())
     setup = "from palpate.records.reader import Recording"
-    said, more = grown(setup, "print(Recording(path).ticks()['s'].tolist())", path)
-    assert said == "[2147483647]" and more < 50
+    output, more = grown(setup, "print(Recording(path).ticks()['s'].tolist())", path)
+    assert output == "[2147483647]" and more < 50
 
 
 def test_a_message_without_its_head_ends_what_is_read(tmp_path):
@@ -266,5 +266,5 @@ def test_a_scan_that_unpacks_to_more_than_it_may_is_refused(tmp_path):
         series: "voxels, expected",
         packed: "deflated DICOM",
     }
-    for word, (said, more) in zip(words.values(), each_grown(SCANS, "read(path)", *words), strict=True):
-        assert word in said and more < 30
+    for word, (output, more) in zip(words.values(), each_grown(SCANS, "read(path)", *words), strict=True):
+        assert word in output and more < 30

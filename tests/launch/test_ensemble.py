@@ -153,7 +153,7 @@ def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "printed"),
     [
         ({"over": {"tissue.stiffness": [1e3, 2e3]}}, "found 2 values, expected 6"),
         ({"over": {"stiffness": 1e3}}, "expected a setting, such as tissue.stiffness"),
@@ -171,8 +171,8 @@ def test_a_lane_that_fails_is_reported_and_the_others_finish(spring):
         ({"lanes": 10**7, "duration": 1e3}, "GB are free"),
     ],
 )
-def test_wrong_input_is_an_error_with_a_remedy(given, said):
-    with pytest.raises(palpate.PalpateError, match=f"(?s){said}"):
+def test_wrong_input_is_an_error_with_a_remedy(given, printed):
+    with pytest.raises(palpate.PalpateError, match=f"(?s){printed}"):
         ensemble(**given)
 
 

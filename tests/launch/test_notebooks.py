@@ -32,7 +32,7 @@ def test_a_notebook_runs(tmp_path, name, monkeypatch):
 
 @pytest.mark.long
 def test_the_cells_of_a_notebook_run_in_this_process(tmp_path, monkeypatch):
-    """This includes the command that one of them starts."""
+    """Includes the command that one of them starts."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.chdir(tmp_path)
     commands, process = [], subprocess.run

@@ -152,7 +152,7 @@ def test_a_touch_is_compared_with_another_body(run, file):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "printed"),
     [
         ({"tisue": "deformation.Rigid"}, "tisue='deformation.Rigid': found 'tisue', expected the name of a node"),
         ({"tissue": "deformation.Rigd"}, "tissue='deformation.Rigd': node 'tissue': use: 'deformation' has no class"),
@@ -163,12 +163,12 @@ def test_a_touch_is_compared_with_another_body(run, file):
         ({"rate": 500}, "rate: no node has this name; expected sets=['rate=500']"),
     ],
 )
-def test_faults_of_keywords_quote_the_python_text(given, said, tmp_path):
+def test_faults_of_keywords_quote_the_python_text(given, printed, tmp_path):
     for call in (lambda: palpate.run("kidney", record=tmp_path / "x.mcap", duration=0.01, **given),
                  lambda: next(palpate.steps("kidney", **given))):  # fmt: skip
         with pytest.raises(palpate.PalpateError) as error:
             call()
-        assert said in str(error.value) and "--set" not in str(error.value) and "Targets" not in str(error.value)
+        assert printed in str(error.value) and "--set" not in str(error.value) and "Targets" not in str(error.value)
 
 
 def test_steps_yields_the_messages_that_a_run_records(file):
@@ -246,7 +246,7 @@ def test_a_run_from_python_accepts_a_model_and_settings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "fault_text"),
     [
         ({"graph": "kidnei"}, "kidney"),
         ({"tissue": "deformation.Jelly"}, "deformation"),
@@ -259,8 +259,8 @@ def test_a_run_from_python_accepts_a_model_and_settings(tmp_path):
         ({"nobody": "deformation.Rigid"}, "nobody"),
     ],
 )
-def test_wrong_arguments_are_errors_with_a_remedy(given, told, tmp_path):
-    with pytest.raises(palpate.PalpateError, match=told):
+def test_wrong_arguments_are_errors_with_a_remedy(given, fault_text, tmp_path):
+    with pytest.raises(palpate.PalpateError, match=fault_text):
         palpate.run(**{"record": tmp_path / "x.mcap", **given})
 
 
@@ -276,7 +276,7 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("names", "told"),
+    ("names", "fault_text"),
     [
         (["contact"], "contact.force"),
         (["tissue.displacement"], "changing length"),
@@ -285,10 +285,10 @@ def test_fields_are_plotted_with_their_units(run, file, tmp_path):
         (["contact.force", "-o", "x.gif"], "expected .png"),
     ],
 )
-def test_fields_that_cannot_be_plotted_are_errors_of_one_line(file, names, told):
+def test_fields_that_cannot_be_plotted_are_errors_of_one_line(file, names, fault_text):
     result = CliRunner().invoke(app, ["picture", str(file), *names])
     assert result.exit_code != 0
-    assert told in " ".join(result.stderr.split())
+    assert fault_text in " ".join(result.stderr.split())
     assert "Traceback" not in result.output
 
 

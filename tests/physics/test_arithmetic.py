@@ -33,7 +33,7 @@ ASK = "from palpate.physics.arithmetic import in_force; import json, numpy, scip
 pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
 
 
-def told(code, **environment):
+def reported(code, **environment):
     """What a new interpreter prints, as data; it starts without what pinning has set in this one."""
     clean = {name: value for name, value in os.environ.items() if name not in PINNED}
     done = subprocess.run([sys.executable, "-c", code], env=clean | environment, capture_output=True, text=True)
@@ -43,20 +43,22 @@ def told(code, **environment):
 
 def test_the_pin_wins_over_the_environment():
     code = "from palpate.physics.arithmetic import pin; pin(); import numba; " + ASK.format("in_force()")
-    assert told(code, **FOREIGN)["instructions"] == LEVEL
+    assert reported(code, **FOREIGN)["instructions"] == LEVEL
 
 
 def test_the_command_line_pins_before_anything_that_computes_is_loaded():
     """As it has in this process, where what follows from it is `test_the_tests_are_pinned`."""
     command = "from palpate.cli.__main__ import main; sys.argv[1:] = ['check', 'kidney']; main()"
-    assert told(FIRST.format(PINNED, command), **FOREIGN) == [os.environ[name] for name in PINNED]
+    assert reported(FIRST.format(PINNED, command), **FOREIGN) == [os.environ[name] for name in PINNED]
 
 
 @pytest.mark.parametrize(
     "first", ["physics", "models.fe", "nodes", "engine", "records", "views", "launch.run.forkserver"]
 )
 def test_an_import_pins_nothing(first):
-    assert told(FIRST.format(PINNED, f"import palpate.{first}"), **FOREIGN) == [FOREIGN.get(name) for name in PINNED]
+    assert reported(FIRST.format(PINNED, f"import palpate.{first}"), **FOREIGN) == [
+        FOREIGN.get(name) for name in PINNED
+    ]
 
 
 def test_the_tests_are_pinned():
@@ -65,7 +67,7 @@ def test_the_tests_are_pinned():
 
 def test_a_process_that_only_imports_palpate_says_what_it_uses_and_does_not_bind_the_workers():
     code = "import numpy; " + ASK.format("[in_force(), in_force(here=False)]")
-    here, workers = told(code, OPENBLAS_CORETYPE="Sandybridge")
+    here, workers = reported(code, OPENBLAS_CORETYPE="Sandybridge")
     assert "OpenBLAS Sandybridge" in here["instructions"]
     assert workers["instructions"] == LEVEL
     assert rounding({"arithmetic": here}) == [f"instructions {here['instructions']}, here {LEVEL}"]
@@ -89,24 +91,28 @@ def processor(function):
 
 print(json.dumps([value, in_force()["instructions"], *map(processor, (mine, theirs, after))]))
 """)
-    value, instructions, *processors = told(f"import runpy; runpy.run_path({str(tmp_path / 'both.py')!r})", **FOREIGN)
+    value, instructions, *processors = reported(
+        f"import runpy; runpy.run_path({str(tmp_path / 'both.py')!r})", **FOREIGN
+    )
     assert value == 6.0 and f"kernels {LEVEL}," in f"{instructions},"
     assert processors == ["nehalem", LEVEL, "nehalem"]
 
 
 def test_the_user_may_leave_the_choice_to_the_processor():
-    instructions = told("import palpate.physics; " + ASK.format("in_force()"), **FOREIGN, **NATIVE)["instructions"]
+    instructions = reported("import palpate.physics; " + ASK.format("in_force()"), **FOREIGN, **NATIVE)["instructions"]
     assert "numpy X86_V3" not in instructions and "kernels nehalem/" in instructions and instructions != LEVEL
 
 
 def test_more_threads_of_linear_algebra_are_told():
-    instructions = told("import palpate.physics; " + ASK.format("in_force()"), OPENBLAS_NUM_THREADS="2")["instructions"]
+    instructions = reported("import palpate.physics; " + ASK.format("in_force()"), OPENBLAS_NUM_THREADS="2")[
+        "instructions"
+    ]
     assert instructions.endswith(f"threads {min(2, os.cpu_count())}") or os.cpu_count() == 1
 
 
 def check(name, **environment):
     code = "import sys; from palpate.cli.__main__ import main; sys.argv[1:] = {!r}; main()"
-    return told(code.format(["replay", str(GOLDEN / f"{name}.mcap"), "--check", "--json"]), **environment)
+    return reported(code.format(["replay", str(GOLDEN / f"{name}.mcap"), "--check", "--json"]), **environment)
 
 
 @pytest.mark.parametrize("name", ["kidney", pytest.param("live", marks=pytest.mark.long)])

@@ -41,5 +41,9 @@ def test_a_package_that_is_there_and_broken_is_not_said_to_be_missing():
     try:
         raise ImportError("cannot import name 'x' from 'scipy'", name="scipy")
     except ImportError as error:
-        told = missing("FElupe", error.name, "bench")
-    assert "cannot import name 'x' from 'scipy'" in told and "not installed" not in told and "palpate[bench]" in told
+        reported = missing("FElupe", error.name, "bench")
+    assert (
+        "cannot import name 'x' from 'scipy'" in reported
+        and "not installed" not in reported
+        and "palpate[bench]" in reported
+    )

@@ -89,7 +89,7 @@ def test_a_model_set_in_the_format_of_the_penn_toolkit_is_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "fault_text"),
     [
         (penn([dict(v=50, f=1, var=1, a=2.0, b=1.0)]), "rise between 0 and pi"),
         (penn([dict(v=50, f=1, var=1, a=1.0, b=2.0)], ma=3), "moving-average"),
@@ -102,9 +102,9 @@ def test_a_model_set_in_the_format_of_the_penn_toolkit_is_read(tmp_path):
         ('{"sampling": 1000, "quantity": "taste", "models": []}', "taste"),
     ],
 )
-def test_a_bad_file_says_what_is_wrong(tmp_path, text, told):
+def test_a_bad_file_says_what_is_wrong(tmp_path, text, fault_text):
     (tmp_path / "bad").write_text(text)
-    with pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=fault_text):
         read_texture(tmp_path / "bad")
 
 

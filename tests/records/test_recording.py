@@ -445,9 +445,9 @@ def test_damage_is_told_by_every_command_without_a_traceback(small, tmp_path, pa
     for verb in (["info"], ["replay", "--check"], ["replay"], ["export", "--to", "csv", "--out", tmp_path / "csv"],
                  ["export", "--to", "mcap"]):  # fmt: skip
         code, out, err = say(verb[0], path, *verb[1:])
-        said = " ".join((out + err).split())
-        assert "Traceback" not in said and (code == 2 or "mcap" in verb or "at byte" in said), (verb, said)
-        assert code == 0 or f"{path}" in said
+        printed = " ".join((out + err).split())
+        assert "Traceback" not in printed and (code == 2 or "mcap" in verb or "at byte" in printed), (verb, printed)
+        assert code == 0 or f"{path}" in printed
 
 
 def test_what_stands_in_a_file_is_bounded_by_the_user(tmp_path):

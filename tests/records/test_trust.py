@@ -55,8 +55,10 @@ def recorded(tmp_path_factory):
     (folder / "mine.yaml").write_text(GRAPH)
     sets = [part for item in QUICK for part in ("--set", item)]
     run = ["run", "mine.yaml", "--fused", "--duration", "0.05", *sets, "--record", "run.mcap"]
-    with open(folder / "said", "w") as said:
-        assert warm_fork_server.palpate(run, cwd=folder, env=dict(os.environ), stdout=said, stderr=said).wait() == 0
+    with open(folder / "printed", "w") as printed:
+        assert (
+            warm_fork_server.palpate(run, cwd=folder, env=dict(os.environ), stdout=printed, stderr=printed).wait() == 0
+        )
     (folder / "innocent.py").write_text(MARK.format(str(folder / "was imported")) + MODULE)
     return folder
 
@@ -93,9 +95,9 @@ COMMANDS = [
 
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: " ".join(command[:1] + command[2:4]))
 def test_no_command_imports_what_a_recording_names(here, command):
-    code, _, said = say(*command)
+    code, _, printed = say(*command)
     assert code != 0
-    assert "'innocent': not part of palpate" in said and "--trust innocent" in said
+    assert "'innocent': not part of palpate" in printed and "--trust innocent" in printed
     assert not (here / "was imported").exists()
     assert str(here) not in sys.path
 
@@ -110,17 +112,17 @@ def test_what_needs_no_foreign_class_works_without_it(here):
 
 
 def test_a_package_that_the_user_trusts_is_imported(here):
-    code, out, said = say("replay", "run.mcap", "--check", "--trust", "innocent")
-    assert code == 0, said
+    code, out, printed = say("replay", "run.mcap", "--check", "--trust", "innocent")
+    assert code == 0, printed
     assert "bit-equal" in out and (here / "was imported").exists()
     sys.modules.pop("innocent")
-    code, _, said = say("replay", "run.mcap", "--check")  # it was trusted in that call only
-    assert code == 2 and "--trust innocent" in said
+    code, _, printed = say("replay", "run.mcap", "--check")  # it was trusted in that call only
+    assert code == 2 and "--trust innocent" in printed
 
 
 def test_a_graph_given_next_to_it_names_what_is_trusted(here):
-    code, _, said = say("replay", "run.mcap", "--graph", "mine.yaml", "--set", "tissue.use=innocent.Organ")
-    assert code == 0, said
+    code, _, printed = say("replay", "run.mcap", "--graph", "mine.yaml", "--set", "tissue.use=innocent.Organ")
+    assert code == 0, printed
 
 
 def test_in_python_it_is_imported_first_or_trusted(here):

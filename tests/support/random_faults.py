@@ -124,8 +124,8 @@ def run(fault: Fault, folder: Path) -> list[str]:
     environment = os.environ | {"PALPATE_FAULT": mark, "PYTHONPATH": f"{SUPPORT}:{os.environ.get('PYTHONPATH', '')}",
                                 "XDG_RUNTIME_DIR": str(own), "TMPDIR": str(own), "COLUMNS": "200"}  # fmt: skip
     master, slave = pty.openpty() if fault.kind == "terminal" else (None, None)
-    told = folder / "told"
-    with told.open("wb") as out:
+    reported = folder / "told"
+    with reported.open("wb") as out:
         given: dict[str, Any] = {
             "cwd": folder, "env": environment, "start_new_session": True, "preexec_fn": _limits(fault),
             "stdin": slave if slave is not None else subprocess.DEVNULL, "stdout": slave or out, "stderr": slave or out,
@@ -142,8 +142,8 @@ def run(fault: Fault, folder: Path) -> list[str]:
         except subprocess.TimeoutExpired:
             _sweep(folder, mark)
             child.wait()
-            return [f"did not end within {LONGEST:g} s: {told.read_text(errors='replace')[-500:]}"]
-    return _judge(fault, code, hit, told.read_text(errors="replace"), kept, mark, own)
+            return [f"did not end within {LONGEST:g} s: {reported.read_text(errors='replace')[-500:]}"]
+    return _judge(fault, code, hit, reported.read_text(errors="replace"), kept, mark, own)
 
 
 @contextlib.contextmanager
@@ -257,7 +257,7 @@ def _sweep(folder: Path, mark: str) -> None:
         os.kill(pid, signal.SIGKILL)
 
 
-def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str, own: Path) -> list[str]:
+def _judge(fault: Fault, code: int, hit: bool, reported: str, file: Path, mark: str, own: Path) -> list[str]:
     wrong = []
     until = time.monotonic() + 60.0  # who was killed may wait for a processor that others hold
     while (left := started_in(own.parent, mark)) and time.monotonic() < until:
@@ -267,20 +267,20 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
         _sweep(own.parent, mark)
     lost = fault.kind == "wire" and WIRES[fault.what] and fault.clock == "simulated"
     breaks = hit and (fault.kind == "signal" or (fault.kind == "node" and fault.what in BREAKS) or lost)
-    finished = "ticks in" in told  # a signal that came as the run was over
+    finished = "ticks in" in reported  # a signal that came as the run was over
     if breaks and code == 0 and not finished:
         wrong.append("the exit code is 0")
     if code and (fault.kind == "busy" or fault.what in HARMLESS):
         wrong.append("it ended by what does no harm")
-    if "Traceback" in told and "unlucky.py" not in told:  # that of a node's own code is what its author needs
+    if "Traceback" in reported and "unlucky.py" not in reported:  # that of a node's own code is what its author needs
         wrong.append("a traceback")
     mute = fault.placement == "fused" and fault.what in ("kills itself", "crashes")  # with who could have told
-    if (lost or (fault.kind == "node" and fault.what in BREAKS)) and "spring" not in told and not mute:
+    if (lost or (fault.kind == "node" and fault.what in BREAKS)) and "spring" not in reported and not mute:
         wrong.append("the culprit is not named")
-    if code > 0 and not told.strip() and fault.kind != "terminal":
+    if code > 0 and not reported.strip() and fault.kind != "terminal":
         wrong.append(f"nothing was said of code {code}")
-    if len(told) > 20_000 and fault.what != "prints without end":
-        wrong.append(f"{len(told)} characters were said")
+    if len(reported) > 20_000 and fault.what != "prints without end":
+        wrong.append(f"{len(reported)} characters were said")
     if file.exists() and file.stat().st_size:
         wrong += _recorded(fault, file)
     hard = fault.kind == "signal" and fault.whom != "one"  # who is killed cannot clean up: told, not asked
@@ -288,8 +288,8 @@ def _judge(fault: Fault, code: int, hit: bool, told: str, file: Path, mark: str,
         wrong.append(f"left over: {', '.join(more[:3])}")
     if not wrong:
         return []
-    trace = told.find("Traceback")
-    return [*wrong, f"code {code}: {told[trace : trace + 3000] if trace >= 0 else told[-700:]}"]
+    trace = reported.find("Traceback")
+    return [*wrong, f"code {code}: {reported[trace : trace + 3000] if trace >= 0 else reported[-700:]}"]
 
 
 def _recorded(fault: Fault, file: Path) -> list[str]:

@@ -55,15 +55,17 @@ def environment(graph, nodes):
 def main(graph, variants, folder):
     import palpate
 
-    said = []
+    printed = []
     for number, nodes in enumerate(json.loads(variants)):
         file = Path(folder) / f"{number}.mcap"
         run = palpate.run(graph, record=file, duration=0.12, **nodes)
         steps = hashlib.sha256()
         for tick in palpate.steps(graph, duration=0.12, **nodes):
             steps.update(repr((tick.contact, tick.controller)).encode())
-        said.append([digests(file), steps.hexdigest()[:16], environment(graph, nodes), float(run.contact.force.max())])
-    print(json.dumps(said))
+        printed.append(
+            [digests(file), steps.hexdigest()[:16], environment(graph, nodes), float(run.contact.force.max())]
+        )
+    print(json.dumps(printed))
 
 
 if __name__ == "__main__":

@@ -70,10 +70,10 @@ def answer(to: Listening, request: bytes = PROBE) -> bytes:
         finally:
             os._exit(0)
     os.close(theirs)
-    with open(ours, "rb") as said:
-        heard = said.read()
+    with open(ours, "rb") as printed:
+        received = printed.read()
     os.waitpid(child, 0)
-    return heard
+    return received
 
 
 def _said(to: Listening, request: bytes) -> bytes:
@@ -87,8 +87,8 @@ def _said(to: Listening, request: bytes) -> bytes:
             end.connect((here, to.port))
             if to.kind == socket.SOCK_STREAM:
                 with contextlib.suppress(TimeoutError):
-                    if heard := end.recv(100):
-                        return heard
+                    if received := end.recv(100):
+                        return received
             end.send(request)
             return end.recv(100)
         except OSError:

@@ -178,8 +178,8 @@ def test_a_page_for_other_machines_requires_the_token_and_its_origin(capsys):
     finally:
         page.close()
     show(source, "see", 0, host, True, over=lambda: True)
-    said = capsys.readouterr()
-    assert f"http://{host}:" in said.out and "not encrypted" in said.err
+    printed = capsys.readouterr()
+    assert f"http://{host}:" in printed.out and "not encrypted" in printed.err
     show(source, "see", 0, "127.0.0.1", True, over=lambda: True)
     assert not capsys.readouterr().err
 

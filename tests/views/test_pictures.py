@@ -527,5 +527,5 @@ def test_a_run_without_pictures_prints_the_reason(tmp_path):
     given = ["run", "indentation", *ports, "--fused", "--duration", "0.05", "-o", str(tmp_path)]
     result = CliRunner().invoke(app, given)
     assert result.exit_code == 0 and not list(tmp_path.glob("*.png"))
-    said = " ".join(result.output.split())
-    assert "no pictures: " in said and "nothing to draw: the finger touched nothing" in said
+    output_text = " ".join(result.output.split())
+    assert "no pictures: " in output_text and "nothing to draw: the finger touched nothing" in output_text

@@ -33,8 +33,8 @@ def watched(tmp_path):
     reading, writing = os.pipe()
     with open(writing, "wb") as errors, open(tmp_path / "out", "wb") as out:
         run = palpate(command, cwd=tmp_path, env=environment, stdout=out, stderr=errors)
-    with open(reading) as said:
-        yield run, re.search(r"http://(\S+)/\?token=(\S+)", said.readline())
+    with open(reading) as printed:
+        yield run, re.search(r"http://(\S+)/\?token=(\S+)", printed.readline())
         if run.poll() is None:
             run.send_signal(signal.SIGINT)
             run.wait(WAIT)
@@ -43,13 +43,13 @@ def watched(tmp_path):
 def test_the_page_follows_the_run_and_stays_until_it_is_closed(watched):
     run, address = watched
     host, token = address.groups()
-    heads, said, moved = [], [], 0.0
+    heads, printed, moved = [], [], 0.0
     with connect(f"ws://{host}/socket?token={token}", origin=f"http://{host}", max_size=None) as socket:
         until = time.monotonic() + WAIT
-        while time.monotonic() < until and "the run has ended" not in said:
+        while time.monotonic() < until and "the run has ended" not in printed:
             data = socket.recv(timeout=WAIT)
             if isinstance(data, str):
-                said.append(json.loads(data)["text"])
+                printed.append(json.loads(data)["text"])
                 continue
             head, _, first, _ = read(data)
             heads.append(head)
@@ -61,7 +61,7 @@ def test_the_page_follows_the_run_and_stays_until_it_is_closed(watched):
     assert len(frames) > 5 and [h["time"] for h in frames] == sorted(h["time"] for h in frames)
     assert max(head["load"] for head in frames) > 0.5
     assert moved > 1e-3, "the shape is computed without a recording"
-    assert said[-2:] == ["running", "the run has ended"]
+    assert printed[-2:] == ["running", "the run has ended"]
     assert run.wait(WAIT) == 0, "the only page was closed"
 
 

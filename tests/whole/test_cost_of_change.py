@@ -154,7 +154,7 @@ COMMANDS = {
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory):
+def printed(tmp_path_factory):
     """The output of each command, and the folder in which they ran."""
     rooms, here = tmp_path_factory.mktemp("rooms"), tmp_path_factory.mktemp("here")
     for files, folder in ((ADDED, rooms), (OWN, here)):
@@ -170,52 +170,52 @@ def said(tmp_path_factory):
     return dict(zip(COMMANDS, json.loads(done.stdout), strict=True)), here
 
 
-def answer(said, name):
-    code, text = said[0][name]
+def answer(printed, name):
+    code, text = printed[0][name]
     assert code == 0, text
     return text
 
 
-def test_a_command_takes_one_file(said):
-    assert answer(said, "greet") == "Good day, Ada.\n"
+def test_a_command_takes_one_file(printed):
+    assert answer(printed, "greet") == "Good day, Ada.\n"
 
 
-def test_the_catalogue_lists_the_law_the_body_and_the_device(said):
-    entries = {entry["use"]: entry for entry in json.loads(answer(said, "nodes"))["nodes"]}
+def test_the_catalogue_lists_the_law_the_body_and_the_device(printed):
+    entries = {entry["use"]: entry for entry in json.loads(answer(printed, "nodes"))["nodes"]}
     assert [s["unit"] for s in entries["friction.Dahl"]["settings"]] == ["1", "1/m"]
     assert entries["deformation.Putty"]["outputs"] == ["Surface"]
     assert entries["device.Crank"]["outputs"] == ["DeviceState"]
 
 
-def test_a_message_is_listed_with_units_and_descriptions(said):
-    (kind,) = json.loads(answer(said, "messages"))["messages"]
+def test_a_message_is_listed_with_units_and_descriptions(printed):
+    (kind,) = json.loads(answer(printed, "messages"))["messages"]
     assert kind["fields"] == [{"name": "power", "unit": "W", "shape": [], "about": "of friction", "required": True}]
 
 
-def test_the_table_of_laws_lists_the_material(said):
-    rows = {row["law"]: row for row in json.loads(answer(said, "laws"))["laws"]}
+def test_the_table_of_laws_lists_the_material(printed):
+    rows = {row["law"]: row for row in json.loads(answer(printed, "laws"))["laws"]}
     assert "J^(-2/3) I1 - 3" in rows["gent"]["text"] and rows["gent"]["shear Pa"] == pytest.approx(1e4 / 2.8)
 
 
-def test_their_graph_is_checked_with_units_and_limits(said):
-    answer(said, "check")
-    code, text = said[0]["wrong"]
+def test_their_graph_is_checked_with_units_and_limits(printed):
+    answer(printed, "check")
+    code, text = printed[0]["wrong"]
     assert code == 2 and "'friction', setting 'mu'" in text and "-1" in text, text
 
 
-def test_they_run_together_and_their_recording_replays_bit_for_bit(said):
-    answer(said, "run")
-    answer(said, "replay")
-    streams = {stream["name"]: stream["type"] for stream in json.loads(answer(said, "info"))["streams"]}
+def test_they_run_together_and_their_recording_replays_bit_for_bit(printed):
+    answer(printed, "run")
+    answer(printed, "replay")
+    streams = {stream["name"]: stream["type"] for stream in json.loads(answer(printed, "info"))["streams"]}
     assert streams["skin"] == "Warmth"
 
 
-def test_their_messages_are_exported_with_units(said):
-    answer(said, "csv")
-    answer(said, "foxglove")
-    with (said[1] / "tables" / "tissue.csv").open() as file:
+def test_their_messages_are_exported_with_units(printed):
+    answer(printed, "csv")
+    answer(printed, "foxglove")
+    with (printed[1] / "tables" / "tissue.csv").open() as file:
         rows = list(csv.DictReader(file))
     depths = [float(row["rest_indentation [m]"]) for row in rows]
     assert depths == sorted(depths) and depths[-1] > 0.0
-    with (said[1] / "tables" / "skin.csv").open() as file:
+    with (printed[1] / "tables" / "skin.csv").open() as file:
         assert "power [W]" in next(csv.reader(file))

@@ -217,12 +217,12 @@ def serves_a_page(command):
     """Start it, wait for the address of its page, and press Ctrl-C."""
     quiet = {**os.environ, "BROWSER": "true"}  # `true` replaces the browser that it opens
     serving = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=quiet)
-    said = ""
+    output = ""
     for line in serving.stdout:
-        said += line
+        output += line
         if "http://127.0.0.1" in line:
             serving.send_signal(signal.SIGINT)
-    assert serving.wait(timeout=60) in (0, 130) and "http://127.0.0.1" in said and "Traceback" not in said, said
+    assert serving.wait(timeout=60) in (0, 130) and "http://127.0.0.1" in output and "Traceback" not in output, output
 
 
 @pytest.mark.long

@@ -25,10 +25,10 @@ def test_the_page_shows_the_printed_text(command, printed, tmp_path, monkeypatch
     with alone as folder:
         monkeypatch.setenv("XDG_RUNTIME_DIR", folder)
         result = CliRunner().invoke(app, shlex.split(command))
-    said = result.output + (str(result.exception) if isinstance(result.exception, PalpateError) else "")
+    output_text = result.output + (str(result.exception) if isinstance(result.exception, PalpateError) else "")
     assert result.exit_code != 0
     pattern = r".*".join(re.escape(part.strip()) for part in " ".join(printed.split()).split("..."))
-    assert re.search(pattern, " ".join(said.split())), said
+    assert re.search(pattern, " ".join(output_text.split())), output_text
 
 
 def test_the_page_has_ten_errors():

@@ -109,15 +109,15 @@ def bare(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("bare")
     env = environment(folder / "env", wheel)
     (folder / "empty").mkdir()
-    said = touches_a_kidney(env, folder / "empty")
+    printed = touches_a_kidney(env, folder / "empty")
     ball = surface_mesh("sphere", 600)
     Trimesh(1e3 * np.asarray(ball.vertices), ball.triangles).export(folder / "empty" / "ball.stl")
-    return env, folder / "empty", said
+    return env, folder / "empty", printed
 
 
 def test_a_run_in_an_empty_folder_works_and_explains_missing_pictures(bare):
-    env, folder, said = bare
-    assert 'pip install "palpate[view]"' in said
+    env, folder, printed = bare
+    assert 'pip install "palpate[view]"' in printed
     assert call(env, folder, "palpate list tissues").returncode == 0
 
 
@@ -130,15 +130,15 @@ def test_each_extra_alone_suffices_for_its_commands(wheel, bare, tmp_path, extra
         phantom_finger.write_dicom(phantom_finger.scan(), folder / "images")
     for line in PURPOSE[extra]:
         done = call(env, folder, line)
-        said = done.stdout + done.stderr
-        assert "Traceback" not in said, said
+        printed = done.stdout + done.stderr
+        assert "Traceback" not in printed, printed
         if extra == "all":
-            short = re.findall(r"note +extra (\w+)", said)
-            assert set(short) <= {"bench"}, said
+            short = re.findall(r"note +extra (\w+)", printed)
+            assert set(short) <= {"bench"}, printed
         elif extra == "devices":
-            assert "DeviceError" in said and "is not installed" not in said, said
+            assert "DeviceError" in printed and "is not installed" not in printed, printed
         else:
-            assert done.returncode in (0, 124) and "is not installed" not in said, f"{line}\n{said}"
+            assert done.returncode in (0, 124) and "is not installed" not in printed, f"{line}\n{printed}"
 
 
 @pytest.mark.parametrize("extra", sorted(set(EXTRAS) - {"dev", "all"}))
@@ -146,8 +146,8 @@ def test_a_missing_extra_is_an_error_of_one_line_with_a_remedy(bare, extra):
     env, folder, _ = bare
     for line in PURPOSE[extra]:
         done = call(env, folder, line)
-        said = done.stderr.strip().splitlines()
-        lines = [text for text in said if not text.startswith(("compiling", "start at once", "sub-"))]
+        printed = done.stderr.strip().splitlines()
+        lines = [text for text in printed if not text.startswith(("compiling", "start at once", "sub-"))]
         assert done.returncode, f"{line}\n{done.stdout}"
         if line.startswith("python"):  # a program prints a traceback; the line is its last
             lines = lines[-1:]

@@ -60,9 +60,11 @@ def test_run_command_line_apart_and_a_study_give_the_same_bytes(plain, tmp_path)
     for way in ("--fused", "--place=apart"):
         file = tmp_path / f"{way}.mcap"
         given = ["run", str(GRAPH), way, "--duration", "0.12", "--record", str(file), "--no-pictures", "-q"]
-        with open(tmp_path / "said", "w+") as said:
-            process = warm_fork_server.palpate(given, cwd=tmp_path, env=dict(os.environ), stdout=said, stderr=said)
-            assert process.wait() == 0, (tmp_path / "said").read_text()
+        with open(tmp_path / "printed", "w+") as printed:
+            process = warm_fork_server.palpate(
+                given, cwd=tmp_path, env=dict(os.environ), stdout=printed, stderr=printed
+            )
+            assert process.wait() == 0, (tmp_path / "printed").read_text()
         assert digests(file) == library, way
     runner = Runner()
     try:

@@ -85,9 +85,9 @@ def test_a_still_finger_is_quiet_in_every_graph_with_every_body(graph, body):
         assert hold.held > 0.2 and hold.noise < 0.03
 
 
-@pytest.mark.parametrize(("body", "told"), [("MassSpring", 0), ("Rigid", 1)])
-def test_a_contact_too_stiff_for_the_device_is_reported_once(body, told):
+@pytest.mark.parametrize(("body", "reported"), [("MassSpring", 0), ("Rigid", 1)])
+def test_a_contact_too_stiff_for_the_device_is_reported_once(body, reported):
     """The shipped kidney loses less than 5 % of its force to the device's limit, a rigid body most of it."""
     launch = find("kidney").but(place="fused", duration=0.9, overrides=(f"tissue.use=deformation.{body}",))
     notes = execute(launch).result.notes
-    assert sum("the hand feels a softer one" in text for text in notes) == told
+    assert sum("the hand feels a softer one" in text for text in notes) == reported

@@ -72,7 +72,7 @@ def test_a_disabled_effect_of_a_setting_sets_its_neutral_value():
 
 
 @pytest.mark.parametrize(
-    ("override", "told"),
+    ("override", "fault_text"),
     [
         ("effects.frction=off", ["there is no effect 'frction'", "Did you mean 'friction'?"]),
         ("effects.pressure=on", ["no node of this graph computes 'pressure'", "deformation.BeamBundle"]),
@@ -81,10 +81,10 @@ def test_a_disabled_effect_of_a_setting_sets_its_neutral_value():
         ("effects=5", ["effects"]),
     ],
 )
-def test_an_invalid_switch_is_an_error_with_a_remedy(override, told):
+def test_an_invalid_switch_is_an_error_with_a_remedy(override, fault_text):
     with pytest.raises(GraphError) as error:
         load("kidney", overrides=[override])
-    for text in (*told, override.partition("=")[0].partition(".")[0]):
+    for text in (*fault_text, override.partition("=")[0].partition(".")[0]):
         assert text in str(error.value)
 
 

@@ -179,7 +179,9 @@ def test_a_fault_of_a_replaced_class_names_the_place_of_the_replacement(whole, w
     with pytest.raises(GraphError) as error:
         load(changed)
     printed = str(error.value)
-    assert "changed.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in printed
+    assert (
+        "changed.yaml:3: node 'near', input 'pose': unknown; it belongs to the previous class of this node" in printed
+    )
     assert "whole.yaml:8)" in printed and "To remove it: `in: {pose: null}`." in printed
     assert "changed.yaml:3: node 'near', input 'contact': input, which drives the node, has no sender" in printed
     whole.write_text(whole.read_text().replace("in: {pose: finger}}", "in: {pose: finger}, count: 2}"))

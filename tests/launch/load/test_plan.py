@@ -100,8 +100,8 @@ def test_only_fields_with_a_reader_are_wanted(whole):
     assert node.wants("rest_indentation") and not node.wants("displacement")
     everything = planned(whole)
     assert "displacement" in everything.wanted["tissue"]
-    heard = planned(whole, "wanted=[control]", "log.in=[tissue]")
-    assert "displacement" in heard.wanted["tissue"]
+    received = planned(whole, "wanted=[control]", "log.in=[tissue]")
+    assert "displacement" in received.wanted["tissue"]
 
 
 def test_a_plan_survives_a_round_trip_through_json(whole, monkeypatch):

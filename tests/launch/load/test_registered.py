@@ -75,7 +75,7 @@ COMMANDS = {
 
 
 @pytest.fixture(scope="module")
-def said(tmp_path_factory):
+def printed(tmp_path_factory):
     """Exit code and output of each command with an installed distribution `lab`."""
     folder = tmp_path_factory.mktemp("site")
     for name, text in FILES.items():
@@ -90,31 +90,31 @@ def said(tmp_path_factory):
     return dict(zip(COMMANDS, json.loads(done.stdout), strict=True))
 
 
-def test_registered_nodes_are_in_the_catalogue(said):
-    code, text = said["nodes"]
+def test_registered_nodes_are_in_the_catalogue(printed):
+    code, text = printed["nodes"]
     entries = {entry["use"]: entry for entry in json.loads(text)["nodes"]}
     assert code == 0 and entries["lab.tissue.Lamp"]["about"] == "Shines where it is pressed."
     assert entries["lab.tissue.Lamp"]["outputs"] == ["Glow"] and "deformation.MassSpring" in entries
     assert "lab.tissue.MassSpring" not in entries, "a class that a module only imports is not listed"
 
 
-def test_a_broken_distribution_is_reported_and_the_others_are_listed(said):
-    missing = json.loads(said["nodes"][1])["missing"]
+def test_a_broken_distribution_is_reported_and_the_others_are_listed(printed):
+    missing = json.loads(printed["nodes"][1])["missing"]
     assert "nothing_that_is_there" in missing["lab.broken"] and "'lab.odd.Odd' is not well formed" in missing["lab.odd"]
-    code, text = said["shown"]
+    code, text = printed["shown"]
     assert code == 0 and "lab.broken cannot be loaded" in text and "deformation.Rigid" in text
 
 
-def test_a_registered_message_is_listed_with_its_units(said):
-    code, text = said["message"]
+def test_a_registered_message_is_listed_with_its_units(printed):
+    code, text = printed["message"]
     (kind,) = json.loads(text)["messages"]
     assert code == 0 and kind["fields"][0]["unit"] == "W"
 
 
-def test_registered_classes_are_suggested_and_run_by_their_full_name(said):
-    code, text = said["near"]
+def test_registered_classes_are_suggested_and_run_by_their_full_name(printed):
+    code, text = printed["near"]
     assert code == 2 and "lab.tissue.Foam" in text
-    assert said["check"][0] == 0
+    assert printed["check"][0] == 0
 
 
 def test_a_registered_body_with_a_rank_is_tried_among_the_bodies(tmp_path, monkeypatch):

@@ -122,10 +122,10 @@ def test_a_failing_node_gives_one_clear_line_and_a_readable_recording(tmp_path, 
     run = Run(tmp_path, "--duration", "0.3", "--timeout", timeout, "--set", f"bad.how={how}", *WAYS[way])
     # a test of the stop runs at the start, which may take long
     assert run.wait(START_PATIENCE + 120.0 if how == "stop hang" else 120.0) == 1
-    said = run.err.read_text()
-    line = next(line for line in said.splitlines() if line.startswith("node 'bad'"))
+    output_text = run.err.read_text()
+    line = next(line for line in output_text.splitlines() if line.startswith("node 'bad'"))
     assert SAYS.get(how, "its process ended") in line
-    assert "node 'end'" not in said and "node 'src'" not in said
+    assert "node 'end'" not in output_text and "node 'src'" not in output_text
     if not how.startswith(("start", "stop")):  # a test of the stop also runs at the start
         assert run.ticks() >= 49
     assert not run.left()
@@ -211,8 +211,10 @@ def test_ctrl_c_ends_a_start_with_a_message(tmp_path, options, text):
         time.sleep(0.05)
     run.process.send_signal(signal.SIGINT)
     assert run.wait() == 130
-    said = run.out.read_text()
-    assert said.index("stopping; Ctrl-C again ends the run at once") < said.index("interrupted after 0.000 s")
+    output_text = run.out.read_text()
+    assert output_text.index("stopping; Ctrl-C again ends the run at once") < output_text.index(
+        "interrupted after 0.000 s"
+    )
     assert not run.left()
 
 
@@ -230,11 +232,11 @@ def test_a_fork_server_is_ended_at_once_during_its_imports(tmp_path, monkeypatch
     monkeypatch.syspath_prepend(tmp_path)
     server = ForkServer()
     server.ask(Prepare(["slow_to_import"]))
-    until, said = time.monotonic() + 60.0, ""
-    while "importing" not in said and time.monotonic() < until:
+    until, output_text = time.monotonic() + 60.0, ""
+    while "importing" not in output_text and time.monotonic() < until:
         time.sleep(0.05)
-        said += server.printed()
-    assert "importing" in said
+        output_text += server.printed()
+    assert "importing" in output_text
     server.close()
     assert server.process.returncode == 0
 
@@ -249,11 +251,11 @@ def test_a_full_disk_ends_the_recording_and_the_run_continues_and_fails(tmp_path
     text = GRAPH.replace("logger.Mcap,", "logger.Mcap, within: 0.02,")
     run = Run(tmp_path, "--duration", "2", "--pace", "2", *WAYS[way], before=little_space, text=text)
     code = run.wait()
-    said = run.err.read_text() + run.out.read_text()
-    assert code == 1, said
-    assert "2000 ticks" in said, said
+    output_text = run.err.read_text() + run.out.read_text()
+    assert code == 1, output_text
+    assert "2000 ticks" in output_text, output_text
     assert 100 < run.ticks() < 2000
-    reported = " ".join(said.split())
+    reported = " ".join(output_text.split())
     assert reported.count("ends here: the disk is full") == 1 and "can be read" in reported
     recording = Recording(run.record)
     assert not recording.complete and verify(recording, plan_of(recording)).ok

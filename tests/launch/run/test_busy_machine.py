@@ -28,11 +28,11 @@ def test_parallel_runs_succeed_and_their_recordings_are_complete(tmp_path):
         folder = tmp_path / str(number)
         folder.mkdir()
         write_graph(folder, text)
-        with open(folder / "said", "w") as said:
+        with open(folder / "printed", "w") as printed:
             env = {**os.environ, "PYTHONPATH": path}
-            started.append(warm_fork_server.palpate(command, cwd=folder, env=env, stdout=said, stderr=said))
+            started.append(warm_fork_server.palpate(command, cwd=folder, env=env, stdout=printed, stderr=printed))
     for number, process in enumerate(started):
-        assert process.wait(200) == 0, (tmp_path / str(number) / "said").read_text()
+        assert process.wait(200) == 0, (tmp_path / str(number) / "printed").read_text()
         recording = Recording(tmp_path / str(number) / "run.mcap")
         assert recording.counts == {name: {"count": 300, "lost": 0} for name in NODES}
 

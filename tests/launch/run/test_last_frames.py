@@ -84,12 +84,12 @@ def test_an_observer_gets_its_buffered_frames_before_the_end(ends):
     while not ended and time.monotonic() < until:
         if (data := ends.reader.overheard(wait=True)) is None:
             continue
-        stream, said = split(data)
+        stream, printed = split(data)
         if stream == END:
-            ends.reader.ended(said.decode())
+            ends.reader.ended(printed.decode())
             ended = True
         else:
-            seen.append(number(said))
+            seen.append(number(printed))
         if len(seen) == FRAMES - BEHIND:
             sending.join(0.5)  # the rest was sent, but the buffers here are full
     assert seen == list(range(FRAMES))
@@ -109,9 +109,9 @@ def test_an_observer_with_lost_frames_gets_the_end_marker(ends):
     seen, until = 0, time.monotonic() + 20.0
     while time.monotonic() < until:
         if (data := ends.reader.overheard(wait=True)) is not None:
-            stream, said = split(data)
+            stream, printed = split(data)
             if stream == END:
-                ends.reader.ended(said.decode())
+                ends.reader.ended(printed.decode())
                 break
             seen += 1
     else:
@@ -140,9 +140,9 @@ def test_a_node_on_another_machine_gets_all_its_frames(ends):
     seen: list[int] = []
     until = time.monotonic() + 30.0
     while len(seen) < FRAMES and time.monotonic() < until:
-        if not (said := inlet.wait()):
+        if not (printed := inlet.wait()):
             continue
-        seen += map(number, said)
+        seen += map(number, printed)
         if len(seen) == FRAMES - BEHIND:
             sending.join(0.5)
     assert seen == list(range(FRAMES))

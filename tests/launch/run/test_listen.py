@@ -124,8 +124,8 @@ def test_top_collects_for_a_second_without_stalls(monkeypatch):
         for turn in range(20):
             clock[0] += 3.0 if turn in (0, 2) else 0.2
             for name in ("a", "b"):
-                said = Health.example(loaded=False)
-                yield HEALTH, pack(msgspec.structs.replace(said, source=name, steps=100 * turn))
+                printed = Health.example(loaded=False)
+                yield HEALTH, pack(msgspec.structs.replace(printed, source=name, steps=100 * turn))
 
     monkeypatch.setattr(discover, "hear", reports)
     monkeypatch.setattr(discover, "find", lambda _: discover.Running("1-a"))

@@ -48,12 +48,12 @@ def test_silence_adds_up_over_polls(time):
 def test_an_observer_receives_frames_in_transit_during_a_stall(time):
     """The stall is longer than the silence that marks the end of a stream on the real clock."""
     comes = iter([(20, True), (3000, False), (20, True)])
-    heard = []
+    received = []
 
     def overhear(wait: bool) -> bool:
         passed, came = next(comes, (20, False))
         time.ns += passed * MS
-        heard.append(came)
+        received.append(came)
         return came
 
     nothing = lambda: None  # noqa: E731
@@ -63,8 +63,8 @@ def test_an_observer_receives_frames_in_transit_during_a_stall(time):
         overhear=overhear, drain=nothing, check_orders=nothing, housekeep=nothing,
     )  # fmt: skip
     observe(worker, {"other"})
-    assert heard[:3] == [True, False, True]
-    assert len(heard) == 3 + QUIET // (20 * MS) + 1
+    assert received[:3] == [True, False, True]
+    assert len(received) == 3 + QUIET // (20 * MS) + 1
 
 
 def test_after_a_death_and_a_stall_the_others_get_time_for_the_news(time):

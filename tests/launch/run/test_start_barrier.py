@@ -30,18 +30,18 @@ def free_port() -> int:
 END = Stop | Quit | Close  # a waiting worker ends on any of these orders
 
 
-def late(port: int, group: str, told: list[Order], seconds: float, until=Order) -> None:
+def late(port: int, group: str, orders: list[Order], seconds: float, until=Order) -> None:
     """A worker whose report `Ready` overtakes its subscription to orders; it ends after an order of these kinds."""
-    with zmq.Context() as context, context.socket(zmq.PUSH) as said, context.socket(zmq.SUB) as heard:
-        said.connect(f"tcp://127.0.0.1:{port + 1}")
-        heard.connect(f"tcp://127.0.0.1:{port}")
-        said.send(msgspec.msgpack.encode(Addressed(group, Ready({"force": [], "observers": []}))))
+    with zmq.Context() as context, context.socket(zmq.PUSH) as reports, context.socket(zmq.SUB) as subscription:
+        reports.connect(f"tcp://127.0.0.1:{port + 1}")
+        subscription.connect(f"tcp://127.0.0.1:{port}")
+        reports.send(msgspec.msgpack.encode(Addressed(group, Ready({"force": [], "observers": []}))))
         time.sleep(seconds)
         for topic in (group, "*"):
-            heard.subscribe(f"~{topic}".encode() + b"\0")
-        while not (told and isinstance(told[-1], until)) and heard.poll(60_000):
-            told.append(ORDERS.decode(split(heard.recv())[1]))
-        said.send(msgspec.msgpack.encode(Addressed(group, NodesEnded(True))))
+            subscription.subscribe(f"~{topic}".encode() + b"\0")
+        while not (orders and isinstance(orders[-1], until)) and subscription.poll(60_000):
+            orders.append(ORDERS.decode(split(subscription.recv())[1]))
+        reports.send(msgspec.msgpack.encode(Addressed(group, NodesEnded(True))))
 
 
 NODES = Job("a", (NodeJob("source", "nodes_for_runs.Source", {}, 1, (), ("source",)),))
@@ -75,9 +75,9 @@ def test_a_worker_gets_its_senders_after_it_has_subscribed(launched):
 def test_a_worker_that_missed_the_stop_gets_it_after_its_subscription(launched, others):
     """Otherwise it would start and run without end, or get no order, and the run would wait for it."""
     port, launch = launched
-    told: list[Order] = []
+    orders: list[Order] = []
     there = [threading.Thread(target=late, args=(port, other.group, [], 0.0)) for other in others]
-    it = threading.Thread(target=late, args=(port, "b", told, 0.2, END))
+    it = threading.Thread(target=late, args=(port, "b", orders, 0.2, END))
 
     def stop(running: Launcher) -> None:
         if not it.ident and all(running.members[other.group].state == "ready" for other in others):
@@ -89,7 +89,7 @@ def test_a_worker_that_missed_the_stop_gets_it_after_its_subscription(launched, 
         thread.start()
     result = launcher.run()
     it.join()
-    assert told and isinstance(told[-1], END)
+    assert orders and isinstance(orders[-1], END)
     assert result.interrupted and not result.deaths
 
 

@@ -17,7 +17,7 @@ LAST = 20  # [ticks of 1 ms] documented limit from the last message of a node to
 @pytest.mark.parametrize("late", [0, 1])
 @pytest.mark.parametrize("node", ["finger", "collision", "contact", "spread", "tissue", "controller", "statics"])
 def test_the_device_loses_its_torque_in_time_after_any_node_stops(chain, node, late):
-    """This applies to every node except friction, which is optional, and also if each hop takes one tick."""
+    """All nodes except friction, which is optional, also if each hop takes one tick."""
     run = chain(find("kidney"), late)
     run.run(700)
     assert run.torque() > 0.03

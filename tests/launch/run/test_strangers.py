@@ -69,7 +69,7 @@ def test_frames_that_are_not_reports_are_dropped_and_counted(tmp_path):
 
 def test_invalid_subscriptions_and_orders_are_dropped(tmp_path):
     """Outlets for observers and the launcher's orders accept subscriptions from any peer that can reach them."""
-    heard: list[bytes] = []
+    received: list[bytes] = []
 
     def send(launcher: Launcher) -> None:
         with zmq.Context() as context:
@@ -81,7 +81,7 @@ def test_invalid_subscriptions_and_orders_are_dropped(tmp_path):
                     if place != ("control",):  # a later subscription is served, so they were read and dropped
                         socket.send(b"\1source\0")
                         assert socket.poll(60_000)
-                        heard.append(socket.recv())
+                        received.append(socket.recv())
                     else:
                         end = time.monotonic() + 60.0
                         while launcher._control.foreign < 50 and time.monotonic() < end:
@@ -89,7 +89,7 @@ def test_invalid_subscriptions_and_orders_are_dropped(tmp_path):
 
     result = run(tmp_path, send, 50)
     assert result.ok, result.deaths
-    assert heard[0].startswith(b"source\0")
+    assert received[0].startswith(b"source\0")
     assert any("50 frames that do not belong to this run were dropped" in note for note in result.notes)
 
 
@@ -162,7 +162,7 @@ def test_the_folder_of_a_killed_launcher_is_removed(tmp_path):
 
 
 def test_over_tcp_only_peers_with_the_key_receive_messages(tmp_path):
-    key, heard = keys.Key.make(), {}
+    key, received = keys.Key.make(), {}
     port = free_port()
     place = tmp_path / "place.yaml"
     place.write_text(f"a: {{nodes: [source, sum], host: '127.0.0.1:{port}'}}\n")
@@ -187,8 +187,8 @@ def test_over_tcp_only_peers_with_the_key_receive_messages(tmp_path):
                     socket.set(zmq.CURVE_SERVERKEY, key.public.encode())
                 socket.subscribe(b"source\0")
                 socket.connect(f"tcp://127.0.0.1:{port}")
-            heard["with"] = sockets.pop("with").poll(3000)
-            heard.update({name: socket.poll(100) for name, socket in sockets.items()})
+            received["with"] = sockets.pop("with").poll(3000)
+            received.update({name: socket.poll(100) for name, socket in sockets.items()})
 
     threads: list[threading.Thread] = []
 
@@ -199,7 +199,7 @@ def test_over_tcp_only_peers_with_the_key_receive_messages(tmp_path):
 
     assert Launcher(work, show=look, key=key).run().ok
     threads[0].join()
-    assert heard == {"with": 1, "none": 0, "other": 0, "half": 0}
+    assert received == {"with": 1, "none": 0, "other": 0, "half": 0}
 
 
 def test_a_run_with_other_machines_requires_a_key_or_the_option(tmp_path, monkeypatch):

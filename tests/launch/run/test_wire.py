@@ -182,16 +182,16 @@ def test_on_the_real_clock_frames_without_space_are_dropped_whole_and_counted(tm
     sent = [b"%6d" % i + bytes([i % 251]) * (100 if i % 3 else 150_000) for i in range(3000)]
     for data in sent:
         writer.send(data)
-    heard = reader.inlet.take()
+    received = reader.inlet.take()
     while (payloads := reader.inlet.take()) or reader.inlet._connection.decoder.rest:
-        heard += payloads
+        received += payloads
         writer.outlet.tend()  # the last one is sent in parts
-    assert not writer.held and 10 < len(heard) < len(sent)
-    assert heard == [sent[int(data[:6])] for data in heard]
+    assert not writer.held and 10 < len(received) < len(sent)
+    assert received == [sent[int(data[:6])] for data in received]
     writer.send(b"after")
     assert reader.next() == b"after"
     assert writer.outlet.notes() == [
-        f"{len(sent) - len(heard)} messages of group 'here' were dropped: the buffer of group 'there' was full"
+        f"{len(sent) - len(received)} messages of group 'here' were dropped: the buffer of group 'there' was full"
     ]
 
 
@@ -226,13 +226,13 @@ def test_a_restarted_reader_receives_new_messages(tmp_path):
 def test_a_libzmq_subscriber_reads_every_message(tmp_path, kind, loaded):
     writer = End(tmp_path / "out").listen()
     message = kind.example(loaded)
-    with zmq.Context() as context, context.socket(zmq.SUB) as heard:
-        heard.subscribe(b"pose\0")
-        heard.connect(f"ipc://{writer.path}")
+    with zmq.Context() as context, context.socket(zmq.SUB) as subscriber:
+        subscriber.subscribe(b"pose\0")
+        subscriber.connect(f"ipc://{writer.path}")
         writer.serve(lambda: bool(writer.sender.readers))
         writer.send(pack(message))
-        assert heard.poll(60_000)
-        assert heard.recv() == b"pose\0" + pack(message)
+        assert subscriber.poll(60_000)
+        assert subscriber.recv() == b"pose\0" + pack(message)
     writer.outlet.close()
 
 
@@ -263,14 +263,14 @@ def test_a_libzmq_publisher_sends_every_message(tmp_path, kind, loaded):
 def test_sockets_of_libzmq_and_palpate_exchange_frames_of_any_size(tmp_path, size):
     writer, reader = End(tmp_path / "out").listen(), End(tmp_path / "pub")
     data = os.urandom(size)
-    with zmq.Context() as context, context.socket(zmq.SUB) as heard, context.socket(zmq.PUB) as out:
-        heard.subscribe(b"")
-        heard.connect(f"ipc://{writer.path}")
+    with zmq.Context() as context, context.socket(zmq.SUB) as subscriber, context.socket(zmq.PUB) as out:
+        subscriber.subscribe(b"")
+        subscriber.connect(f"ipc://{writer.path}")
         out.bind(f"ipc://{reader.path}")
         writer.serve(lambda: bool(writer.sender.readers))
         writer.send(data)
         writer.serve(lambda: not writer.outlet._unfinished)
-        assert heard.poll(60_000) and heard.recv() == b"pose\0" + data
+        assert subscriber.poll(60_000) and subscriber.recv() == b"pose\0" + data
         reader.read_from()
         until = time.monotonic() + 60.0
         while not reader.inlet.take():
@@ -286,20 +286,20 @@ def test_sockets_of_libzmq_and_palpate_exchange_frames_of_any_size(tmp_path, siz
 
 def test_a_libzmq_subscriber_may_cancel_and_ping(tmp_path, monkeypatch):
     answers: list[bytes] = []
-    monkeypatch.setattr(outlet_module, "pong", lambda *said: answers.append(pong(*said)) or answers[-1])
+    monkeypatch.setattr(outlet_module, "pong", lambda *printed: answers.append(pong(*printed)) or answers[-1])
     writer = End(tmp_path / "out").listen()
-    with zmq.Context() as context, context.socket(zmq.XSUB) as heard:
-        heard.set(zmq.HEARTBEAT_IVL, 20)
-        heard.set(zmq.HEARTBEAT_TIMEOUT, 60_000)
-        events = heard.get_monitor_socket(zmq.EVENT_DISCONNECTED)
-        heard.connect(f"ipc://{writer.path}")
-        heard.send(b"\1po")
+    with zmq.Context() as context, context.socket(zmq.XSUB) as subscriber:
+        subscriber.set(zmq.HEARTBEAT_IVL, 20)
+        subscriber.set(zmq.HEARTBEAT_TIMEOUT, 60_000)
+        events = subscriber.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        subscriber.connect(f"ipc://{writer.path}")
+        subscriber.send(b"\1po")
         writer.serve(lambda: bool(writer.sender.readers))
         writer.serve(lambda: sum(answer is not None for answer in answers) >= 5)
         assert not events.poll(100), "it did not accept the answers to its pings"
-        heard.send(b"\0po")
+        subscriber.send(b"\0po")
         writer.serve(lambda: not writer.sender.readers)
-        heard.disable_monitor()
+        subscriber.disable_monitor()
     writer.serve(lambda: not writer.outlet._readers)
     assert not writer.outlet.notes()
     writer.outlet.close()
@@ -319,11 +319,11 @@ def test_messages_of_several_frames_and_of_other_streams_are_dropped(tmp_path):
 # -- hostile peers -------------------------------------------------------------------------------------------------
 
 
-def stranger(writer: End, *said: bytes) -> socket.socket:
+def stranger(writer: End, *printed: bytes) -> socket.socket:
     """A program that has connected and sent this data."""
     end = socket.socket(socket.AF_UNIX)
     end.connect(writer.path)
-    for data in said:
+    for data in printed:
         end.sendall(data)
     end.settimeout(60.0)
     return end
@@ -510,7 +510,7 @@ nodes:
 
 
 def test_a_run_continues_with_foreign_peers_and_names_them(tmp_path):
-    heard: list[bytes] = []
+    received: list[bytes] = []
 
     def look(launcher: Launcher) -> None:
         if launcher.phase == "running" and not threads:
@@ -522,15 +522,15 @@ def test_a_run_continues_with_foreign_peers_and_names_them(tmp_path):
     def visit(run: str) -> None:
         path = endpoint(run, "spring", "force")
         ends = []
-        for said in HOSTILE.values():
+        for printed in HOSTILE.values():
             ends.append(socket.socket(socket.AF_UNIX))
             ends[-1].connect(path.removeprefix("ipc://"))
-            ends[-1].sendall(said)
+            ends[-1].sendall(printed)
         with zmq.Context() as context, context.socket(zmq.SUB) as socket_:
             socket_.subscribe(b"spring\0")
             socket_.connect(path)
             if socket_.poll(60_000):
-                heard.append(socket_.recv())
+                received.append(socket_.recv())
         for end in ends:
             end.settimeout(60.0)
             while end.recv(4096):  # a greeting; then it was closed
@@ -543,6 +543,6 @@ def test_a_run_continues_with_foreign_peers_and_names_them(tmp_path):
     result = Launcher(jobs(plan, launch.placement(plan), clock="real", ticks=60_000), show=look).run()
     threads[0].join()
     assert result.ok, result.deaths
-    assert heard and unpack(heard[0].removeprefix(b"spring\0"), Force).source == "spring"
+    assert received and unpack(received[0].removeprefix(b"spring\0"), Force).source == "spring"
     refused = [note for note in result.notes if "a reader of group 'spring' was refused" in note]
     assert len(refused) == len(HOSTILE)

@@ -28,7 +28,7 @@ SUB = ready({b"Socket-Type": b"SUB", b"Identity": b""})
 
 
 def subscriber(longest: int = 1024) -> Connection:
-    """This end of a connection to a subscriber."""
+    """The publisher's end of a connection to a subscriber."""
     return Connection(b"PUB", SUBSCRIBERS, longest, "here")
 
 
@@ -98,7 +98,7 @@ def test_unknown_flags_are_refused(flags):
 
 
 @pytest.mark.parametrize(
-    ("said", "why"),
+    ("printed", "why"),
     [
         (b"GET / HTTP/1.1\r\n\r\n", "no ZMTP of version 2 or later"),
         (b"\x01\x00", "no ZMTP of version 2 or later"),  # ZMTP 1.0 without an identity
@@ -114,9 +114,9 @@ def test_unknown_flags_are_refused(flags):
         (GREETING + ready({b"Socket-Type": b"SUB"})[:-1].replace(b"\x19", b"\x18"), "cut off"),
     ],
 )
-def test_the_error_names_the_incompatibility_of_a_peer(said, why):
+def test_the_error_names_the_incompatibility_of_a_peer(printed, why):
     with pytest.raises(ZmtpError, match=why):
-        subscriber().feed(said)
+        subscriber().feed(printed)
 
 
 @pytest.mark.parametrize(
@@ -125,9 +125,9 @@ def test_the_error_names_the_incompatibility_of_a_peer(said, why):
 @pytest.mark.parametrize("step", [1, 7, 200])
 def test_a_peer_of_version_3_or_later_is_accepted_in_any_pieces(greeting, step):
     connection, frames = subscriber(), []
-    said = greeting + SUB + frame(b"\x01pose\0") + command(b"SUBSCRIBE", b"force\0")
-    for at in range(0, len(said), step):
-        frames += connection.feed(said[at : at + step])
+    printed = greeting + SUB + frame(b"\x01pose\0") + command(b"SUBSCRIBE", b"force\0")
+    for at in range(0, len(printed), step):
+        frames += connection.feed(printed[at : at + step])
     assert connection.peer == {b"socket-type": b"SUB", b"identity": b""}
     assert [subscription(*given) for given in frames] == [(True, b"pose\0"), (True, b"force\0")]
 

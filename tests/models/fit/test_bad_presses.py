@@ -100,13 +100,13 @@ def test_a_flaw_is_said_and_the_interval_has_the_truth_or_is_withheld(way, flaw,
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
 def test_good_presses_say_nothing(correlation):
     """How often they do in many more: benchmarks/fit_coverage.py."""
-    said = 0
+    output_text = 0
     for seed in range(8):
         for way in WAYS:
             for size in (0.001, 0.02):
                 how = way | {"size": size, "correlation": correlation, "seed": seed, "back": bool(seed % 2)}
-                said += any("after the deepest" not in note for note in fitted(**how).notes)
-    assert said <= 2
+                output_text += any("after the deepest" not in note for note in fitted(**how).notes)
+    assert output_text <= 2
 
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])

@@ -47,8 +47,8 @@ def test_the_fit_finds_the_models_and_predicts_the_speed_that_was_held_out(recor
     target = tmp_path / "wood.json"
     result = fit(recording, "-o", target, "--json")
     assert result.exit_code == 0, result.output
-    told, found = json.loads(result.output), read_texture(target)
-    assert told["quantity"] == found.quantity == "force" and found.sampling == approx(SAMPLING, rel=1e-3)
+    data, found = json.loads(result.output), read_texture(target)
+    assert data["quantity"] == found.quantity == "force" and found.sampling == approx(SAMPLING, rel=1e-3)
     assert len(found.models) == len(SPEEDS) * len(FORCES)
     for model in found.models:
         assert min(abs(model.speed / speed - 1) for speed in SPEEDS) < 0.02
@@ -84,7 +84,7 @@ def test_the_table_names_speeds_intervals_and_the_error(recording, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "options", "told"),
+    ("rows", "options", "fault_text"),
     [
         ("t,speed,normal\n0,1,1\n", (), "expected lateral too"),
         ("t,speed,normal,lateral\n0,1,1,x\n", (), "line 2"),
@@ -98,10 +98,10 @@ def test_the_table_names_speeds_intervals_and_the_error(recording, tmp_path):
         ),
     ],
 )
-def test_a_bad_recording_says_what_is_wrong(tmp_path, rows, options, told):
+def test_a_bad_recording_says_what_is_wrong(tmp_path, rows, options, fault_text):
     (tmp_path / "bad.csv").write_text(rows)
     result = fit(tmp_path / "bad.csv", *options)
-    assert result.exit_code == 2 and told in " ".join(result.output.split())
+    assert result.exit_code == 2 and fault_text in " ".join(result.output.split())
     assert fit(tmp_path / "none.csv").exit_code == 2
 
 

@@ -10,11 +10,11 @@ from palpate.cli.__main__ import app
 
 answers = []
 for words in json.load(sys.stdin):
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:
             code = app(words, standalone_mode=False) or 0
         except SystemExit as error:
             code = error.code
-    answers.append((code, said.getvalue()))
+    answers.append((code, printed.getvalue()))
 print(json.dumps(answers))
