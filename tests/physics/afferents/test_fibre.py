@@ -1,4 +1,4 @@
-"""The model of one fibre against an independent computation of the same equations."""
+"""The model of one fibre compared with an independent computation of the same equations."""
 
 import math
 
@@ -58,7 +58,7 @@ def spikes_of(kind, fit, s, noise=False, block=1, key=5):
 
 
 @pytest.mark.parametrize(("kind", "which"), EVERY)
-def test_each_fibre_fires_as_the_equations_say(kind, which):
+def test_each_fibre_fires_according_to_the_equations(kind, which):
     t = np.arange(3000) / RATE
     u = 0.5 * np.clip(t / 0.05, 0, 1) + np.where(t > 0.2, 0.1 * np.sin(2 * np.pi * 60 * t), 0.0)  # [mm]
     s = 0.04 * u
@@ -66,14 +66,14 @@ def test_each_fibre_fires_as_the_equations_say(kind, which):
     assert right and spikes_of(kind, FITS[kind][which], s) == right
 
 
-def test_the_input_within_a_message_is_linear_whatever_the_block():
+def test_the_input_within_a_message_is_linear_for_any_block_size():
     s = np.repeat(np.linspace(0, 0.03, 60), 10)
     line = np.interp(np.arange(600), np.arange(-1, 600, 10), np.r_[0.0, s[9::10]])
     fit = FITS[0][0]
     assert spikes_of(0, fit, line, block=10) == spikes_of(0, fit, line, block=1)
 
 
-def test_noise_is_white_and_depends_on_fibre_and_sample_alone():
+def test_noise_is_white_and_depends_only_on_fibre_and_sample():
     numbers = np.array([[fibre._noise(key, sample) for sample in range(4000)] for key in (3, 4, 1 << 61)])
     assert numbers.mean() == approx(0.0, abs=0.03) and numbers.std() == approx(1.0, abs=0.02)
     assert abs(np.corrcoef(numbers)[np.triu_indices(3, 1)]).max() < 0.06
@@ -85,10 +85,10 @@ def test_noise_is_white_and_depends_on_fibre_and_sample_alone():
 
 
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
-def test_the_gain_is_that_of_a_flat_punch_on_a_half_space(poisson):
+def test_the_gain_equals_that_of_a_flat_punch_on_a_half_space(poisson):
     """By the sum over points of the punch's pressure, P/(2 pi a sqrt(a² - r²))."""
     node, weight = np.polynomial.legendre.leggauss(64)
-    angle = 0.25 * np.pi * (node + 1.0)  # r = a sin(angle) takes the singular rim away
+    angle = 0.25 * np.pi * (node + 1.0)  # r = a sin(angle) removes the singularity at the rim
     r, share = PROBE * np.sin(angle), 0.25 * np.pi * weight * np.sin(angle)
     turn = 2 * np.pi * np.arange(64) / 64
     source = np.stack([np.outer(r, np.cos(turn)), np.outer(r, np.sin(turn))], -1).reshape(-1, 2)
@@ -103,7 +103,7 @@ def test_the_gain_is_that_of_a_flat_punch_on_a_half_space(poisson):
         assert dynamic[0] == approx(1.0 / (1e3 * -stress[2, 2] * 2 * PROBE * depth**2), rel=1e-6)
 
 
-def test_equivalent_stress_is_that_of_a_bar_and_takes_shear():
+def test_equivalent_stress_is_right_for_a_bar_and_for_shear():
     grid = np.array([(x, y, z) for z in (1e-3, 2e-3) for x in (-1e-3, 1e-3) for y in (-1e-3, 1e-3)])
     at = np.array([(0.3e-3, -0.2e-3, 1.4e-3)])
     corners, weights = np.zeros((1, 8), np.int32), np.zeros((1, 8))
@@ -122,7 +122,7 @@ def test_equivalent_stress_is_that_of_a_bar_and_takes_shear():
     assert q(zz=-1e3, xz=1e3) > q(zz=-1e3)
 
 
-def test_densities_are_those_of_a_human_fingertip():
+def test_densities_equal_those_of_a_human_fingertip():
     made = population.scatter(DENSITIES, 8e-3, DEPTHS, 1)
     area = math.pi * 0.8**2  # [cm²]
     assert np.bincount(made.kind) / area == approx([70, 140, 21], abs=0.5)

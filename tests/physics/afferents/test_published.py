@@ -1,4 +1,4 @@
-"""The afferents of the model against published curves and values (docs/equations/afferents.md)."""
+"""The afferents of the model compared with published curves and values (docs/equations/afferents.md)."""
 
 import numpy as np
 import pytest
@@ -38,12 +38,13 @@ def least_amplitude(kind, fit, frequency, seconds, begin, spikes):
 
 
 def threshold(kind, fit, frequency):
-    """For a spike in every second cycle, or 10 in 0.5 s: near the threshold of the first spikes."""
+    """Amplitude for a spike in every second cycle, or 10 in 0.5 s: near the threshold of the first spikes."""
     return least_amplitude(kind, fit, frequency, 0.5, 0.0, 0.5 * min(0.5 * frequency, 20.0))
 
 
 def tuning(kind, fit, frequency):
-    """For one spike per cycle (the tuning threshold of Talbot et al. 1968, I_1 of Johnson 1974), after 4 cycles."""
+    """Amplitude for one spike per cycle after 4 cycles: the tuning threshold of Talbot et al. 1968, I_1 of Johnson
+    1974."""
     cycles = max(10, 0.4 * frequency)
     return least_amplitude(kind, fit, frequency, (cycles + 4) / frequency, 4 / frequency, cycles)
 
@@ -53,7 +54,7 @@ def medians(of, kind, frequencies):
 
 
 @pytest.mark.long
-def test_pc_are_tuned_as_the_pacinian_channel():
+def test_pc_have_the_tuning_of_the_pacinian_channel():
     """Bolanowski et al. 1988: 12 dB per octave below the best frequency, which is 200 to 300 Hz."""
     frequencies = [50.0, 100.0, 200.0, 250.0, 300.0, 400.0, 800.0]
     median = medians(threshold, PC, frequencies)
@@ -130,7 +131,7 @@ def test_sa1_adapt_slowly_as_in_nerves():
         after = np.concatenate([train(SA1, fit, depth * np.clip(t / ramp, 0, 1)) for fit in FITS[SA1]]) - ramp
         rates = np.histogram(after, [0, 1, 2, 4, 8, 11, 12])[0] / [1, 1, 2, 4, 3, 1]
         assert 1.0 - rates[-1] / rates[0] == approx(decline, abs=0.05)
-        assert rates[0] > rates[1] > rates[2] > rates[3]  # most of it in the first seconds
+        assert rates[0] > rates[1] > rates[2] > rates[3]  # most of the adaptation is in the first seconds
 
 
 def test_sa1_recover_from_adaptation():
@@ -146,8 +147,8 @@ def test_sa1_recover_from_adaptation():
     ("kind", "frequency", "above", "least"), [(RA1, 40.0, 2.0, 0.6), (PC, 250.0, 2.0, 0.8), (SA1, 10.0, 3.0, 0.8)]
 )
 def test_spikes_lock_to_the_phase_of_a_sinusoid(kind, frequency, above, least):
-    """Above its threshold a fibre fires in a narrow part of the cycle, or of each half of it, as some RA1 do; measured
-    by the vector strength R at the frequency or at its double (1: one phase)."""
+    """Above its threshold a fibre fires in a narrow part of the cycle or, as some RA1, of each half cycle. The measure
+    is the vector strength R at the frequency or at its double (1: one phase)."""
     t = np.arange(round(1.0 * RATE)) / RATE
     amplitude = above * {RA1: 0.026, PC: 0.0003, SA1: 0.08}[kind]  # [mm] times the median threshold
     strengths = []
@@ -169,7 +170,7 @@ def square(reach, points, depths):
 
 
 def test_sa1_fire_most_below_the_edges_of_a_bar():
-    """A flat bar, 8 mm wide: its pressure P/(pi sqrt(a² - x²)) is that of a rigid one on a half-space."""
+    """A flat bar, 8 mm wide, with the pressure of a rigid bar on a half-space, P/(pi sqrt(a² - x²))."""
     depth = DEPTHS[SA1]
     points = square(6e-3, 49, (depth,))
     across = 4e-3 * np.cos(np.pi * (np.arange(96) + 0.5) / 96)

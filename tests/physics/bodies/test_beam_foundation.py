@@ -1,4 +1,4 @@
-"""The bed of beams as a deformable body: its response, its terminal law, its memory."""
+"""The beam foundation as a deformable body: its response, its terminal law, its memory."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def law(surface, s):
     return surface.stiffness * depth**surface.exponent
 
 
-def test_elastic_beams_sink_as_their_layers_in_series():
+def test_elastic_beams_indent_like_their_layers_in_series():
     (surface,) = FakeBus(BeamBundle(**ELASTIC)).publish(load(0.5))
     nodes, w = weights()
     assert list(surface.nodes) == list(nodes)
@@ -52,7 +52,7 @@ def test_elastic_beams_sink_as_their_layers_in_series():
     assert law(surface, s) == approx(0.5) and surface.limited == 0
 
 
-def test_before_contact_the_law_is_finite_and_right_for_a_patch_of_the_radius():
+def test_the_law_before_contact_is_that_of_a_patch_with_the_radius():
     bus = FakeBus(BeamBundle(**ELASTIC, radius=RADIUS))
     nothing, zero, pressed = bus.publish(
         Load(nodes=[], forces=np.zeros((0, 3)), foot=(0, 0, 0), normal=UP), load(0.0), load(0.5)
@@ -63,8 +63,8 @@ def test_before_contact_the_law_is_finite_and_right_for_a_patch_of_the_radius():
     assert 0 < pressed.stiffness < np.inf
 
 
-def test_the_law_is_the_next_step():
-    """The force that the law gives at the indentation that the next step takes is the force of that step."""
+def test_the_law_predicts_the_next_step():
+    """The law at the indentation of the next step gives the force of that step."""
     bus = FakeBus(BeamBundle(**SOFT))
     before = None
     for force in (0.2, 0.2, 0.25, 0.4, 0.4, 0.1, 0.1, 0.05):
@@ -74,7 +74,7 @@ def test_the_law_is_the_next_step():
         before = surface
 
 
-def test_it_creeps_to_the_static_indentation_and_recovers():
+def test_the_body_creeps_to_the_static_indentation_and_recovers():
     bus = FakeBus(BeamBundle(**SOFT), rate=100.0)
     steps = bus.publish(*[load(0.3)] * 1500)
     s = np.array([m.previous_indentation for m in steps])
@@ -106,7 +106,7 @@ def test_the_work_of_the_contact_is_the_work_on_the_beams():
         s, depth = surface.previous_indentation, now
 
 
-def test_on_a_round_body_too_the_work_of_the_contact_is_the_work_on_the_beams():
+def test_on_a_round_body_the_work_of_the_contact_is_the_work_on_the_beams():
     ball = BeamBundle(surface="sphere", vertices=2000)
     bus = FakeBus(ball)
     mesh = ball.mesh()
@@ -127,12 +127,12 @@ def test_on_a_round_body_too_the_work_of_the_contact_is_the_work_on_the_beams():
         s, before = surface.previous_indentation, now
 
 
-def test_beams_longer_than_the_body_is_thick_are_refused():
+def test_beams_longer_than_the_body_are_an_error():
     with pytest.raises(SettingError, match="end beyond the other side"):
         BeamBundle(surface="kidney", layers=(1e-3, 60e-3)).start()
 
 
-def test_a_closed_cycle_gives_no_energy():
+def test_a_closed_cycle_generates_no_energy():
     bus = FakeBus(BeamBundle(**SOFT))
     work, s = 0.0, 0.0
     for force in np.abs(np.sin(np.linspace(0, 6 * np.pi, 600))):
@@ -149,7 +149,7 @@ def test_a_tangential_force_shears_the_beams_elastically():
     assert surface.displacement[:, :2] == approx(np.outer(w / MESH.areas[nodes] * softness, [0.2, 0.1]))
 
 
-def test_load_moving_continuously_moves_the_surface_continuously():
+def test_a_continuous_motion_of_the_load_moves_the_surface_continuously():
     feet = [(x, 0.2e-3, 0.0) for x in np.linspace(0, 5e-3, 400)]
     steps = FakeBus(BeamBundle(**ELASTIC)).publish(*[load(0.3, foot) for foot in feet])
     s = np.array([m.previous_indentation for m in steps])
@@ -163,7 +163,7 @@ def test_a_symmetric_load_gives_a_symmetric_surface():
     assert full == approx(full[::-1], abs=1e-15) and full == approx(full.T, abs=1e-15)
 
 
-def test_layers_stop_at_the_strain_limit_and_say_so():
+def test_layers_stop_at_the_strain_limit_with_a_note():
     bus = FakeBus(BeamBundle(**SOFT), rate=1.0)
     for surface in bus.publish(*[load(1e3)] * 30):
         assert np.all(np.isfinite(surface.displacement)) and np.isfinite(surface.stiffness)
@@ -171,7 +171,7 @@ def test_layers_stop_at_the_strain_limit_and_say_so():
         assert surface.limited > 0 and 1 <= surface.exponent <= 3
 
 
-def test_a_surface_dragged_beyond_its_neighbours_is_held_and_says_so():
+def test_a_surface_dragged_beyond_its_neighbours_is_limited_with_a_note():
     light, heavy = FakeBus(BeamBundle(**ELASTIC)).publish(
         load(0.1, tangent=(0.05, 0.0)), load(0.1, tangent=(30.0, 0.0))
     )
@@ -191,7 +191,7 @@ def test_any_finite_load_gives_a_finite_answer(size):
         assert 0 < surface.stiffness < np.inf and 1 <= surface.exponent <= 3
 
 
-def test_duplicate_and_reordered_messages_do_no_harm():
+def test_duplicate_and_reordered_messages_are_ignored():
     bus = FakeBus(BeamBundle(**SOFT))
     first = bus.publish(*[load(0.3)] * 3)[-1]
     bus.twice()
@@ -224,11 +224,11 @@ def test_the_same_inputs_give_the_same_bytes():
         (dict(surface="cube"), "cube"),
     ],
 )
-def test_wrong_settings_are_refused_at_the_start(given, text):
+def test_wrong_settings_are_errors_at_the_start(given, text):
     with pytest.raises(SettingError, match=text):
         BeamBundle(**given).start()
 
 
-def test_a_load_of_another_mesh_is_refused_with_what_to_do():
+def test_a_load_of_another_mesh_is_an_error_with_a_remedy():
     with pytest.raises(SettingError, match="the same surface"):
         FakeBus(BeamBundle(surface="plane", vertices=16)).publish(load(0.1))

@@ -60,12 +60,12 @@ def test_the_compliance_between_two_patches_of_a_half_space_is_their_hankel_inte
     assert found == approx(total, rel=1e-3)
 
 
-def test_patches_on_one_place_have_the_compliance_of_one():
+def test_patches_at_the_same_position_have_the_compliance_of_one_patch():
     assert joint_profile()[0] == approx(MEAN, rel=1e-4)
 
 
 @pytest.mark.parametrize("model", ["linear", "nonlinear"])
-def test_far_apart_each_is_indented_as_alone_and_on_one_place_as_one_under_both(model):
+def test_contacts_act_separately_far_apart_and_as_one_at_the_same_position(model):
     body = slab(model)
     _, (left, right) = pressed(body, [(-0.03, 0.0), (0.03, 0.0)], [0.6, 0.6])
     for place, both in ((-0.03, left), (0.03, right)):
@@ -76,19 +76,20 @@ def test_far_apart_each_is_indented_as_alone_and_on_one_place_as_one_under_both(
     assert shared == approx(one, rel=2e-3)
 
 
-def test_what_each_does_to_the_other_is_equal_to_rounding():
-    """Betti: 1 N at A indents B as 1 N at B indents A; of the linear organ, whose patches differ in place and load."""
+def test_the_coupling_is_reciprocal_up_to_rounding():
+    """Betti: 1 N at A indents B as much as 1 N at B indents A, for the linear organ and patches that differ in position
+    and load."""
     body, places = slab("linear"), [(-0.021, 0.004), (-0.009, 0.0)]
     many, (_, there) = pressed(body, places, [0.3, 0.0])
     _, (here, _) = pressed(body, places, [0.0, 0.3])
     assert many.own.cross[0, 1] == many.own.cross[1, 0]
-    assert there == approx(here, rel=1e-12)  # each is evaluated from its own side
+    assert there == approx(here, rel=1e-12)  # each is evaluated from a different side
     assert np.linalg.eigvalsh(many.own.cross + np.diag(many.own.numbers[:, 4])).min() > 0.0
 
 
 @pytest.mark.parametrize("model", ["linear", "nonlinear"])
-def test_the_law_of_each_says_where_it_goes_under_the_forces_of_all(model):
-    """At the forces of now the next step is the body's own; at others of the linear body, too."""
+def test_the_law_of_each_contact_predicts_its_indentation_under_all_forces(model):
+    """At the present forces the law is exact for the next step; for the linear body also at other forces."""
     body = slab(model, 0.02)
     many = body.under(2)
     places, forces = [(-0.006, 0.0), (0.006, 0.002)], np.array([0.5, 0.3])
@@ -101,7 +102,7 @@ def test_the_law_of_each_says_where_it_goes_under_the_forces_of_all(model):
     assert [law[2] for law in then] == approx(printed, rel=2e-3 if model == "nonlinear" else 2e-5)
 
 
-def test_the_energy_of_a_linear_body_is_half_the_work_of_its_forces_and_no_cycle_makes_any():
+def test_a_linear_body_stores_half_the_work_and_cycles_generate_no_energy():
     body = slab("linear", 0.02)
     many, rng = body.under(3), np.random.default_rng(5)
     places, work, before = [(-0.008, 0.0), (0.004, 0.006), (0.012, -0.004)], 0.0, np.zeros(3)
@@ -117,7 +118,7 @@ def test_the_energy_of_a_linear_body_is_half_the_work_of_its_forces_and_no_cycle
     assert held[0].stored() == approx(0.5 * np.dot([0.4, 0.5, 0.2], depths), rel=5e-3)
 
 
-def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
+def test_the_slope_is_the_gradient_of_the_indentation_by_other_contacts():
     body, step = slab("linear"), 2e-4
     many = body.under(2)
     for _ in range(3):
@@ -133,10 +134,10 @@ def test_the_slope_is_that_of_the_indentation_by_the_others_along_the_surface():
     indented(0.010, 0.001, 1e-9)
     found = many.own.drawn[0] / 1e-9
     assert found[:2] == approx(expected, rel=0.12, abs=0.02 * abs(expected[0]))
-    assert found[0] < 0.0 and abs(found[2]) < 1e-12  # it is drawn into the other's dent
+    assert found[0] < 0.0 and abs(found[2]) < 1e-12  # it is pulled into the indentation of the other
 
 
-def test_the_surface_that_is_sent_is_that_of_all_contacts():
+def test_the_sent_surface_includes_all_contacts():
     body = slab()
     many, depths = pressed(body, [(-0.010, 0.0), (0.010, 0.0)], [0.5, 0.3])
     nodes, moved = many.displaced(*many.own.feet)
@@ -148,7 +149,7 @@ def test_the_surface_that_is_sent_is_that_of_all_contacts():
 
 
 def cut(apart, cells):
-    """Half of the block, its mesh following two patches on y = 0."""
+    """Half of the block, with a mesh that follows two patches on y = 0."""
     size = RADIUS / cells
     x = graded(-SIDE / 2, -apart / 2 - RADIUS, apart / 2 + RADIUS, SIDE / 2, size)
     points, corners = grid(x, graded(0.0, 0.0, RADIUS, SIDE / 2, size), graded(-SLAB, -0.6 * RADIUS, 0.0, 0.0, size))
@@ -176,9 +177,9 @@ def full(apart, forces, cells, levels):
 
 
 @pytest.mark.parametrize("apart", [5e-3, 12e-3, 40e-3])
-def test_two_light_fingers_indent_the_slab_as_two_patches_do_a_full_model(apart):
-    """The full model is coarse, 2 % too stiff; what one does to the other, 45 to 2.7 % of that, is within 3 %. Held
-    one by one, patches 40 mm apart would do 8 % too little."""
+def test_two_light_contacts_agree_with_a_full_model(apart):
+    """The full model is coarse and 2 % too stiff. The coupling, 45 to 2.7 % of the compliance, agrees within 3 %. If
+    each patch were condensed separately, the coupling over 40 mm would be 8 % too low."""
     exact = full(apart, (0.02, 0.0), 2, 1)
     _, found = pressed(slab(), [(-apart / 2, 0.0), (apart / 2, 0.0)], [0.02, 0.0])
     assert found == approx(exact, abs=0.03 * exact.max())
@@ -188,7 +189,7 @@ def test_two_light_fingers_indent_the_slab_as_two_patches_do_a_full_model(apart)
 @pytest.mark.long
 @pytest.mark.parametrize("apart", [5e-3, 10e-3, 20e-3])
 @pytest.mark.parametrize("forces", [(0.6, 0.6), (0.9, 0.3)])
-def test_two_fingers_that_press_hard_stay_within_three_percent_of_the_full_model(apart, forces):
+def test_two_strong_contacts_agree_with_the_full_model_within_3_percent(apart, forces):
     exact = full(apart, forces, 4, math.ceil(max(forces) / 0.15))
     _, found = pressed(slab(), [(-apart / 2, 0.0), (apart / 2, 0.0)], forces)
     assert found == approx(exact, abs=0.03 * exact.max())

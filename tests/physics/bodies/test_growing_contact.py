@@ -1,4 +1,4 @@
-"""A condensed organ under a contact that grows: Hertz by closed form, passive at a place, finite in hard cases."""
+"""A condensed organ under a growing contact: Hertz's closed form, passivity at a point, finite in hard cases."""
 
 import math
 from functools import lru_cache
@@ -43,7 +43,7 @@ def fine():
 
 
 class Half:
-    """A half-space under one contact, with the load that spread.Kernel makes of the area law."""
+    """A half-space under one contact, with the load that spread.Kernel computes from the area law."""
 
     def __init__(self, area, retardation=0.0, sticks=False, **more):
         self.area, self.spreader = area, Spreader(fine(), PATCH, "hertz" if len(area.forces) else "biweight")
@@ -52,7 +52,7 @@ class Half:
         )
 
     def press(self, force, dt=1e-3, foot=FOOT):
-        """Indentation now [m]; the law of the next step is `law`."""
+        """Present indentation [m]; sets `law`, the law of the next step."""
         count = 0
         if force > 0.0:
             wide = radius_at(self.area.forces, self.area.radii, force) if len(self.area.forces) else 0.0
@@ -63,7 +63,7 @@ class Half:
 
 
 @pytest.mark.parametrize("force", [1e-3, 0.01, 0.1, 1.0])
-def test_under_a_rigid_ball_it_is_hertz(force):
+def test_a_rigid_ball_gives_the_law_of_hertz(force):
     body = Half(LAWS["ball"])
     depth = body.press(force)
     right = (0.75 * force / (E * math.sqrt(RADIUS))) ** (2.0 / 3.0)
@@ -75,7 +75,7 @@ def test_under_a_rigid_ball_it_is_hertz(force):
     assert set(body.body.causes()) <= {"slides"}
 
 
-def test_the_surface_under_a_ball_is_the_ball():
+def test_the_surface_under_a_ball_has_the_shape_of_the_ball():
     body, force = Half(LAWS["ball"]), 1.0
     body.press(force)
     a = radius_at(body.area.forces, body.area.radii, force)
@@ -89,8 +89,9 @@ def test_the_surface_under_a_ball_is_the_ball():
 @laws
 @pytest.mark.parametrize("retardation", [0.0, 0.02])
 @pytest.mark.parametrize("dt", [1e-4, 1e-3, 0.3])
-def test_no_history_of_the_force_takes_out_energy(name, retardation, dt):
-    """From rest, any forces: the work on the body is never negative, and its stored energy never more than the work."""
+def test_no_force_history_generates_energy(name, retardation, dt):
+    """For any forces from rest, the work on the body is never negative, and its stored energy never exceeds the
+    work."""
     rng = np.random.default_rng(7)
     for scale in (0.01, 1.0, 5.0):
         body, work, before = Half(LAWS[name], retardation, rho=nonlinearity(POISSON)), 0.0, 0.0
@@ -117,7 +118,7 @@ RIGID, SOFT = kernel_form(power(1e12, 1.0), 0.0), kernel_form(exponential(26.264
 
 
 @pytest.mark.parametrize("dt", [1e-3, 1e-4])
-def test_pressed_and_released_by_a_rigid_finger_it_follows_hertz(dt):
+def test_a_rigid_finger_follows_hertz_during_press_and_release(dt):
     """The ball of `bench accuracy`, on a half-space: at most 3 % RMS."""
     times = np.arange(0.0, 0.5, dt)
     approaches = 5e-4 * np.sin(np.pi * times / 0.5) ** 2
@@ -128,7 +129,7 @@ def test_pressed_and_released_by_a_rigid_finger_it_follows_hertz(dt):
     assert abs(work) < 2e-3 * 0.4 * right.max() * 5e-4
 
 
-def test_a_viscous_half_space_under_a_ball_loads_as_lee_and_radok():
+def test_a_viscous_half_space_under_a_ball_follows_lee_and_radok():
     """While the contact grows, a³ and d³ᐟ² follow the force through the creep of the solid: tau h' + h = f, d(h)."""
     tau, dt = 0.02, 1e-3
     body, h = Half(LAWS["ball"], tau), 0.0
@@ -154,7 +155,7 @@ def test_hard_cases_stay_finite_and_passive(name, finger, retardation, dt):
         assert work >= -2e-3 * np.sum(forces * np.abs(np.diff(approaches, prepend=0.0)))
 
 
-def test_a_force_beyond_the_law_is_reported():
+def test_a_force_outside_the_area_law_is_reported():
     body = Half(LAWS["table"])
     body.press(2.5)
     assert "grown" in body.body.causes() and "exceeds the range of scene.surface.area by 100%" in body.body.caution(
@@ -163,7 +164,7 @@ def test_a_force_beyond_the_law_is_reported():
     assert body.body.extrapolation >= 1.0
 
 
-def test_two_contacts_far_apart_move_as_one_each_and_closer_ones_sink_deeper():
+def test_distant_contacts_act_separately_and_close_ones_indent_deeper():
     depths = {}
     for away in (0.01, 0.03):
         one = Half(LAWS["ball"])
@@ -182,7 +183,7 @@ def test_two_contacts_far_apart_move_as_one_each_and_closer_ones_sink_deeper():
         assert predicted == approx(depths[away][0], rel=1e-3)
 
 
-def test_two_contacts_store_the_work_that_is_done_on_them():
+def test_two_contacts_store_the_work_done_on_them():
     one = Half(LAWS["ball"])
     body, work, before = one.body.under(2), 0.0, np.zeros(2)
     steps = 0.05 * (np.arange(1, 101) / 100.0) ** 3
@@ -198,7 +199,7 @@ def test_two_contacts_store_the_work_that_is_done_on_them():
     assert body.stored() == approx(work, rel=5e-3)
 
 
-def test_the_depth_table_knows_how_wide_the_contact_is():
+def test_the_depth_table_includes_the_contact_radius():
     body = Half(of_table([10.0], [3e-3]), rho=nonlinearity(POISSON))
     body.press(3.0)
     a = radius_at(body.area.forces, body.area.radii, 3.0)

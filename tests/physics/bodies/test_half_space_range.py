@@ -1,4 +1,4 @@
-"""What the corrected compliance of a patch is off by on thin and curved ground: closed forms of a layer and a ball."""
+"""Error of the corrected compliance of a patch on thin and curved bodies: closed forms of a layer and a ball."""
 
 import math
 from functools import lru_cache
@@ -32,7 +32,7 @@ def spectrum(k):
 
 @lru_cache
 def square(wide=1.0):
-    """Of the spectrum at K, under a patch so many times as wide."""
+    """The squared spectrum at K for a patch `wide` times as wide."""
     return spectrum(K * wide) ** 2
 
 
@@ -48,7 +48,7 @@ def layer(k, poisson, bonded):
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
 @pytest.mark.parametrize("bonded", [False, True])
 @pytest.mark.parametrize("wide", [1.2, 1.41, 2.0])
-def test_on_a_layer_the_error_stays_below_what_is_told(poisson, bonded, wide):
+def test_the_error_on_a_layer_is_below_the_reported_bound(poisson, bonded, wide):
     for thick in (8.0, 4.0, 3.0, 2.0, 1.5, 1.0):
         shape = layer(K * thick, poisson, bonded)
         exact = np.trapezoid(shape * square(), K)
@@ -57,11 +57,12 @@ def test_on_a_layer_the_error_stays_below_what_is_told(poisson, bonded, wide):
         assert 0.0 < found / exact - 1.0 < 1.1 * printed
         assert (
             not (bonded and poisson == 0.45 and thick >= 2.0) or found / exact - 1.0 > 0.7 * printed
-        )  # and is no idle bound
+        )  # and the bound is not much larger than the error
 
 
 def ball_error(poisson, wide, rho):
-    """Of the corrected compliance of a patch of radius 1 on a free elastic ball of radius rho, by Legendre series."""
+    """Error of the corrected compliance of a patch of radius 1 on a free elastic ball of radius rho (Legendre
+    series)."""
     count = 2000
     n = np.arange(2, count)
     # Lurie's solutions r^(n+1), r^(n-1): u_r = A (n+1)(n-2+4nu) + B n, no shear at r = 1, unit pressure, E = 1.
@@ -87,7 +88,7 @@ def ball_error(poisson, wide, rho):
 
 @pytest.mark.parametrize("poisson", [0.3, 0.45])
 @pytest.mark.parametrize("wide", [1.2, 1.41, 2.0])
-def test_on_a_ball_the_error_stays_below_what_is_told(poisson, wide):
+def test_the_error_on_a_ball_is_below_the_reported_bound(poisson, wide):
     errors = [abs(ball_error(poisson, wide, rho)) for rho in (6.0, 4.0, 3.0, 2.0)]
     assert max(errors) < hr.BALL and errors[0] < 0.007
 
@@ -114,7 +115,7 @@ def layer_basis(thick=12e-3, poisson=0.45):
     )
 
 
-def test_a_thin_organ_is_flagged_with_an_error_that_covers_the_one_it_has():
+def test_a_thin_organ_is_flagged_with_an_upper_bound_of_its_error():
     basis, both_sides = layer_basis()
     body = CondensedBody(basis, plane(0.1, 10000), YOUNG, 0.0, RADIUS, 1.0, 0.45, False)
     thin = hr.inverse_thickness(both_sides)[: len(basis.vertices)]
@@ -152,7 +153,7 @@ def test_thickness_and_curvature_of_a_ball_and_a_sheet():
 
 
 @pytest.mark.parametrize("spacings", [1.41, 1.2, 1.0, 0.8])
-def test_a_load_narrower_than_the_mesh_is_off_by_no_more_than_is_told(spacings):
+def test_the_error_of_a_narrow_load_is_below_the_reported_bound(spacings):
     mesh, rng = surface_mesh("plane", 10000), np.random.default_rng(5)
     radius = spacings * math.sqrt(mesh.areas.mean() / 0.866)
     spreader = Spreader(mesh, radius, "biweight")
@@ -163,7 +164,7 @@ def test_a_load_narrower_than_the_mesh_is_off_by_no_more_than_is_told(spacings):
         assert abs(radius / acts - 1.0) <= hr.narrow_error(narrower)
 
 
-def test_what_is_outside_of_the_range_is_reported_once_and_in_the_message():
+def test_use_outside_the_range_is_noted_once_and_marked_in_each_message():
     node = ReducedFE(model="linear", vertices=3000)
     bus = FakeBus(node)
     mesh = node.mesh()
@@ -191,7 +192,7 @@ def test_what_is_outside_of_the_range_is_reported_once_and_in_the_message():
     assert round_tip.extrapolation > 0.0 and "radius of curvature" in note and "an error of" in note
 
 
-def test_a_free_surface_under_more_than_a_light_load_says_what_it_is_too_stiff_by():
+def test_a_free_surface_under_a_strong_load_reports_its_excess_stiffness():
     node = ReducedFE(model="linear", vertices=3000, sticks=False)
     body, mesh = CondensedBody.of(node), node.mesh()
     top = mesh.vertices[mesh.vertices[:, 2].argmax()]
@@ -206,8 +207,8 @@ def test_a_free_surface_under_more_than_a_light_load_says_what_it_is_too_stiff_b
     assert hr.sliding_error(hr.LIGHT) < 0.021
 
 
-def test_the_pressure_that_is_sent_is_that_of_the_load_at_the_touched_mesh():
-    """3f/(pi R²) (1 - r²/R²)², as the full solvers of the references press."""
+def test_the_sent_pressure_is_that_of_the_load_on_the_mesh():
+    """3f/(pi R²) (1 - r²/R²)², the load of the reference solvers."""
     node = ReducedFE(model="linear")
     bus, mesh = FakeBus(node), node.mesh()
     top = mesh.vertices[mesh.vertices[:, 2].argmax()]

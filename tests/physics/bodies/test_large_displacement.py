@@ -1,5 +1,5 @@
-"""The law of large displacement against finite elements of another kind, at radii, depths and materials that it was not
-fitted to, and against the linear law: it is to be better wherever it is used."""
+"""The law of large displacement compared with other finite elements, at radii, depths and materials outside its fit,
+and with the linear law: it must be better wherever it is used."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ POISSONS = (0.15, 0.33, 0.38, 0.42, 0.46, 0.48)
 class RoundPress:
     """A cylinder of modulus 1 and patch radius 1 under the load 3f/pi (1 - r²)², whose surface does not slide at r < 1.
 
-    bed  stiffness per area of what it lies on, its side free; None: bonded below, held at the side
+    bed  stiffness per area of the elastic foundation, with a free side; None: bonded below, fixed at the side
     """
 
     def __init__(self, poisson, thickness, wide, cells, bed=None):
@@ -59,7 +59,7 @@ class RoundPress:
         self.load = -(load / load.sum()).ravel()[self.free]
 
     def balance(self, u):
-        """Inner forces and tangent at displacements (2N,), of what is free; None where an element is inverted."""
+        """Inner forces and tangent of the free nodes at displacements (2N,); None if an element is inverted."""
         body, elastic = self.body, self.body.forces(self.material, u.reshape(-1, 2))
         if elastic is None:
             return None
@@ -100,8 +100,8 @@ def half_space(poisson):
 
 
 @pytest.mark.parametrize("poisson", [0.25, *(pytest.param(p, marks=pytest.mark.long) for p in POISSONS), 0.45])
-def test_on_a_half_space_it_is_the_full_solution(poisson):
-    """The far border of the cylinder is a linear spring in series with the half-space, whose compliance is known."""
+def test_the_law_equals_the_full_solution_on_a_half_space(poisson):
+    """The far border of the cylinder acts as a linear spring in series with the half-space of known compliance."""
     depths = np.array([0.07, 0.23, 0.44, 0.66, 0.85] + [1.04, 1.21, 1.43] * (poisson > 0.3))
     press = RoundPress(poisson, 25.0, 25.0, 6)
     force = (1.0 + press.excess(depths)) * depths / press.compliance
@@ -152,9 +152,9 @@ def no_worse(large, linear):
 
 
 @pytest.mark.parametrize("radius", [6e-3, *(pytest.param(r, marks=pytest.mark.long) for r in (8e-3, 12e-3))])
-def test_on_the_slab_the_body_is_never_worse_than_the_linear_one(radius):
-    """At equal depth, from s/R = 0.1 to 1.2. At some depths the linear one is nearer, by less than 0.6 %, where both
-    are within 1.5 %."""
+def test_the_body_on_the_slab_is_never_worse_than_the_linear_one(radius):
+    """At equal depth, from s/R = 0.1 to 1.2. At some depths the linear body is nearer by less than 0.6 %; both are then
+    within 1.5 %."""
     depths = np.array([0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.2])
     full = 1.0 + RoundPress(POISSON, 0.04 / radius, 0.056 / radius, 6, BED * radius).excess(depths)
     errors = []
@@ -177,8 +177,8 @@ def test_on_the_slab_the_body_is_never_worse_than_the_linear_one(radius):
     [(4.0, 8e-3, 0.45), (-17.0, 8e-3, 0.45), (20.0, 5e-3, 0.45), (-7.0, 12e-3, 0.45), (9.0, 8e-3, 0.3)],
 )
 def test_on_the_kidney_the_law_is_never_worse_than_the_linear_one(place, radius, poisson, monkeypatch):
-    """At held-out places, against the solver of the references (2 cells across the radius), which shares no mesh and
-    no basis with the body."""
+    """At held-out positions, compared with the reference solver (2 cells per radius), which shares neither mesh nor
+    basis with the body."""
     monkeypatch.setattr(kidney, "RADIUS", radius)
     monkeypatch.setattr(kidney, "POISSON", poisson)
     levels = np.array([0.01, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5]) * (radius / 8e-3) ** 2
@@ -191,7 +191,7 @@ def test_on_the_kidney_the_law_is_never_worse_than_the_linear_one(place, radius,
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.2, 0.3, 0.45, 0.499])
-def test_the_law_rises_and_its_inverse_slopes_and_energy_are_those_of_the_law(poisson):
+def test_the_law_rises_and_its_inverse_slopes_and_energy_are_consistent(poisson):
     rho, h = nonlinearity(poisson), 1e-6
     depths = np.array([-0.3, 0.01, 0.4, 0.9, 1.4, DEEPEST + 0.01, 2.5])
     for depth in depths:

@@ -44,7 +44,7 @@ def dense(displaced, mesh=MESH):
     return out
 
 
-def test_at_rest_the_centre_goes_in_by_the_contact_indentation_and_the_rest_follows_the_kernel():
+def test_at_rest_the_surface_has_the_indentation_and_the_shape_of_the_kernel():
     s = (2.0 / K) ** (1 / N)
     displacement = dense(nodal().step(*load((0.0, 0.0, -2.0)), UP, math.inf))
     d = np.linalg.norm(MESH.vertices, axis=1)
@@ -52,7 +52,7 @@ def test_at_rest_the_centre_goes_in_by_the_contact_indentation_and_the_rest_foll
 
 
 @steps
-def test_each_node_obeys_its_own_implicit_step(dt):
+def test_each_node_satisfies_its_implicit_step(dt):
     body = nodal()
     nodes, forces = load((0.0, 0.0, -1.5))
     before = np.zeros(len(MESH.vertices))
@@ -125,7 +125,7 @@ def test_the_tangential_spring_is_backward_euler():
     assert stretch == approx(0.3 / 300.0, rel=1e-6)
 
 
-def test_neighbours_never_part_by_more_than_the_limit():
+def test_neighbours_never_separate_beyond_the_limit():
     body = nodal(k_t=20.0)
     edges = np.concatenate([MESH.triangles[:, [0, 1]], MESH.triangles[:, [1, 2]], MESH.triangles[:, [2, 0]]])
     lengths = np.linalg.norm(MESH.vertices[edges[:, 0]] - MESH.vertices[edges[:, 1]], axis=1)
@@ -137,7 +137,7 @@ def test_neighbours_never_part_by_more_than_the_limit():
             assert (parted <= MOST_STRAIN * lengths * (1 + 1e-9)).all()
 
 
-def test_a_tangential_pull_never_turns_a_triangle_over():
+def test_a_tangential_load_never_inverts_a_triangle():
     body = nodal(k_t=20.0)
     displacement = dense(body.step(*load((5.0, 1.0, -5.0)), UP, 1.0))
     corner = (MESH.vertices + displacement)[MESH.triangles][:, :, :2]
@@ -145,7 +145,7 @@ def test_a_tangential_pull_never_turns_a_triangle_over():
     assert (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > 0).all()
 
 
-def test_only_the_zone_is_kept_in_the_list():
+def test_only_displaced_nodes_are_listed():
     body = nodal()
     spreader = Spreader(MESH, 4e-3)
     for i in range(300):
@@ -156,14 +156,14 @@ def test_only_the_zone_is_kept_in_the_list():
     assert (body.own.where[0, outside] == -1).all()
 
 
-def test_the_zone_of_a_large_mesh_moves_as_that_of_a_small_one():
+def test_the_displacement_does_not_depend_on_the_size_of_the_mesh():
     large = plane(0.18, 181**2)
     small = dense(nodal().step(*load((0.1, 0.0, -2.0)), UP, 1e-3))
     wide = dense(nodal(mesh=large).step(*load((0.1, 0.0, -2.0), mesh=large), UP, 1e-3), large)
     assert wide.reshape(181, 181, 3)[60:121, 60:121] == approx(small.reshape(61, 61, 3), abs=1e-12)
 
 
-def test_forces_on_nodes_that_do_not_exist_are_left_out():
+def test_forces_on_unknown_nodes_are_ignored():
     nodes, displacement = nodal().step(np.array([-3, 10**6], np.int32), np.full((2, 3), -1.0), UP, 1e-3)
     assert len(nodes) == 0 and displacement.shape == (0, 3)
 
@@ -189,7 +189,7 @@ def proximity(e):
     return Proximity(foot=(0, 0, 0), normal=UP, coordinates=(0, 0), element=0, gap=4e-3 - e, approach=e, slip=(0, 0, 0))
 
 
-def test_contact_against_the_node_is_the_monolithic_series_solution():
+def test_contact_with_the_node_equals_the_monolithic_series_solution():
     at_rest, tissue = (FakeBus(MassSpring(surface="plane", vertices=2500, position=(0, 0, 0))) for _ in range(2))
     contact = FakeBus(Series())
     spread = FakeBus(Kernel(surface="plane", vertices=2500, position=(0, 0, 0)))
@@ -208,7 +208,7 @@ def test_contact_against_the_node_is_the_monolithic_series_solution():
     assert [a for a, _ in s2] == approx([b for _, b in s2], rel=1e-9, abs=1e-14)
 
 
-def test_the_field_is_left_out_where_nobody_wants_it():
+def test_the_field_is_omitted_if_it_is_not_wanted():
     on = Load(nodes=[5, 6], forces=[[0, 0, -1.0], [0, 0, -1.0]], foot=(0, 0, 0), normal=UP)
     (full,) = FakeBus(MassSpring(surface="plane", vertices=400)).publish(on)
     node = MassSpring(surface="plane", vertices=400)
@@ -219,7 +219,7 @@ def test_the_field_is_left_out_where_nobody_wants_it():
 
 
 def retarded_path(dt, forces, **law):
-    """Indentations [m] of the node under these normal forces [N], one a step of dt [s]."""
+    """Indentations [m] of the node under these normal forces [N], one per step of dt [s]."""
     node = MassSpring(surface="plane", vertices=400, position=(0, 0, 0), **law)
     bus, depths = FakeBus(node, rate=1.0 / dt), []
     for f in forces:
@@ -244,7 +244,7 @@ def test_a_retarded_spring_converges_to_the_kelvin_voigt_solid_with_order_1():
 
 @given(st.floats(1.0, 3.0), st.floats(0.0, 10.0), st.floats(0.0, 0.2), st.integers(0, 10**6))
 @settings(max_examples=25, deadline=None)
-def test_a_retarded_spring_gives_back_no_more_than_it_got(n, c, tau, seed):
+def test_a_retarded_spring_never_returns_more_work_than_it_received(n, c, tau, seed):
     rng = np.random.default_rng(seed)
     forces = np.repeat(rng.uniform(0.0, 4.0, 40) * rng.integers(0, 2, 40), rng.integers(1, 30, 40))
     law = {"stiffness": 250.0 * 8e-3 ** (1.0 - n), "exponent": n, "damping": c, "retardation": tau}
@@ -262,7 +262,7 @@ def test_without_load_a_retarded_spring_recovers_exponentially_and_then_sleeps()
     assert depths[-1] == 0.0
 
 
-def test_the_law_of_a_retarded_spring_is_that_of_any_step_length():
+def test_the_law_of_a_retarded_spring_is_valid_for_any_step_length():
     """A contact at another rate converts the law; for this body the conversion is exact, for every exponent."""
     node = MassSpring(surface="plane", vertices=400, exponent=1.4, damping=0.0, retardation=0.01)
     bus = FakeBus(node)

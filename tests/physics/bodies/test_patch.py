@@ -1,4 +1,4 @@
-"""What is told of a finer mesh: which vertices, their displacement and pressure, against whole arrays."""
+"""The sent part of a finer mesh: vertices, displacement and pressure, compared with whole arrays."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from palpate.physics.bodies.patch import add_pressure, interpolated, reaches
 
 
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 250])
-def test_vertices_within_their_own_reach_are_told_in_order_with_the_mean_of_their_corners(count):
+def test_vertices_near_the_contact_are_sent_in_order_with_the_mean_of_their_corners(count):
     rng = np.random.default_rng(count)
     vertices, within = rng.random((count, 3)), rng.choice([0.2, 0.5, np.inf], count)
     corners, weights = rng.integers(0, 40, (count, 3)), rng.dirichlet(np.ones(3), count)
@@ -23,7 +23,7 @@ def test_vertices_within_their_own_reach_are_told_in_order_with_the_mean_of_thei
     assert moved[:printed] == approx(np.einsum("ka,kai->ki", weights[right], u[corners[right]]))
 
 
-def test_pressure_is_the_force_against_the_normal_over_the_area_and_adds_to_what_is_there():
+def test_pressure_is_the_normal_force_over_the_area_and_accumulates():
     rng = np.random.default_rng(2)
     pull, patch, areas = rng.normal(size=(12, 3)), rng.choice(60, 12, replace=False).astype(np.int32), rng.random(60)
     normal, printed, push = (0.6, 0.0, 0.8), np.arange(0, 60, 2, dtype=np.int32), np.zeros(60)

@@ -8,7 +8,7 @@ from palpate.nodes.base.surface import surface_mesh
 from palpate.physics.bodies.patch import hat_moments, patch_radius
 
 
-def test_a_patch_has_the_radius_of_its_pressure():
+def test_the_radius_of_a_patch_is_that_of_its_pressure():
     mesh = surface_mesh("plane", 4000)
     every = np.arange(len(mesh.vertices))
     for radius in (6e-3, 15e-3):

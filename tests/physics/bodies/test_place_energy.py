@@ -1,4 +1,5 @@
-"""Force and place of a condensed organ have one energy: its slope along the surface, and closed rounds of a finger."""
+"""Force and position of a condensed organ derive from one energy: its tangential gradient, and closed paths of a
+finger."""
 
 from functools import lru_cache
 from itertools import product
@@ -23,8 +24,8 @@ from palpate.physics.geometry.mesh_closest import MeshClosestPoint
 
 STEP = 1e-3
 GAIN = 0.02
-"""Of the work that is put in: what a closed round may give out beyond it at most; without the slope it is 0.027. What
-is left is how far the compliance of the coarse mesh scatters from place to place."""
+"""[1] Limit of the energy generated on a closed path, over the work put in; without the tangential gradient it is
+0.027. The remaining energy is from the scatter of the coarse mesh's compliance between positions."""
 
 
 @lru_cache
@@ -47,7 +48,7 @@ class Hand:
         self.taken = self.given = 0.0
 
     def to(self, foot, normal, approach):
-        """Move so that the foot point and the approach are these."""
+        """Move to this foot point and approach."""
         at = foot - approach * normal
         body = self.law or Terminal(1e3, 1.0, 0.0, 0.0, 0.0)
         push, self.compression, _ = series(approach, STEP, self.compression, self.own, 0.0, body)
@@ -67,8 +68,8 @@ class Hand:
 
 
 def gained(hand, way, approach, steps=150):
-    """Share of the work that goes in that comes out beyond it, down at the first point, along the way, up at the last
-    and back through the air."""
+    """Energy generated on a closed path, over the work put in: down at the first point, along the path, up at the last
+    point, and back through the air."""
     feet, normals, *_ = hand.closest.find(way)
     ramp = np.linspace(0.0, approach, steps)
     for e in ramp:
@@ -107,8 +108,8 @@ PRESSES = [(*case, STEEPEST) for case in FIRST] + [
 
 
 @pytest.mark.parametrize(("model", "retardation", "approach", "arcs"), PRESSES)
-def test_pressing_here_sliding_and_lifting_there_gives_out_nothing(model, retardation, approach, arcs):
-    """At most 0.0214, from the stiffest place to the softest under 4 mm; along the other arcs below 0.02."""
+def test_pressing_sliding_and_lifting_elsewhere_generates_no_energy(model, retardation, approach, arcs):
+    """The largest share is 0.0214, from the stiffest to the softest point under 4 mm; on the other arcs below 0.02."""
     for arc in arcs:
         way = np.linspace(*ARCS[arc], 500)
         assert gained(Hand(retardation, model), way, approach) <= 1.1 * GAIN
@@ -124,8 +125,11 @@ GROWING = {
 
 @pytest.mark.parametrize(("model", "retardation", "approach", "arcs"), PRESSES)
 @pytest.mark.parametrize("law", GROWING)
-def test_nor_does_it_where_the_contact_grows(law, model, retardation, approach, arcs):
-    """From the stiffest place to the softest 0.025 and 0.026, where a fixed patch has 0.021: the same mesh scatters."""
+def test_pressing_sliding_and_lifting_generates_no_energy_with_a_growing_contact(
+    law, model, retardation, approach, arcs
+):
+    """From the stiffest to the softest point 0.025 and 0.026, compared with 0.021 for a fixed patch, by the same
+    scatter."""
     for arc in arcs:
         way = np.linspace(*ARCS[arc], 500)
         assert gained(Hand(retardation, model, GROWING[law]), way, approach) <= 1.5 * GAIN
@@ -135,14 +139,14 @@ def test_nor_does_it_where_the_contact_grows(law, model, retardation, approach, 
 @pytest.mark.parametrize(
     ("radius", "approach"), [(4e-3, 10e-3), pytest.param(12e-3, 10e-3, marks=pytest.mark.long), (12e-3, 4e-3)]
 )
-def test_rounds_under_a_ball_give_out_nothing(turn, radius, approach):
+def test_closed_paths_under_a_ball_generate_no_energy(turn, radius, approach):
     angle = turn * np.linspace(0.0, 4.0 * np.pi, 800)
     way = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 0.021)], axis=1)
     assert gained(Hand(area=GROWING["ball"]), way, approach) <= GAIN
 
 
-def test_a_hand_that_feels_the_normal_force_alone_gains_more(monkeypatch):
-    """So the tests above see what they are meant to see."""
+def test_without_the_lateral_force_a_closed_path_generates_energy(monkeypatch):
+    """Shows that the tests above detect a missing lateral force."""
     hand = Hand()
     monkeypatch.setattr(hand.body, "along", lambda: ((0.0, 0.0, 0.0), (0.0,) * 9))
     assert gained(hand, np.linspace(*ARCS["softest to stiffest"], 500), 10e-3) > 1.3 * GAIN
@@ -150,7 +154,7 @@ def test_a_hand_that_feels_the_normal_force_alone_gains_more(monkeypatch):
 
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 @pytest.mark.parametrize(("radius", "approach"), [(4e-3, 10e-3), (12e-3, 10e-3), (12e-3, 4e-3)])
-def test_rounds_at_one_depth_give_out_nothing(turn, radius, approach):
+def test_closed_paths_at_constant_depth_generate_no_energy(turn, radius, approach):
     angle = turn * np.linspace(0.0, 4.0 * np.pi, 800)
     way = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.full(len(angle), 0.021)], axis=1)
     assert gained(Hand(), way, approach) <= GAIN
@@ -167,7 +171,7 @@ def energy(body, spread, foot, normal, force):
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.02, 0.005), (0.03, -0.004), (-0.02, 0.01)])
-def test_the_slope_is_the_change_of_the_energy_with_place(place):
+def test_the_gradient_is_the_change_of_the_energy_with_the_position(place):
     hand, force, h = Hand(), 1.5, 6e-3
     (foot,), (normal,), *_ = hand.closest.find(top(*place)[None])
     hand.load(foot, normal, force)
@@ -184,8 +188,9 @@ def test_the_slope_is_the_change_of_the_energy_with_place(place):
     assert slope @ normal == approx(0.0, abs=1e-12)
 
 
-def test_over_a_ball_the_hand_moves_less_than_the_foot_point():
-    """Of radius R, where the normal turns by dp/R: the force is greater by 1/(1 - e/R)."""
+def test_over_a_ball_the_lateral_force_is_larger_than_the_gradient():
+    """On a ball of radius R the normal turns by dp/R, so the hand moves less than the foot point, and the force is
+    larger by the factor 1/(1 - e/R)."""
     normal, slope, radius = np.array([0.0, 0.6, 0.8]), np.array([0.1, 0.0, 0.0]), 0.02
     turning = (np.eye(3) - np.outer(normal, normal)) / radius
     near = on_hand(tuple(slope), tuple(turning.ravel()), 0.008, tuple(normal))
@@ -194,7 +199,7 @@ def test_over_a_ball_the_hand_moves_less_than_the_foot_point():
     assert np.isfinite(far).all()
 
 
-def test_the_contact_passes_it_to_the_hand_and_no_contact_does_not():
+def test_only_a_contact_passes_the_lateral_force_to_the_hand():
     near = {"foot": (0, 0, 0), "normal": (0.0, 0.0, 1.0), "coordinates": (0, 0), "element": 0, "slip": (0, 0, 0)}
     body = {"nodes": [], "displacement": np.zeros((0, 3)), "stiffness": 1e3, "exponent": 1.0, "damping": 0.0}
     body |= {
@@ -209,7 +214,7 @@ def test_the_contact_passes_it_to_the_hand_and_no_contact_does_not():
     assert bus.publish(Proximity(gap=0.01, approach=0.0, **near))[-1].lateral_force == (0.0, 0.0, 0.0)
 
 
-def test_the_node_sends_it():
+def test_the_node_sends_the_gradient():
     node = ReducedFE(position=(0.0, 0.0, 0.0))
     bus, mesh = FakeBus(node), node.mesh()
     top_vertex = mesh.vertices[np.argmax(mesh.vertices[:, 2])]

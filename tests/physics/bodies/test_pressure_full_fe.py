@@ -1,4 +1,4 @@
-"""The pressure that ReducedFE sends, against the stress in full finite elements just below the surface."""
+"""The pressure that ReducedFE sends, compared with the stress in full finite elements just below the surface."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ HATS = np.stack([1.0 - face_rule.POINTS.sum(axis=1), *face_rule.POINTS.T], axis=
 
 
 def displacement_gradient(mesh, face, u):
-    """(F,6,3,3) at the integration points of faces: of the quadratic tetrahedra that they belong to."""
+    """(F,6,3,3) at the integration points of faces, from their quadratic tetrahedra."""
     corners = np.sort(mesh.elements[:, :4], axis=1)
     owner = {}
     for left_out in range(4):
@@ -42,7 +42,7 @@ def displacement_gradient(mesh, face, u):
 
 
 class Layered(TissueBlock):
-    """With layers of an eighth, an eighth, a quarter and a half of a cell under the top, where its stress is taken."""
+    """A block with layers of 1/8, 1/8, 1/4 and 1/2 of a cell below the top, where the stress is evaluated."""
 
     def axes(self):
         x, y, z = super().axes()
@@ -51,8 +51,8 @@ class Layered(TissueBlock):
 
 
 def traction(block, force):
-    """Points of the top [m] (Q,2), the pressure there [Pa] (Q,), over the surface at rest, by the stress of the
-    neo-Hookean law in the solved displacement; and what area [m²] (Q,) each stands for."""
+    """Points of the top [m] (Q,2), the pressure there [Pa] (Q,) from the neo-Hookean stress of the solved displacement,
+    per area at rest, and the area [m²] (Q,) of each point."""
     cut = tetrahedra(block)
     bed = ElasticFoundation(cut.under, BED * YOUNG)
     law = {0: neo_hooke(YOUNG, POISSON)}
@@ -75,8 +75,8 @@ def traction(block, force):
 @pytest.mark.parametrize(
     ("place", "radius", "force"), [(0.0, 8e-3, 0.5), pytest.param(0.025, 5e-3, 0.03, marks=pytest.mark.long)]
 )
-def test_the_pressure_is_that_of_full_elements_under_the_patch(place, radius, force):
-    """Its mean over rings, each a fifth of the radius wide; from point to point the elements' stress scatters more."""
+def test_the_pressure_equals_that_of_full_elements_under_the_patch(place, radius, force):
+    """The means over rings of width 0.2 R are compared, because the elements' stress scatters from point to point."""
     node = ReducedFE(surface="plane", position=(0.0, 0.0, 0.0), vertices=10000, retardation=0.0)
     node.start()
     spreader, foot = Spreader(node.mesh(), radius), (place, 0.0, 0.0)

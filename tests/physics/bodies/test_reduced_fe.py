@@ -1,4 +1,4 @@
-"""The condensed organ against its full model, and as a body that contact can be solved against."""
+"""The condensed organ compared with its full model, and as a body in contact."""
 
 from functools import lru_cache
 
@@ -45,7 +45,7 @@ def body(retardation=0.02, vertices=400):
 
 
 def patch(mesh, radius=8e-3):
-    """Vertices round the top and a smooth share of the force on each."""
+    """Vertices around the top, with a smooth distribution of the force."""
     top = mesh.vertices[np.argmax(mesh.vertices[:, 2])]
     q = np.linalg.norm(mesh.vertices - top, axis=1) / radius
     nodes = np.flatnonzero(q < 1).astype(np.int32)
@@ -53,7 +53,7 @@ def patch(mesh, radius=8e-3):
     return nodes, share / share.sum(), tuple(top)
 
 
-def test_the_volume_of_the_organ_is_that_of_its_surface():
+def test_the_volume_of_the_organ_equals_that_of_its_surface():
     mesh = surface_mesh("kidney", 300)
     corner = mesh.vertices[mesh.triangles]
     inside = np.einsum("ij,ij->", np.cross(corner[:, 0], corner[:, 1]), corner[:, 2]) / 6
@@ -90,14 +90,14 @@ def test_compliance_is_symmetric_and_positive():
     assert np.linalg.eigvalsh(c).min() > 0
 
 
-def test_a_nodule_stiffens_what_lies_over_it():
+def test_a_nodule_stiffens_the_surface_above_it():
     soft = np.trace(compliance())
     hard = np.trace(of_organ(Organ(organ().surface, nodule=Nodule((0, 0, 8e-3), 8e-3, 20.0))).compliance())
     assert hard < 0.99 * soft
 
 
 @pytest.mark.parametrize("surface", ["sphere", "plane"])
-def test_a_capsule_is_a_layer_of_even_thickness(surface):
+def test_a_capsule_is_a_layer_of_uniform_thickness(surface):
     mesh, thin = surface_mesh(surface, 200), 1e-3
     full = fill(mesh, capsule=Capsule(thin))
     area = 0.5 * np.linalg.norm(mesh.face_vectors, axis=1).sum()
@@ -106,33 +106,33 @@ def test_a_capsule_is_a_layer_of_even_thickness(surface):
     assert full.corner_volumes.sum() == approx(fill(mesh).corner_volumes.sum())
 
 
-def test_a_capsule_stiffens_the_organ_and_one_of_its_own_modulus_is_no_capsule():
+def test_a_capsule_stiffens_the_organ_unless_it_has_the_same_modulus():
     mesh = organ().surface
     soft = np.trace(compliance())
     traces = [np.trace(of_organ(Organ(mesh, capsule=Capsule(1e-3, r))).compliance()) for r in (1.0, 10.0, 30.0)]
-    assert traces[0] == approx(soft, rel=0.02)  # the layers lie elsewhere
+    assert traces[0] == approx(soft, rel=0.02)  # the layers of the mesh differ
     assert traces[2] < 0.9 * traces[1] < 0.8 * traces[0]
 
 
-def test_a_nodule_outside_the_organ_is_refused():
+def test_a_nodule_outside_the_organ_is_an_error():
     with pytest.raises(MeshError, match="nodule: no element has its centre"):
         Organ(organ().surface, nodule=Nodule((0, 0, 0.1), 5e-3))
 
 
-def test_a_capsule_that_does_not_fit_is_refused():
+def test_a_capsule_that_does_not_fit_is_an_error():
     with pytest.raises(MeshError, match="does not fit under the surface at"):
         Organ(organ().surface, capsule=Capsule(0.03))
     with pytest.raises(MeshError, match="less than the slab"):
         Organ(surface_mesh("plane", 100), capsule=Capsule(0.05))
 
 
-def test_what_the_basis_is_made_from_is_in_its_key_and_in_the_command_that_builds_it(monkeypatch, tmp_path):
+def test_the_inputs_of_a_basis_are_in_its_key_and_in_its_build_command(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     plain, given = ReducedFE(), {"nodule_depth": 0.01, "nodule_radius": 6e-3, "capsule_thickness": 5e-4}
     keys = {plain.key(), *(ReducedFE(**{k: v}).key() for k, v in given.items() if k != "nodule_depth")}
     assert len(keys) == 3
     assert ReducedFE(young=1e4, retardation=0.1).key() == plain.key()
-    assert ReducedFE(capsule_ratio=3.0).key() == plain.key()  # of no capsule
+    assert ReducedFE(capsule_ratio=3.0).key() == plain.key()  # without a capsule
     with pytest.raises(SettingError) as error:
         FakeBus(ReducedFE(**given))
     for text in (
@@ -143,7 +143,7 @@ def test_what_the_basis_is_made_from_is_in_its_key_and_in_the_command_that_build
         assert text in str(error.value)
 
 
-def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path):
+def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_an_error(tmp_path):
     path = tmp_path / "basis.npz"
     basis().save(path)
     back = Basis.load(path)
@@ -153,7 +153,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
         Basis.load(path)
 
 
-def test_it_creeps_to_the_static_indentation_whatever_the_step():
+def test_the_body_creeps_to_the_static_indentation_with_any_step():
     nodes, share, foot = patch(surface_mesh("sphere", 400))
     forces = -0.5 * np.outer(share, UP)
     indentations = []
@@ -167,7 +167,7 @@ def test_it_creeps_to_the_static_indentation_whatever_the_step():
     assert body(0.0).step(nodes, forces, foot, UP, 1e-3)[2] == approx(indentations[0], rel=1e-3)
 
 
-def test_the_terminal_law_foretells_the_next_step():
+def test_the_terminal_law_predicts_the_next_step():
     nodes, share, foot = patch(surface_mesh("sphere", 400))
     it, rng = body(), np.random.default_rng(1)
     aside = np.array([0.3, -0.2, 0.0])
@@ -181,7 +181,7 @@ def test_the_terminal_law_foretells_the_next_step():
             assert law[2] == approx(foretold, rel=1e-6)
 
 
-def test_random_loads_never_get_more_work_back_than_they_gave():
+def test_random_loads_never_gain_work():
     it, rng = body(), np.random.default_rng(2)
     mesh = surface_mesh("sphere", 400)
     stored = work = 0.0
@@ -212,7 +212,7 @@ def test_the_compliance_does_not_jump_while_the_foot_moves():
     assert np.abs(np.diff(compliances)).max() < 0.02 * compliances.mean()
 
 
-def test_after_release_it_recovers_without_overshoot_and_forgets():
+def test_after_release_the_body_recovers_completely_without_overshoot():
     nodes, share, foot = patch(surface_mesh("sphere", 400))
     it = body()
     for _ in range(50):
@@ -224,7 +224,7 @@ def test_after_release_it_recovers_without_overshoot_and_forgets():
     assert (moved == 0.0).all()
 
 
-def test_surfaces_that_hold_no_volume_are_refused_with_a_place():
+def test_surfaces_without_a_volume_are_errors_with_a_position():
     mesh = organ().surface
     with pytest.raises(MeshError, match="not closed"):
         fill(Mesh(mesh.vertices, mesh.triangles[1:]))
@@ -241,7 +241,7 @@ def press(mesh, force):
     return Load(nodes=nodes, forces=-force * np.outer(share, UP), foot=foot, normal=UP)
 
 
-def test_the_node_takes_loads_and_sends_a_law():
+def test_the_node_receives_loads_and_sends_a_law():
     node = ReducedFE(vertices=1000, model="linear")
     bus = FakeBus(node)
     mesh = node.mesh()
@@ -260,7 +260,7 @@ def test_the_node_takes_loads_and_sends_a_law():
     )
 
 
-def test_turning_the_organ_turns_its_answer():
+def test_rotating_the_organ_rotates_its_response():
     level = ReducedFE(vertices=600, position=(0, 0, 0))
     turned = ReducedFE(vertices=600, position=(0.01, 0.02, 0.03), rotation=(0.3, -0.2, 0.5))
     a, b = FakeBus(level), FakeBus(turned)
@@ -276,7 +276,7 @@ def test_turning_the_organ_turns_its_answer():
     )
 
 
-def test_a_basis_that_nobody_built_is_asked_for(monkeypatch, tmp_path):
+def test_a_missing_basis_is_an_error_with_the_command_to_build_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(SettingError, match=r"palpate build basis --set poisson=0\.31$"):
         FakeBus(ReducedFE(poisson=0.31))

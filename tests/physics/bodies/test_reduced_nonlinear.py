@@ -1,4 +1,4 @@
-"""What large displacement adds to the condensed organ: against the full model, and as a body that stays passive."""
+"""Large displacement of the condensed organ: comparison with the full model, and passivity."""
 
 from functools import lru_cache
 
@@ -25,7 +25,7 @@ from palpate.physics.entry_point import NO_FLOATS
 YOUNG = 2e4
 RADIUS = 12e-3
 RHO = np.array([-0.35, 0.1, 0.0])
-"""Of an organ that softens far more than any tissue."""
+"""Parameter of an organ that softens far more than any tissue."""
 UP = (0.0, 0.0, 1.0)
 SHAPE = ("plane", 80)
 
@@ -69,7 +69,7 @@ def test_a_light_touch_is_linear():
     assert a == approx(b, rel=1e-3)
 
 
-def test_half_the_modulus_under_half_the_force_indents_the_same():
+def test_half_the_modulus_with_half_the_force_gives_the_same_indentation():
     foot, n, nodes, push = at_vertex(40)
     one = settled(body(), foot, n, nodes, push, 1.5)[2]
     soft = body(young=YOUNG / 2)
@@ -86,9 +86,9 @@ def test_the_mean_displacement_of_the_patch_is_the_indentation():
     assert np.sum(push * u[nodes]) == approx(s, rel=1e-5)
 
 
-def test_random_presses_at_a_place_never_give_back_more_than_they_took():
-    """The stored energy is the Legendre transform of V*, its derivative the indentation: so it is the integral of f ds
-    at rest."""
+def test_random_presses_at_a_point_never_gain_work():
+    """The stored energy is the Legendre transform of V*, whose derivative is the indentation, so it is the integral of
+    f ds at rest."""
     foot, n, nodes, push = at_vertex(49)
     it, rng = body(0.02), np.random.default_rng(4)
     work = before = 0.0
@@ -106,7 +106,7 @@ def test_random_presses_at_a_place_never_give_back_more_than_they_took():
 
 
 @pytest.mark.parametrize("dt", [1e-5, 1e-3, 0.1, 100.0])
-def test_a_closed_cycle_of_indentation_against_a_finger_costs_energy(dt):
+def test_a_closed_cycle_of_indentation_by_a_finger_dissipates_energy(dt):
     foot, n, nodes, push = at_vertex(49)
     finger, it = exponential(60.0, 900.0), body(0.02)
     law, s1, gained = it.step(nodes[:0], push[:0], foot, n, dt), 0.0, 0.0
@@ -137,7 +137,7 @@ def test_contact_in_series_settles_at_the_static_force():
     assert f == approx(brentq(miss, 1e-6, 3.0, xtol=1e-12), rel=1e-4)
 
 
-def test_a_loaded_finger_that_slides_meets_no_jump():
+def test_a_loaded_sliding_finger_feels_no_jump():
     mesh = surface_mesh("plane", 2500)
     it, laws = CondensedBody(basis(), mesh, YOUNG, 0.02, RADIUS, 1.0, rho=RHO), []
     for x in np.linspace(-0.02, 0.02, 801):
@@ -151,7 +151,7 @@ def test_a_loaded_finger_that_slides_meets_no_jump():
 
 
 class Finger:
-    """A fingertip that follows feet on a fine plane at given approaches, against the body."""
+    """A fingertip on the body that follows foot points on a fine plane at given approaches."""
 
     def __init__(self, retardation=0.02):
         self.mesh = surface_mesh("plane", 2500)
@@ -169,8 +169,8 @@ class Finger:
         return force
 
 
-def test_at_constant_approach_half_the_slide_changes_the_force_by_half_as_much():
-    """So there is no jump: not at edges of triangles either."""
+def test_at_constant_approach_half_the_step_changes_the_force_by_half():
+    """Therefore there is no jump, also at edges of triangles."""
     biggest = []
     for steps in (500, 1000):
         finger = Finger()
@@ -182,9 +182,9 @@ def test_at_constant_approach_half_the_slide_changes_the_force_by_half_as_much()
     assert biggest[1] < 2e-3 * slide[-1]
 
 
-def test_pressing_sliding_and_letting_go_gives_out_no_more_than_one_place_holds_above_the_other():
-    """What is pressed along its normal alone can give out energy on such a way, as no force along the surface takes up
-    what one place holds more than the other. It is that and nothing else."""
+def test_the_energy_gain_of_a_slide_is_at_most_the_difference_of_stored_energies():
+    """With a normal force alone a slide can generate energy, since no lateral force absorbs the difference of the
+    energies stored at both points. The generated energy equals this difference."""
     deep, down, up = 8e-3, np.linspace(0, 8e-3, 200), np.linspace(8e-3, 0, 200)
 
     def work(way):
@@ -201,7 +201,7 @@ def test_pressing_sliding_and_letting_go_gives_out_no_more_than_one_place_holds_
         assert slid == approx(held[0] - held[1], abs=0.01 * held[0])
 
 
-def test_unknown_scraps_of_load_stay_finite():
+def test_arbitrary_loads_give_finite_results():
     it, rng = body(0.02), np.random.default_rng(2)
     mesh = organ().surface
     for _ in range(200):
@@ -210,8 +210,8 @@ def test_unknown_scraps_of_load_stay_finite():
         assert np.isfinite(law).all() and law[0] > 0
 
 
-def test_the_node_follows_large_displacement_where_its_surface_sticks_and_its_model_is_nonlinear(monkeypatch, tmp_path):
-    """At nu = 0.3 a surface that sticks takes 7 to 9 % more force than the linear one at half the radius, see
+def test_only_a_sticking_nonlinear_node_follows_large_displacement(monkeypatch, tmp_path):
+    """At nu = 0.3 and a depth of half the radius a sticking surface has 7 to 9 % more force than the linear one, see
     tests/physics/bodies/test_large_displacement.py."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
 
@@ -234,7 +234,7 @@ def test_the_node_follows_large_displacement_where_its_surface_sticks_and_its_mo
 
 
 def test_beyond_the_deepest_press_the_body_stiffens():
-    """More with every step of force, and the body says that it is beyond."""
+    """The stiffness rises with each step of the force, and the body reports extrapolation."""
     foot, n, nodes, push = at_vertex(49)
     forces = np.geomspace(1.0, 1e4, 60)
     depth, beyond = [], []
@@ -252,8 +252,8 @@ def test_beyond_the_deepest_press_the_body_stiffens():
     assert (np.diff(np.diff(depth[out]) / np.diff(forces[out])) < 0).all()
 
 
-def test_ten_newtons_do_not_push_the_kidney_through():
-    """Of 42 mm thickness; without a bound they indent it by 34.6 mm."""
+def test_10_newtons_do_not_push_through_the_kidney():
+    """The kidney is 42 mm thick; without a bound they would indent it by 34.6 mm."""
     node = ReducedFE(position=(0.0, 0.0, 0.0))
     bus, mesh = FakeBus(node), node.mesh()
     top = mesh.vertices[np.argmax(mesh.vertices[:, 2])]

@@ -1,4 +1,4 @@
-"""The body in modes with sampled points: against the full model, and as a body that stays passive."""
+"""The body in modes with sampled points: comparison with the full model, and passivity."""
 
 from functools import lru_cache
 
@@ -45,14 +45,14 @@ def settled(it, foot, n, nodes, push, force):
 
 
 def everything(points):
-    """q, dW/dq and d²W/dq² at a random place within the barrier and beyond where it begins."""
+    """q, dW/dq and d²W/dq² at a random point where the barrier is active."""
     r = points.modes.shape[1]
     q = np.random.default_rng(5).standard_normal(r)
     return q * np.sqrt(1.5 * points.limit / (q @ q)), scratch(points), np.zeros(r), np.zeros((r, r))
 
 
 def solved():
-    """A small body, its stiffness at rest, a load, and what the full model makes of it."""
+    """A small body, its stiffness at rest, a load, and the solution of the full model."""
     small = of_organ(Organ(surface_mesh("sphere", 12)))
     rest = small.elastic.pattern.matrix(small.elastic.tangent(np.zeros_like(small.mesh.points))).toarray()
     top = int(np.argmax(small.surface.vertices[:, 2]))
@@ -62,8 +62,8 @@ def solved():
     return small, rest, load, full
 
 
-def test_what_the_full_model_finds_is_at_rest_in_modes_that_hold_it():
-    """All points count; the modes are the twelve softest and what the full model's displacement has beside them."""
+def test_the_full_solution_is_an_equilibrium_in_modes_that_contain_it():
+    """All points are used; the modes are the twelve softest and the remainder of the full model's displacement."""
     small, rest, load, full = solved()
     values, vectors = np.linalg.eigh(rest)
     phi, u = (vectors / np.sqrt(values))[:, :12], full.displacement.ravel()
@@ -74,13 +74,13 @@ def test_what_the_full_model_finds_is_at_rest_in_modes_that_hold_it():
     forces(points, q, scratch(points), g)
     assert g == approx(p, abs=1e-5 * np.abs(p).max())
     assert tangent(points, q, scratch(points), K) and np.linalg.eigvalsh(K).min() > 0.0
-    forces(points, p, scratch(points), g)  # the linear answer is not
+    forces(points, p, scratch(points), g)  # the linear solution is not an equilibrium
     assert np.abs(g - p).max() > 0.02 * np.abs(p).max()
 
 
 @pytest.mark.long
-def test_with_all_modes_and_all_points_it_is_the_full_model():
-    """Every free displacement of a small body is a mode."""
+def test_with_all_modes_and_all_points_the_body_equals_the_full_model():
+    """Each free displacement of a small body is a mode."""
     small, rest, load, full = solved()
     values, vectors = np.linalg.eigh(rest)
     phi = (vectors / np.sqrt(values)).reshape(-1, 3, len(values))
@@ -95,7 +95,7 @@ def test_with_all_modes_and_all_points_it_is_the_full_model():
         tangent(points, q, scratch(points), K)
         invert(K, L, H)
     assert done
-    for _ in range(3):  # what the iteration leaves over, by Newton's method
+    for _ in range(3):  # remove the remaining residual by Newton's method
         tangent(points, q, scratch(points), K)
         invert(K, L, H)
         q += H @ (p - g)
@@ -129,7 +129,7 @@ def test_force_and_tangent_are_derivatives_of_the_energy(law):
     assert hessian == approx(hessian.T, rel=1e-9, abs=1e-12 * np.abs(hessian).max())
 
 
-def test_elements_with_one_volume_ratio_are_refused():
+def test_elements_with_one_volume_ratio_are_an_error():
     small = of_organ(Organ(surface_mesh("sphere", 12)))
     small.materials = lambda young: {0: neo_hooke(1.0, 0.48)}
     with pytest.raises(ValueError, match="'neo_hooke' with the mixed element: expected the plain element"):
@@ -147,7 +147,7 @@ def test_modes_in_single_precision_give_the_same_forces():
     assert derivatives[1] == approx(derivatives[0], abs=3e-6 * np.abs(derivatives[0]).max())
 
 
-def test_a_touch_that_was_pressed_is_kept_and_a_damaged_file_is_not_taken(tmp_path, monkeypatch):
+def test_a_computed_touch_is_cached_and_a_damaged_file_is_ignored(tmp_path, monkeypatch):
     small, calls = of_organ(Organ(surface_mesh("sphere", 12))), []
 
     def counted(body, own, solve=snapshots.pressed):
@@ -192,7 +192,7 @@ def test_presses_of_an_organ_resume_where_they_were_interrupted(tmp_path, monkey
     assert again[2].solutions.tobytes() == last[0].solutions.tobytes()
 
 
-def test_the_inverse_is_one_and_a_tangent_that_is_not_positive_is_lifted():
+def test_the_inverse_is_exact_and_an_indefinite_tangent_is_shifted():
     rng = np.random.default_rng(0)
     A = rng.standard_normal((12, 12))
     K, H = A @ A.T + 0.1 * np.eye(12), np.zeros((12, 12))
@@ -202,7 +202,7 @@ def test_the_inverse_is_one_and_a_tangent_that_is_not_positive_is_lifted():
     assert np.isfinite(H).all() and np.linalg.eigvalsh(H).min() > 0
 
 
-def test_weights_are_not_negative_and_as_good_as_those_of_another_solver():
+def test_weights_are_not_negative_and_as_accurate_as_those_of_another_solver():
     rng = np.random.default_rng(2)
     A = rng.random((40, 30))
     b = A @ np.maximum(rng.standard_normal(30), 0.0) + 0.05 * rng.standard_normal(40)
@@ -213,7 +213,7 @@ def test_weights_are_not_negative_and_as_good_as_those_of_another_solver():
     assert len(few) < len(kept)
 
 
-def test_the_shipped_sample_is_passive_by_its_weights_and_exact_at_rest():
+def test_the_shipped_sample_has_positive_weights_and_is_exact_at_rest():
     points = basis().points
     assert (points.weights > 0).all()
     assert len(points.kinds) < 0.5 * len(slab().mesh.elements)
@@ -222,7 +222,7 @@ def test_the_shipped_sample_is_passive_by_its_weights_and_exact_at_rest():
     assert forces(points, np.zeros(r), scratch(points), g) == 0.0
     assert np.abs(g).max() == approx(0.0, abs=1e-12)
     tangent(points, np.zeros(r), scratch(points), hessian)
-    assert hessian == approx(np.eye(r), abs=1e-5)  # of single precision
+    assert hessian == approx(np.eye(r), abs=1e-5)  # single precision
     missed = basis().residual_compliance.astype(float)
     assert np.linalg.eigvalsh(0.5 * (missed + missed.T)).min() > -1e-6 * np.abs(missed).max()
 
@@ -233,7 +233,7 @@ def test_modes_are_orthonormal_in_the_stiffness_at_rest():
     assert phi.T @ (rest @ phi) == approx(np.eye(MODES), abs=1e-9)
 
 
-def test_a_light_touch_is_the_condensed_body_at_every_place():
+def test_a_light_touch_equals_the_condensed_body_at_every_point():
     rest = Basis(slab().surface.vertices, slab().surface.triangles, compliance().astype(np.float32))
     linear = CondensedBody(rest, slab().surface, YOUNG, 0.0, RADIUS, 1.0)
     for place in ((0.0, 0.0, 0.0), (0.013, -0.021, 0.0), (-0.044, 0.04, 0.0)):
@@ -248,7 +248,7 @@ def unseen():
 
 @lru_cache
 def missed_by(count):
-    """Errors of the indentation at the greatest load of touches that were not in the snapshots."""
+    """Errors of the indentation at the largest load of touches outside the snapshots."""
     errors = []
     for own in unseen():
         it, push = body(count=count, of=42), own.touch.load
@@ -265,13 +265,13 @@ def missed_by(count):
 
 
 @pytest.mark.long
-def test_touches_that_were_not_in_the_snapshots_are_met_and_more_modes_do_better():
+def test_held_out_touches_are_accurate_and_more_modes_are_better():
     few, many = missed_by(12), missed_by(40)
     assert max(many) < 0.03
     assert np.mean(many) < np.mean(few)
 
 
-def test_fewer_points_than_all_change_little():
+def test_a_subset_of_points_changes_the_result_little():
     phi = mode_shapes()
     surface_modes = np.einsum("nv,nia->via", slab().hats, phi).reshape(-1, MODES)
     left = compliance() - surface_modes @ surface_modes.T
@@ -280,7 +280,7 @@ def test_fewer_points_than_all_change_little():
     assert one * share == approx(two * share, abs=0.02)  # of the indentation
 
 
-def test_all_weights_of_one_leave_the_points_as_they_are():
+def test_weights_of_one_do_not_change_the_points():
     whole = points_of(slab(), np.ascontiguousarray(mode_shapes()[:, :, :6]), 1.0)
     every = at_rest(chosen(whole, np.arange(len(whole.kinds)), np.ones(len(whole.kinds))))
     assert np.abs(every.modes - whole.modes).max() < 1e-9 * np.abs(whole.modes).max()
@@ -309,8 +309,8 @@ def test_the_mean_displacement_of_the_patch_is_the_indentation():
     assert np.sum(push * u[nodes]) == approx(s, rel=1e-5)
 
 
-def test_random_loads_at_a_place_never_give_back_more_than_they_took():
-    """Normal and tangential; what is stored is the work of loading to the same held load at rest."""
+def test_random_loads_at_a_point_never_gain_work():
+    """Normal and tangential loads; the stored energy is the work of loading to the same load at rest."""
     foot, n, nodes, push = at((0.011, 0.006, 0.0))
     side = np.outer(-push[:, 2], (1.0, 0.3, 0.0))
     it, rng = body(0.02), np.random.default_rng(4)
@@ -384,7 +384,7 @@ def test_a_loaded_finger_that_slides_meets_no_jump():
 
 
 @pytest.mark.parametrize("force", [30.0, 1e4, 1e12])
-def test_absurd_loads_stay_finite_and_bounded(force):
+def test_extreme_loads_give_finite_bounded_results(force):
     foot, n, nodes, push = at()
     it, rng = body(0.02), np.random.default_rng(7)
     limit = basis().points.limit
@@ -400,7 +400,7 @@ def test_absurd_loads_stay_finite_and_bounded(force):
     assert np.abs(it.q).max() == 0.0 and law[3] == 0.0
 
 
-def test_the_barrier_and_gamma_have_the_slopes_they_say():
+def test_the_derivatives_of_the_barrier_and_of_gamma_are_right():
     h = 1e-7
     for square in (0.5, 1.5, 3.0):
         _, first, second = barrier(square, 1.0)
@@ -436,7 +436,7 @@ def test_a_stored_basis_keeps_its_numbers_and_a_damaged_one_is_refused(tmp_path)
         SampledBasis.load(path)
 
 
-def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeypatch, tmp_path):
+def test_the_node_receives_a_load_and_sends_a_surface_at_any_pose(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     indentations = []
     for turn in ((0.0, 0.0, 0.0), (0.4, -0.3, 0.2)):
@@ -465,7 +465,7 @@ def test_the_node_takes_a_load_and_sends_a_surface_wherever_it_is_placed(monkeyp
     assert indentations[1] == approx(indentations[0], rel=1e-3)
 
 
-def test_a_basis_that_is_not_stored_is_asked_for(monkeypatch, tmp_path):
+def test_a_missing_basis_is_an_error_with_the_command_to_build_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(
         SettingError, match="palpate build basis --set model=sampled --set modes=17 --set surface=fingertip"
@@ -473,7 +473,7 @@ def test_a_basis_that_is_not_stored_is_asked_for(monkeypatch, tmp_path):
         FakeBus(ReducedFE(surface="fingertip", model="sampled", modes=17))
 
 
-def test_the_fingertip_is_the_capsule_of_its_surface_and_light_touches_of_it_are_linear():
+def test_the_fingertip_has_its_shape_and_light_touches_are_linear():
     finger = FingertipDimensions(cells=CELLS)
     assert finger.radii[-1] == approx(FINGER_RADIUS) and finger.phalanx == approx(FINGER_LENGTH)
     full = of_finger(finger)
@@ -485,7 +485,7 @@ def test_the_fingertip_is_the_capsule_of_its_surface_and_light_touches_of_it_are
     assert (full.fixed[side] == full.fixed).all()
 
 
-def test_touching_a_fingertip_replays_itself_in_every_placement(tmp_path):
+def test_a_touch_of_the_fingertip_replays_in_every_placement(tmp_path):
     streams = []
     for place in ("fused", None):
         file = tmp_path / f"{place}.mcap"
@@ -500,7 +500,7 @@ def test_touching_a_fingertip_replays_itself_in_every_placement(tmp_path):
     assert streams[0] == streams[1]
 
 
-def test_mirrored_places_are_found_and_a_lopsided_body_is_refused():
+def test_mirrored_points_are_found_and_an_asymmetric_body_is_an_error():
     points = np.array([[0.0, 1, 0], [2.0, 0, 0], [-2.0, 0, 0]])
     assert mirror(points).tolist() == [0, 2, 1]
     with pytest.raises(ValueError, match="symmetric"):

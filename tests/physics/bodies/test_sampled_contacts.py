@@ -1,4 +1,4 @@
-"""A sampled body under several contacts (physics.bodies.sampled.contacts), against the full model."""
+"""A sampled body under several contacts (physics.bodies.sampled.contacts), compared with the full model."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def loads(forces, places=PLACES):
 
 
 def held(it, forces, places=PLACES, dt=1e6):
-    """The laws once the body has settled."""
+    """The laws after the body has settled."""
     for _ in range(12):
         laws = it.step_all(loads(forces, places), dt)
         if it.settled:
@@ -32,7 +32,7 @@ def held(it, forces, places=PLACES, dt=1e6):
 
 
 def shares(place):
-    """Of a patch in its normal force (V,3), from the loads alone."""
+    """Distribution of the normal force of a patch (V,3), from the loads alone."""
     _, _, nodes, push = at(place)
     share = np.zeros((len(slab().surface.vertices), 3))
     share[nodes] = push
@@ -40,7 +40,7 @@ def shares(place):
 
 
 def test_light_contacts_are_coupled_by_the_compliance_of_the_whole_body():
-    """Places near and far; the compliance is that of the full model's surface, not condensed to modes."""
+    """For near and distant points; the compliance is that of the full model's surface, without modes."""
     for places in (PLACES, ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((-0.03, 0.0, 0.0), (0.03, 0.0, 0.0))):
         it = body()
         laws = held(it, (1e-6, 2e-6), places)
@@ -51,7 +51,7 @@ def test_light_contacts_are_coupled_by_the_compliance_of_the_whole_body():
 
 
 def settled_depths(forces):
-    """Indentations [m] under these forces in the least of the complementary energy, by Newton's method to the end."""
+    """Indentations [m] at the minimum of the complementary energy under these forces, by Newton's method."""
     it, f = body(), sum(f * shares(place) for f, place in zip(forces, PLACES, strict=True)) / YOUNG
     basis = it.basis
     r = basis.modes.shape[1]
@@ -65,13 +65,13 @@ def settled_depths(forces):
     return np.array([shares(place).ravel() @ u for place in PLACES]), q, K
 
 
-def test_contacts_that_press_hard_are_coupled_by_how_the_body_gives_at_their_forces():
-    """The tangent, of the body at its equilibrium, against differences of equilibria; reciprocal to rounding."""
+def test_strong_contacts_are_coupled_by_the_tangent_compliance():
+    """The tangent at the equilibrium is compared with differences of equilibria; it is reciprocal up to rounding."""
     forces, step = np.array([2.5, 1.5]), 0.05
     it = body()
     held(it, forces)
     now, q, K = settled_depths(forces)
-    it.q[:], it.own.matrices[0] = q, np.linalg.inv(K)  # what its iteration leaves over
+    it.q[:], it.own.matrices[0] = q, np.linalg.inv(K)  # remove the residual of its iteration
     it.own.numbers[ENERGY] = energies(it.basis.points, it.q, it.own.room, it.own.vectors[2])
     laws = it.step_all(loads(forces), 1e6)
     assert [law[3] for law in laws] == approx(now, rel=1e-6)
@@ -79,17 +79,17 @@ def test_contacts_that_press_hard_are_coupled_by_how_the_body_gives_at_their_for
     assert c[0, 1] == c[1, 0] and 0.0 < c[0, 1] < np.sqrt(c[0, 0] * c[1, 1])
     rest = body()
     held(rest, (1e-6, 1e-6))
-    assert np.abs(c / rest.contacts.compliance - 1.0).max() > 0.04  # it is not linear any more
+    assert np.abs(c / rest.contacts.compliance - 1.0).max() > 0.04  # no longer linear
     for j in range(2):
         apart = settled_depths(forces + step * np.eye(2)[j])[0] - settled_depths(forces - step * np.eye(2)[j])[0]
         assert c[:, j] == approx(apart / (2.0 * step), rel=2e-3)
     free = np.array([law[2] for law in laws])
-    assert free + c @ forces == approx(now, rel=1e-6)  # the law meets the present forces
+    assert free + c @ forces == approx(now, rel=1e-6)  # the law is exact at the present forces
 
 
 @pytest.mark.long
-def test_two_that_press_hard_are_met_as_one_that_does():
-    """The full model under both loads at once, and under the first alone: the same basis is off by 2 % for both."""
+def test_two_strong_contacts_are_as_accurate_as_one():
+    """The full model under both loads, and under the first alone: the basis has an error of 2 % in both cases."""
     push, forces = [shares(place) for place in PLACES], np.array([2.0, 1.0])
     levels = np.array([0.25, 0.5, 1.0]) / YOUNG
     both = LoadPath(np.zeros(3), np.array(UP), 2.0 * push[0] + push[1], levels)
@@ -100,10 +100,10 @@ def test_two_that_press_hard_are_met_as_one_that_does():
     assert found == approx(truth, rel=0.025)
     (law,) = held(body(count=22, of=28), forces[:1], PLACES[:1])
     assert law[3] == approx(np.sum((slab().hats @ push[0]) * alone.solutions[-1]), rel=0.025)
-    assert truth[0] > 1.02 * law[3]  # the second finger presses the ground away from under the first
+    assert truth[0] > 1.02 * law[3]  # the second finger lowers the surface under the first
 
 
-def test_on_one_place_two_are_one_that_bears_both_forces():
+def test_two_contacts_at_one_point_equal_one_with_both_forces():
     it, one = body(), body()
     laws = held(it, (1.0, 1.5), (PLACES[0], PLACES[0]))
     for _ in range(12):
@@ -112,7 +112,7 @@ def test_on_one_place_two_are_one_that_bears_both_forces():
     assert [law[3] for law in laws] == approx([alone[3]] * 2, rel=5e-3)
 
 
-def test_whatever_two_contacts_do_the_body_gives_out_no_energy():
+def test_no_motion_of_two_contacts_generates_energy():
     it, rng = body(0.02), np.random.default_rng(4)
     work, most, before, places = 0.0, 0.0, np.zeros(2), np.array(PLACES)
     forces = np.zeros(2)

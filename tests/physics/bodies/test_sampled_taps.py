@@ -1,4 +1,4 @@
-"""Taps on the shipped fingertip, in steps of the loop: its quasi-Newton against Newton's method with the tangent."""
+"""Taps on the shipped fingertip, in steps of the loop: quasi-Newton compared with Newton's method with the tangent."""
 
 import numpy as np
 import pytest
@@ -41,11 +41,11 @@ def newton(points, p, q):
         while forces(points, q + length * d, work, g) - length * (p @ d) > energy - 1e-4 * length * (d @ residual):
             length *= 0.5
         q = q + length * d
-    raise AssertionError("Newton's method did not end")
+    raise AssertionError("Newton's method did not converge")
 
 
 @pytest.mark.parametrize("slant", [(0.0, 0.0), (0.2, -0.1)])
-def test_taps_are_settled_while_they_last(finger, slant):
+def test_taps_converge_within_their_duration(finger, slant):
     body = SampledBody.of(finger)
     points, spread = body.basis.points, Spreader(finger.mesh(), 5e-3, "biweight")
     settled, off = [], {20: [], TAP - 1: []}
@@ -63,8 +63,8 @@ def test_taps_are_settled_while_they_last(finger, slant):
     assert max(off[20]) < 2e-2 and max(off[TAP - 1]) < 3e-3
 
 
-def test_a_kept_curvature_that_does_not_go_downhill_is_forgotten(finger):
-    """What rounding may make of it after very many updates."""
+def test_a_stored_curvature_without_descent_is_discarded(finger):
+    """Rounding errors may cause this after many updates."""
     body = SampledBody.of(finger)
     points, spread = body.basis.points, Spreader(finger.mesh(), 5e-3, "biweight")
     foot = place(finger, 0.0, 0.0)

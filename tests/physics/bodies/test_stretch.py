@@ -1,4 +1,4 @@
-"""Neighbours on a surface are held together."""
+"""The stretch between neighbours on a surface is limited."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def held(nodes, vectors, limit=0.8):
 
 
 def furthest(nodes, vectors):
-    """Largest distance of two neighbours' displacements over their edge, by looking at all edges of the mesh."""
+    """Largest difference of two neighbours' displacements over their edge length, over all edges of the mesh."""
     full = np.zeros((SIZE, 3))
     full[nodes] = vectors
     sides = np.concatenate([MESH.triangles[:, [0, 1]], MESH.triangles[:, [1, 2]], MESH.triangles[:, [2, 0]]])
@@ -58,14 +58,15 @@ def test_no_edge_passes_the_limit_and_every_vector_keeps_its_direction(centre, r
     assert (shorter > 0) == (furthest(nodes, wanted) > limit)
 
 
-def test_what_keeps_the_limit_is_left_as_it_is():
+def test_a_field_within_the_limit_is_not_changed():
     nodes, wanted = patch(10, 0.01, (1e-3, 0, 0), 1e-3)
     shortened, shorter = held(nodes, wanted)
     assert shorter == 0 and (shortened == wanted).all()
 
 
-def test_of_one_direction_it_is_the_longest_field_that_keeps_the_limit():
-    """By shortest paths: the length of each is at most that of any other plus the limit times the way there."""
+def test_a_field_with_one_direction_becomes_the_largest_within_the_limit():
+    """Checked with shortest paths: each length is at most that of any other vertex plus the limit times their
+    distance."""
     nodes, wanted = patch(10, 0.012, (0.03, 0, 0), 0.0)
     shortened, _ = held(nodes, wanted)
     least = np.zeros(SIZE)
@@ -76,7 +77,7 @@ def test_of_one_direction_it_is_the_longest_field_that_keeps_the_limit():
     assert shortened[:, 0] == pytest.approx(least[nodes], rel=1e-6)
 
 
-def test_the_order_of_the_nodes_does_not_matter_and_a_moving_load_moves_it_smoothly():
+def test_the_result_is_independent_of_node_order_and_smooth_in_the_load():
     rng = np.random.default_rng(2)
     nodes, wanted = patch(500, 0.012, (0.02, 0.01, 0), 0.008)
     shortened, _ = held(nodes, wanted)
@@ -87,7 +88,7 @@ def test_the_order_of_the_nodes_does_not_matter_and_a_moving_load_moves_it_smoot
     assert np.abs(near - shortened).max() <= 0.0011 * np.abs(wanted).max()
 
 
-def test_noise_comes_out_within_the_limit():
+def test_random_fields_are_limited():
     rng = np.random.default_rng(0)
     nodes = rng.permutation(SIZE)[:600]
     shortened, _ = held(nodes, rng.normal(size=(600, 3)))

@@ -1,4 +1,4 @@
-"""The compliance of the load's own patch on a body that is condensed to coarse vertices (physics.bodies.true_patch)."""
+"""The compliance under the patch of a load on a body condensed to coarse vertices (physics.bodies.true_patch)."""
 
 import math
 from functools import lru_cache
@@ -29,7 +29,7 @@ def pressure(s):
 
 
 def potential(rho):
-    """Of the pressure on a disc of radius 1, by rings: K is the complete elliptic integral."""
+    """Potential of the pressure on a disc of radius 1, by rings: K is the complete elliptic integral."""
 
     def ring(s):
         return pressure(s) * s * 4.0 / (rho + s) * ellipk(4.0 * rho * s / (rho + s) ** 2)
@@ -39,23 +39,23 @@ def potential(rho):
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.1, 0.5, 0.97, 1.2, 2.5, 5.0, 9.0, 40.0])
-def test_the_dent_of_a_half_space_is_the_potential_of_the_pressure(rho):
+def test_the_displacement_of_a_half_space_is_the_potential_of_the_pressure(rho):
     assert tp.depth_at(tp.depth_profile(), rho * rho) == approx(potential(rho), rel=1e-4)
 
 
-def test_the_compliance_of_the_half_space_is_the_mean_of_its_dent():
+def test_the_compliance_of_the_half_space_is_the_mean_of_its_displacement():
     mean = quad(lambda s: 2.0 * math.pi * s * pressure(s) * potential(s), 0.0, 1.0, epsabs=1e-8)[0]
     assert mean == approx(tp.MEAN, rel=1e-6)
 
 
-def test_the_share_that_sticking_takes_by_rings_of_shear():
-    """Radial traction on narrow rings instead of a series: what undoes F(r)/(2 pi r) inside, and its work."""
+def test_the_compliance_reduction_by_sticking_equals_a_ring_model():
+    """Radial traction on narrow rings instead of a series cancels F(r)/(2 pi r) inside; compared is its work."""
     n, parts = 120, 10
-    edges = np.sin(np.linspace(0.0, math.pi / 2, n + 1))  # finer towards the rim, where the traction grows without end
+    edges = np.sin(np.linspace(0.0, math.pi / 2, n + 1))  # finer towards the rim, where the traction is unbounded
     r = 0.5 * (edges[1:] + edges[:-1])
     wanted = (1.0 - (1.0 - r**2) ** 3) / (2.0 * math.pi * r)
     response, middle = np.zeros((n, n)), r
-    for j in range(n):  # integral of J1(k r) J1(k s) over k, as of the vector potential of a current loop
+    for j in range(n):  # integral of J1(k r) J1(k s) over k, as for the vector potential of a current loop
         for s in edges[j] + np.diff(edges)[j] * (np.arange(parts) + 0.5) / parts:
             m = 4.0 * r * s / (r + s) ** 2
             ring = ((r * r + s * s) * ellipk(m) - (r + s) ** 2 * ellipe(m)) / (math.pi * r * s * (r + s))
@@ -74,7 +74,7 @@ def test_the_mean_inverse_distance_over_a_square_is_known():
     assert (table == table.T).all() and np.linalg.eigvalsh(table)[0] > 0.0
 
 
-def test_hats_far_apart_are_points_and_a_hat_on_itself_is_known_by_chance():
+def test_hat_integrals_agree_with_points_far_apart_and_monte_carlo_nearby():
     mesh = plane(1.0, 100)
     table = hat_distances.mean_inverse_distance(mesh)
     away = np.linalg.norm(mesh.vertices[:, None] - mesh.vertices[None], axis=2)
@@ -112,8 +112,8 @@ def pressed(body, place, force=0.1, radius=RADIUS):
 
 
 @pytest.mark.parametrize(("name", "error"), [("middle", 0.012), ("slip", 0.012), ("edge", 0.025)])
-def test_a_slab_answers_a_light_touch_as_two_full_solvers_do(name, error):
-    """The references are of fe.Solver and FElupe, on meshes that follow the patch."""
+def test_a_light_touch_of_a_slab_agrees_with_two_full_solvers(name, error):
+    """The references are computed with fe.Solver and FElupe on meshes that follow the patch."""
     reference = stored(name)
     soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
     sticks = reference.about["place"].get("sticks", True)
@@ -123,7 +123,7 @@ def test_a_slab_answers_a_light_touch_as_two_full_solvers_do(name, error):
     assert widened < 0.9 * soft
 
 
-def test_the_answer_hardly_depends_on_where_the_patch_lies_between_the_vertices():
+def test_the_result_hardly_depends_on_the_patch_position_between_vertices():
     body, rng = slab_body(), np.random.default_rng(5)
     found = []
     for x, y in rng.uniform(-6e-3, 6e-3, (30, 2)):
@@ -133,7 +133,7 @@ def test_the_answer_hardly_depends_on_where_the_patch_lies_between_the_vertices(
     assert np.std(found) < 2e-3 * np.mean(found)
 
 
-def test_the_displacement_that_is_shown_has_the_indentation_as_its_mean_under_the_load():
+def test_the_mean_sent_displacement_under_the_load_is_the_indentation():
     body = slab_body()
     for place in (0.0, 0.04):
         (_, _, now), nodes, forces = pressed(body, place, 0.3)
@@ -143,7 +143,7 @@ def test_the_displacement_that_is_shown_has_the_indentation_as_its_mean_under_th
         assert np.sum(forces * field[nodes]) / 0.3 == approx(now, rel=0.01)
 
 
-def test_the_surface_that_is_shown_is_that_of_two_full_solvers():
+def test_the_sent_surface_agrees_with_two_full_solvers():
     reference, body = stored("middle"), slab_body()
     k = 3
     pressed(body, 0.0, reference.force[k])
@@ -156,7 +156,7 @@ def test_the_surface_that_is_shown_is_that_of_two_full_solvers():
     assert np.abs(-moved[line, 2] - exact).max() < 0.03 * exact.max()
 
 
-def test_a_patch_that_sticks_keeps_its_mean_place_and_a_free_one_gives_way():
+def test_a_sticking_patch_keeps_its_mean_position_and_a_free_one_moves():
     """At the border of the slab a press pushes the surface outwards."""
     place = 0.04
     drift = {}
@@ -173,7 +173,7 @@ def test_a_patch_that_sticks_keeps_its_mean_place_and_a_free_one_gives_way():
 
 
 def hats(mesh):
-    """Points [m] (Q,3) on the triangles of a mesh, and what each counts in the mean under every vertex's hat (Q,V)."""
+    """Points [m] (Q,3) on the triangles of a mesh, and their weights in the mean under each vertex's hat (Q,V)."""
     corner = mesh.vertices[mesh.triangles]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     points = np.einsum("qc,tci->tqi", hat_distances.RULE[:, :3], corner)
@@ -186,8 +186,8 @@ def hats(mesh):
 
 
 STIFFER, WIDTH = 0.3, 9e-3
-"""[1] Share of the compliance that a harder lump takes from the middle, [m] over such a distance: between two points,
-exp(-x²/w²) exp(-y²/w²) of it."""
+"""[1] Share of the compliance that a harder lump removes at its centre, and [m] its width w: between two points at x
+and y it removes the fraction exp(-x²/w²) exp(-y²/w²)."""
 
 
 @lru_cache(maxsize=1)
@@ -210,8 +210,8 @@ def lumped_body(apart):
     return CondensedBody(lumped(), plane(0.1, 10000), YOUNG, 0.0, RADIUS, 1.0, POISSON, False, near)
 
 
-def test_over_a_lump_the_load_acts_as_wide_as_it_is():
-    """Against the pressure itself on the half-space and the lump, by quadrature."""
+def test_over_a_lump_the_load_acts_with_its_width():
+    """Compared with the quadrature of the pressure on the half-space and the lump."""
     mean = quad(lambda s: 2.0 * math.pi * s * pressure(s) * math.exp(-((s * RADIUS / WIDTH) ** 2)), 0.0, 1.0)[0]
     exact = (1.0 - POISSON**2) * tp.MEAN / (math.pi * RADIUS * YOUNG) * (1.0 - STIFFER * mean * mean)
     (over, _, now), nodes, forces = pressed(body := lumped_body(0.0), 0.0)
@@ -223,13 +223,13 @@ def test_over_a_lump_the_load_acts_as_wide_as_it_is():
     assert pressed(lumped_body(None), 0.0)[0][0] > 1.02 * exact
 
 
-def test_the_load_is_drawn_together_less_and_less_away_from_a_nodule_and_not_at_all_far_off():
+def test_the_width_correction_decays_away_from_a_nodule():
     found = [pressed(lumped_body(far * RADIUS), 0.0)[0][0] for far in (0.2, 0.45, 1.0, 1.7, 2.05)]
     assert found[0] == found[1] < found[2] < found[3] < found[4]
     assert found[4] == pressed(lumped_body(None), 0.0)[0][0]
 
 
-def test_what_corrects_a_patch_near_a_nodule_is_the_same_for_every_load_there():
+def test_the_correction_near_a_nodule_is_the_same_for_every_load():
     body = lumped_body(RADIUS)
     found = [pressed(body, 0.004, force)[0][0] for force in (0.01, 1.0, 0.2)]
     assert found == approx([found[0]] * 3, rel=1e-9)
@@ -237,7 +237,7 @@ def test_what_corrects_a_patch_near_a_nodule_is_the_same_for_every_load_there():
 
 @pytest.mark.long
 @pytest.mark.parametrize(("name", "error"), [("nodule-00", 0.025), ("nodule-10", 0.02)])
-def test_a_slab_with_a_nodule_answers_a_light_touch_as_two_full_solvers_do(name, error, nodule_node):
+def test_a_light_touch_of_a_slab_with_a_nodule_agrees_with_two_full_solvers(name, error, nodule_node):
     reference = stored(name)
     soft = np.polyfit(reference.force[:4], reference.indentation[:4] / reference.force[:4], 2)[-1]
     body = CondensedBody.of(nodule_node)
@@ -246,7 +246,7 @@ def test_a_slab_with_a_nodule_answers_a_light_touch_as_two_full_solvers_do(name,
 
 @pytest.fixture(scope="module")
 def nodule_node(tmp_path_factory):
-    """The slab of the references with its nodule, its basis built."""
+    """The slab of the references with its nodule, with a built basis."""
     nodule = {"nodule_depth": 6e-3, "nodule_radius": 4e-3, "nodule_ratio": 10.0}
     place = {"surface": "plane", "position": (0.0, 0.0, 0.0), "vertices": 10000}
     node = ReducedFE(**place, **nodule, model="linear", retardation=0.0)
@@ -257,24 +257,24 @@ def nodule_node(tmp_path_factory):
 
 
 def softness(body, radius):
-    """Compliance, and the radius of what is pressed on the mesh."""
+    """Compliance, and radius of the pressed patch on the mesh."""
     (compliance, _, _), nodes, forces = pressed(body, 0.0, 0.1, radius)
     square = np.sum(-forces[:, 2] / 0.1 * np.sum(body.mesh.vertices[nodes] ** 2, axis=1))
     return compliance, 2.0 * math.sqrt(square)
 
 
-def test_a_narrower_patch_is_softer_as_its_radius_until_the_mesh_ends():
+def test_the_compliance_is_inverse_to_the_radius_down_to_the_mesh_size():
     body = slab_body(vertices=10000)
     (wide, far), (narrow, near) = (softness(body, radius) for radius in (8e-3, 4e-3))
     half_space = (1.0 - POISSON**2) * tp.MEAN * (1.0 - tp.HELD * (0.1 / 0.55) ** 2) / (math.pi * YOUNG)
-    assert narrow - wide == approx(half_space * (1.0 / near - 1.0 / far), rel=0.06)  # and what the slab adds
+    assert narrow - wide == approx(half_space * (1.0 / near - 1.0 / far), rel=0.06)  # and the contribution of the slab
     assert body.extrapolation == 0.0
     pressed(body, 0.0, 0.1, 0.5e-3)
     assert 0.0 < body.extrapolation < 14.0
 
 
-def test_energy_is_positive_whatever_the_place_poisson_ratio_and_load():
-    """V* = h.Ch/2E + more y²/2 is convex where what is added is not negative, and c above 0 where it is."""
+def test_energy_is_positive_for_any_position_poisson_ratio_and_load():
+    """V* = h.Ch/2E + more y²/2 is convex if `more` is not negative; if it is, c must be above 0."""
     mesh, rng = surface_mesh("kidney", 3000), np.random.default_rng(8)
     basis = ReducedFE(model="linear").basis()
     coarse = Mesh(basis.vertices, basis.triangles)
