@@ -1,4 +1,4 @@
-"""Laws of a contact area that grows with the force, and the approach that has the same energy."""
+"""Laws of a contact area that grows with the force, and the approach derived from the same energy."""
 
 import math
 
@@ -33,7 +33,7 @@ def tabulated(name, rho=LINEAR):
 
 
 @pytest.mark.parametrize("force", [1e-6, 1e-3, 0.1, 1.0, 1.9])
-def test_a_rigid_ball_is_hertz(force):
+def test_a_rigid_ball_follows_hertz(force):
     """a³ = 3fR/4E*, d = a²/R, dd/df = 1/2E*a, V = 2fd/5."""
     law = tabulated("ball")
     a = radius(law, force)
@@ -47,10 +47,10 @@ def test_the_mean_displacement_under_hertz_is_four_fifths_of_the_depth():
     mean = quad(lambda q: 3.0 * q * math.sqrt(1.0 - q * q) * area.hertz_depth(q * q), 0.0, 1.0)[0]
     assert mean == approx(0.8, rel=1e-9) and 0.75 * mean == approx(area.MEAN, rel=1e-9)
     assert area.hertz_depth(1.0 + 1e-12) == approx(0.5, abs=1e-5)
-    assert 0.75 * area.hertz_depth(1e6) == approx(1.0 / (math.pi * 1e3), rel=1e-5)  # of a point force
+    assert 0.75 * area.hertz_depth(1e6) == approx(1.0 / (math.pi * 1e3), rel=1e-5)  # point force
 
 
-def test_the_pressure_is_as_wide_as_a_biweight_patch():
+def test_the_pressure_has_the_width_of_a_biweight_patch():
     square = quad(lambda q: 3.0 * q**3 * math.sqrt(1.0 - q * q), 0.0, 1.0)[0]
     assert approx(2.0 * math.sqrt(square), rel=1e-9) == area.WIDTH
 
@@ -82,22 +82,22 @@ def test_a_fixed_radius_is_linear():
         assert area.approach(law.table, force)[0] == approx(area.MEAN / (E * 5e-3) * force, rel=2e-3)
 
 
-def test_two_spheres_make_the_contact_of_hertz(monkeypatch):
-    """A finger that is a sphere on a plate is one on a soft body: 1/E* is the sum of both."""
+def test_two_spheres_follow_hertz(monkeypatch):
+    """A spherical finger on a plate is compared with the same finger on a soft body: 1/E* is the sum of both."""
     forces, own = np.geomspace(1e-3, 2.0, 12), 40e3
     monkeypatch.setattr(area, "PLATE", (forces, np.cbrt(0.75 * forces * R / own)))
     law = area.fingertip(R, E)
     assert law.radii == approx(np.cbrt(0.75 * forces * R * (1.0 / own + 1.0 / E)), rel=1e-12)
 
 
-def test_the_plate_is_the_shipped_curve_of_the_finger_model():
+def test_the_plate_law_is_the_shipped_curve_of_the_finger_model():
     table = read_arrays(flow.TABLE)
     forces, radii = (np.array(each)[:-1] for each in area.PLATE)
     right = np.sqrt(np.interp(forces, table["steel.force"], table["steel.area"]) / math.pi)
     assert radii == approx(right, rel=2e-3)
 
 
-def test_on_silicone_the_area_is_within_a_tenth_of_the_finger_model():
+def test_on_silicone_the_area_is_within_10_percent_of_the_finger_model():
     """Two deformable bodies by full finite elements: the finger, 9.84 mm, on a block of 180 kPa, nu 0.48."""
     table = read_arrays(flow.TABLE)
     law = area.fingertip(9.84e-3, 180e3 / (1.0 - 0.48**2))
@@ -119,6 +119,6 @@ def test_on_silicone_the_area_is_within_a_tenth_of_the_finger_model():
         ([0.1, 1.0], [1e-3, math.inf], "radii above 0"),
     ],
 )
-def test_what_is_no_law_is_refused(forces, radii, said):
+def test_an_invalid_law_is_an_error(forces, radii, said):
     with pytest.raises(ValueError, match=said):
         area.of_table(forces, radii)

@@ -1,4 +1,4 @@
-"""Contact mechanics against closed forms and published series that no other test uses."""
+"""Contact mechanics compared with closed forms and published series that no other test uses."""
 
 import math
 
@@ -19,7 +19,7 @@ def over_plane(depth, weight):
     """Integral of a component of `point_stress` over the plane at this depth [m]: (components, force) -> number."""
     turns = 2 * np.pi * np.arange(24) / 24
     q, w = np.polynomial.legendre.leggauss(200)
-    angle = 0.25 * np.pi * (q + 1.0)  # r = z tan(angle) takes the plane to [0, pi/2)
+    angle = 0.25 * np.pi * (q + 1.0)  # r = z tan(angle) maps the plane to [0, pi/2)
     r, dr = depth * np.tan(angle), 0.25 * np.pi * w * depth / np.cos(angle) ** 2
     at = np.stack(np.broadcast_arrays(r[:, None] * np.cos(turns), r[:, None] * np.sin(turns), depth), axis=-1)
     stress = subsurface.point_stress(at, NU) * weight(at)[..., None, None, None]
@@ -27,15 +27,15 @@ def over_plane(depth, weight):
 
 
 def test_every_plane_below_a_point_load_carries_the_whole_force():
-    """Equilibrium of the half-space above a plane (Boussinesq 1885, Cerruti 1882): the traction sums to the load, along
-    and across, whatever Poisson's ratio."""
+    """Equilibrium of the half-space above a plane (Boussinesq 1885, Cerruti 1882): the traction sums to the load,
+    normal and tangential, for any Poisson's ratio."""
     for depth in (1e-3, 7e-3):
         carried = over_plane(depth, lambda at: np.ones(at.shape[:-1]))[2]
         assert carried == approx(-np.eye(3), abs=1e-6)
 
 
 def test_a_plane_below_a_tangential_load_carries_its_moment():
-    """A force along x at the surface tilts what is below it: the moment of sigma_zz about y is the force times z."""
+    """A force along x at the surface causes a moment below: that of sigma_zz about y is the force times z."""
     depth = 4e-3
     q, w = np.polynomial.legendre.leggauss(800)
     turns = 2 * np.pi * np.arange(24) / 24
@@ -47,7 +47,7 @@ def test_a_plane_below_a_tangential_load_carries_its_moment():
     assert moment == approx(-depth, rel=2e-3)
 
 
-def test_a_row_of_point_loads_is_the_line_load_of_flamant():
+def test_a_row_of_point_loads_equals_flamants_line_load():
     """sigma_zz = -2 z³/(pi r⁴), sigma_xz = -2 x z²/(pi r⁴), sigma_xx = -2 x² z/(pi r⁴) and, in plane strain, sigma_yy =
     nu (sigma_xx + sigma_zz), for a force of 1 N/m (A. Flamant 1892; Johnson, Contact Mechanics, eq. 2.23)."""
     x, z = 2e-3, 3e-3
@@ -63,7 +63,7 @@ def test_a_row_of_point_loads_is_the_line_load_of_flamant():
 
 
 @pytest.mark.parametrize("depth", [0.3, 1.0, 2.5])
-def test_stress_below_an_even_pressure_on_a_disc(depth):
+def test_stress_below_a_uniform_pressure_on_a_disc_has_its_closed_form(depth):
     """sigma_zz = -p (1 - z³/s³), sigma_rr = -p ((1 + 2 nu)/2 - (1 + nu) z/s + z³/(2 s³)), s² = a² + z² (A. E. H. Love
     1929; Johnson, eq. 3.33)."""
     q, w = np.polynomial.legendre.leggauss(60)
@@ -77,7 +77,7 @@ def test_stress_below_an_even_pressure_on_a_disc(depth):
 
 
 @pytest.mark.parametrize("depth", [0.1, 0.5, 1.0, 3.0])
-def test_stress_on_the_axis_of_the_kernel_that_ships(depth):
+def test_stress_on_the_axis_of_the_shipped_kernel_has_its_closed_form(depth):
     """Boussinesq's 3 P z³/(2 pi rho⁵) over the pressure 3/pi (1 - r²)², integrated in closed form."""
     found = subsurface.under_patch(np.array([[0.0, 0.0, depth]]), 1.0, "biweight", NU)[0, 2, 2, 2]
     c = 1.0 + depth**2
@@ -97,9 +97,9 @@ def test_a_ball_on_a_thin_incompressible_layer_follows_a_published_series():
         assert float(factor(chi)) == approx(series, rel=5e-3)
 
 
-def test_a_ball_on_a_sheet_comes_to_the_elastic_foundation():
+def test_a_ball_on_a_thin_sheet_approaches_the_elastic_foundation():
     """A compressible sheet much thinner than the contact: F = pi E_o R s²/h, E_o = E (1 - nu)/((1 + nu)(1 - 2 nu)), so
-    f = (3 pi/4) sqrt(chi) (1 - nu)²/(1 - 2 nu) (Johnson, section 5.8); the border is wider by some of the thickness."""
+    f = (3 pi/4) sqrt(chi) (1 - nu)²/(1 - 2 nu) (Johnson, section 5.8); the border is wider by part of the thickness."""
     nu, ratios = 0.2, []
     for wide in (2.0, 4.0, 8.0):
         chi, f = layer.solved(wide, nu)
@@ -108,7 +108,7 @@ def test_a_ball_on_a_sheet_comes_to_the_elastic_foundation():
     assert away[2] < 0.15 and (away[1:] < 0.65 * away[:-1]).all()
 
 
-def test_a_ball_pressed_at_constant_speed_into_a_viscoelastic_half_space():
+def test_a_ball_at_constant_speed_in_a_viscoelastic_half_space_has_its_closed_form():
     """E. H. Lee, J. R. M. Radok, J. Appl. Mech. 27 (1960) 438-444: while contact grows F(t) = K int E(t - t') d(s^1.5).
     For s = v t and one time T: int e^-(t-t')/T sqrt(t') dt' = T sqrt(t) - T^1.5 D(sqrt(t/T)), D of Dawson."""
     share, relaxation = 0.6, 0.2
@@ -133,7 +133,7 @@ def test_a_standard_linear_solid_has_its_storage_and_loss_moduli(turns):
     assert 2.0 * np.mean(found * np.cos(w * time[late])) == approx(share * turns / (1 + x2), abs=1e-3)
 
 
-def test_a_ball_that_hits_a_half_space_stays_for_the_time_of_hertz():
+def test_a_ball_that_hits_a_half_space_has_hertzs_contact_time():
     """2.9432 times the deepest indentation over the speed (H. Hertz 1881; Johnson, eq. 11.24), with the deepest from
     m v²/2 = 2/5 K s^2.5."""
     mass, speed, k = 5e-3, 0.4, 3e3
@@ -150,10 +150,10 @@ def test_a_ball_that_hits_a_half_space_stays_for_the_time_of_hertz():
     assert t + s / speed == approx(2.9432 * deepest / speed, rel=1e-4)
 
 
-def test_bristles_without_a_stribeck_dip_turn_back_as_the_friction_of_dahl():
-    """After full sliding, a way d back: f = -mu + 2 mu e^(-sigma d/mu), at any speed (P. R. Dahl 1968)."""
+def test_bristles_without_a_stribeck_dip_reverse_like_dahl_friction():
+    """After full sliding and a distance d back: f = -mu + 2 mu e^(-sigma d/mu), at any speed (P. R. Dahl 1968)."""
     mu, sigma = 0.5, 3000.0
-    law = LuGre(mu, mu, 0.02, sigma, 0.0, 0.0, update=0)  # as a node's record has it: the exponential one
+    law = LuGre(mu, mu, 0.02, sigma, 0.0, 0.0, update=0)  # as in a node's record: the exponential update
     z = (mu / sigma, 0.0, 0.0)
     for step, dt in ((1e-5, 1e-3), (3e-5, 1e-2), (1e-6, 1e-4)):
         z, way = (mu / sigma, 0.0, 0.0), 0.0

@@ -43,11 +43,11 @@ def test_force_is_never_negative_and_zero_when_apart():
     assert (f >= 0).all() and (f[s <= 0] == 0).all()
 
 
-def test_fingertip_passes_its_calibration_points():
+def test_the_fingertip_law_passes_through_its_calibration_points():
     assert force(FINGER, [1.24e-3, 2.08e-3]) == approx([0.11, 0.50], rel=1e-3)
 
 
-def test_static_split():
+def test_the_static_split_balances_the_forces():
     f, s1, s2 = static_split(np.array([1, 2, 4, 6, 8, 10, 14]) * 1e-3, FINGER, K, N)
     assert s1 * 1e3 == approx([0.58015, 1.09118, 1.80418, 2.26273, 2.58752, 2.83515, 3.19905], abs=1e-5)
     assert f == approx([0.02581, 0.08219, 0.30869, 0.68541, 1.19458, 1.81942, 3.36755], abs=1e-5)
@@ -87,7 +87,7 @@ def test_ramp_hold_release_matches_an_independent_solution():
     assert f[round(0.1 / step) - 1] == approx(1.55543, abs=3e-5)
 
 
-def test_loading_lies_above_unloading_and_a_cycle_absorbs_work():
+def test_loading_is_above_unloading_and_a_cycle_dissipates_work():
     e = ramp(1e-4)
     f, _, _ = series_path(e, 1e-4, FINGER, C1, K, N, C2)
     loading, unloading = f[:1000], f[3000:]
@@ -128,7 +128,7 @@ def test_two_identical_power_laws_share_equally(n):
     assert s1 == approx(s2, abs=1e-12)
 
 
-def test_rebound_table():
+def test_the_rebound_equals_the_table():
     y = [0.05, 0.5, 1.5, 2.5, 5]
     assert restitution(y) == approx([0.967739, 0.748435, 0.487741, 0.352379, 0.196980], abs=1e-6)
     assert 1 - restitution(1.82) ** 2 == approx(0.81, abs=1e-5)
@@ -137,7 +137,7 @@ def test_rebound_table():
 
 @given(st.floats(1e-9, 50.0))
 def test_rebound_closed_form_solves_the_energy_balance(y):
-    """-w - ln(1 - w) = y - ln(1 + y), w = c v_out; solved for its series where the logarithms cancel."""
+    """-w - ln(1 - w) = y - ln(1 + y), w = c v_out; by its series where the logarithms cancel."""
     w = y * float(restitution(y))
     assert 0 < w < min(y, 1.0) or (y > 30 and w == approx(1.0))
     if 0.3 > y > 1e-4:
@@ -150,7 +150,7 @@ def test_rebound_closed_form_solves_the_energy_balance(y):
 
 @pytest.mark.parametrize(("law", "n"), [(power(K, 1.5), 1.5), (power(200.0, 1.0), 1.0)])
 @pytest.mark.parametrize("y", [0.05, 0.5, 1.5, 5.0])
-def test_rebound_of_a_mass_is_that_of_the_closed_form(law, n, y):
+def test_the_rebound_of_a_mass_equals_the_closed_form(law, n, y):
     mass, c = 0.05, 4.0
 
     def motion(t, state):
@@ -185,7 +185,7 @@ jumps = st.floats(0.0, 0.03)
     st.sampled_from([0.0, 5.0, 50.0]),
     st.floats(1.0, 3.0),
 )
-def test_any_path_and_step_gives_a_finite_force_and_never_energy(law, path, c1, c2, n):
+def test_any_path_and_step_gives_a_finite_force_and_no_energy(law, path, c1, c2, n):
     s1 = s2 = 0.0
     for e, exponent in path:
         dt = 10.0**exponent
@@ -216,7 +216,7 @@ sizes = st.sampled_from([0.0, 1e-300, 1e-12, 1e-3, 1.0, 1e6, 1e150])
     st.sampled_from([-1e-3, 0.0, 1e-3]),
     st.sampled_from([-1e-3, 0.0, 4e-3]),
 )
-def test_numbers_out_of_all_reason_still_give_numbers(law, e, dt, s1, stiffness, n, c2, free, previous):
+def test_extreme_numbers_give_finite_results(law, e, dt, s1, stiffness, n, c2, free, previous):
     f, a, b = series(e, dt, s1, law, C1, Terminal(stiffness, n, c2, free, previous))
     assert math.isfinite(f) and f >= 0 and math.isfinite(a) and a >= 0 and math.isfinite(b)
     if stiffness > 0 and f < 1e200:
@@ -232,7 +232,7 @@ def test_numbers_out_of_all_reason_still_give_numbers(law, e, dt, s1, stiffness,
     st.floats(1.0, 3.0),
     st.floats(-2e-3, 0.02),
 )
-def test_the_series_force_is_the_root_found_by_another_solver(e, dt, s1, stiffness, n, free):
+def test_the_series_force_agrees_with_another_root_finder(e, dt, s1, stiffness, n, free):
     body = Terminal(stiffness, n, 0.0, free, free)
     f, a, b = series(e, dt, s1, FINGER, C1, body)
     r1 = max(0.0, s1 - dt / C1)
@@ -250,7 +250,7 @@ def test_the_series_force_is_the_root_found_by_another_solver(e, dt, s1, stiffne
 
 
 @pytest.mark.parametrize("dt", [0.1, 1.0, 10.0, math.inf])
-def test_a_very_large_step_gives_the_quasi_static_answer(dt):
+def test_a_very_large_step_gives_the_quasi_static_result(dt):
     f, _s1, _s2 = series(8e-3, dt, 0.0, FINGER, C1, Terminal(K, N, C2, 0.0, 0.0))
     still = static_split(8e-3, FINGER, K, N)
     slack = 0.0 if math.isinf(dt) else 2 * max(C1, C2) * 8e-3 / dt
@@ -264,14 +264,14 @@ def test_chatter_of_one_count_dissipates_and_adds_no_force():
         f, _, _ = series_path(e, step, FINGER, C1, K, N, C2)
         work = np.add.reduceat(f * np.diff(e, prepend=0.0), np.arange(0, 400, 2))
         assert (work >= -1e-18).all()
-        # Damping may lift the force above the static one by its rate at most, and a cycle never builds on the last.
+        # Damping raises the force above the static one at most by its rate, and cycles do not accumulate.
         still = float(static_split(lsb, FINGER, K, N)[0])
         assert f.max() <= still * (1 + max(C1, C2) * lsb / step) and f.max() <= f[0] * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("step", [1e-5, 1e-4])
 @pytest.mark.parametrize("speed", [0.1, 1.0, 3.0])
-def test_a_mass_that_hits_leaves_slower_than_the_bodies_can_recover(step, speed):
+def test_a_mass_rebounds_more_slowly_than_the_bodies_recover(step, speed):
     x, v, s1, s2, mass, _energy_in, peak = 0.0, speed, 0.0, 0.0, 0.02, 0.0, 0.0
     for _ in range(round(0.5 / step)):
         f, s1, s2 = series(max(x, 0.0), step, s1, FINGER, C1, Terminal(K, N, C2, 0.0, s2))
@@ -308,7 +308,7 @@ def test_at_equal_stiffness_the_series_rule_gives_1_26_times_the_approach_of_the
     assert series_approach / pair == approx(2 ** (1 / 3), rel=1e-12)
 
 
-def test_silicone_indentations_are_those_of_the_pair_and_missed_by_the_series_rule():
+def test_silicone_indentations_agree_with_the_pair_and_not_with_the_series_rule():
     b, m, radius, silicone = 5.672e6, 466.6, 9.84e-3, 180e3 / (1 - 0.48**2)
     finger = hertz_exponential(b, m, radius)
     stiffness = 4 / 3 * silicone * math.sqrt(radius)
@@ -320,7 +320,7 @@ def test_silicone_indentations_are_those_of_the_pair_and_missed_by_the_series_ru
         assert in_series == approx(row, abs=6e-6)
 
 
-def test_a_pair_with_a_rigid_body_is_the_fingertip_alone():
+def test_a_pair_with_a_rigid_body_equals_the_fingertip_alone():
     f, _s1, s2 = finger_pair(1.24e-3, 5.672e6, 466.6, 9.84e-3, math.inf)
     assert f == approx(float(force(hertz_exponential(5.672e6, 466.6, 9.84e-3), 1.24e-3))) and s2 == 0.0
     assert finger_pair(0.0, 5.672e6, 466.6, 9.84e-3, 2e4) == (0.0, 0.0, 0.0)
@@ -357,7 +357,7 @@ def test_the_node_solves_the_series_step():
         bus.hold("body", body(s2))
 
 
-def test_a_body_that_is_gone_is_left_within_8_ms():
+def test_the_force_ramps_to_zero_within_8_ms_without_a_body():
     bus = FakeBus(Series(), body=body())
     (pressed,) = bus.publish(proximity(8e-3))
     bus.kill("body")
@@ -370,8 +370,8 @@ def test_a_body_that_is_gone_is_left_within_8_ms():
 
 
 @pytest.mark.parametrize("absent", [1, 3, 10, 100])
-def test_a_body_that_is_back_is_met_from_where_the_two_just_touch(absent):
-    """Were all of the approach met in one step, damping would make many times the force of it."""
+def test_after_an_outage_of_the_body_contact_begins_at_first_touch(absent):
+    """If the whole approach were applied in one step, damping would multiply the force."""
     bus = FakeBus(Series(), body=body())
     still = bus.publish(*[proximity(8e-3)] * 300)[-1].force
     bus.hold("body", None)
@@ -383,7 +383,7 @@ def test_a_body_that_is_back_is_met_from_where_the_two_just_touch(absent):
     assert back[-1] == approx(still, rel=1e-6)
 
 
-def test_a_contact_that_joins_a_run_in_the_tissue_begins_where_the_two_just_touch():
+def test_a_contact_that_starts_inside_the_tissue_begins_at_first_touch():
     late = FakeBus(Series(), body=body())
     late.tick = 5000
     forces = [a.force for a in late.publish(*[proximity(8e-3)] * 200)]
@@ -402,7 +402,7 @@ def test_a_duplicate_message_changes_nothing():
 
 
 @pytest.mark.parametrize("law", ["power", "hertz", "exponential"])
-def test_every_finger_law_presses(law):
+def test_every_finger_law_gives_a_force(law):
     (answer,) = FakeBus(Series(finger_law=law), body=body()).publish(proximity(5e-3))
     assert answer.force > 0 and answer.compression + answer.indentation == approx(5e-3)
 

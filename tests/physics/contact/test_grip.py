@@ -11,10 +11,10 @@ from palpate.nodes.contact.grip import Grip
 from palpate.physics.contact.grip import grip_force, internal_forces
 
 TURNED = Rotation.from_rotvec([0.4, -1.1, 2.3]).as_matrix()
-FRAMES = {"as it is": np.eye(3), "turned": TURNED, "mirrored": np.diag([1.0, -1.0, 1.0]) @ TURNED}
+FRAMES = {"identity": np.eye(3), "rotated": TURNED, "mirrored": np.diag([1.0, -1.0, 1.0]) @ TURNED}
 
 
-def load(foot, normal, force, frame=FRAMES["as it is"]):
+def load(foot, normal, force, frame=FRAMES["identity"]):
     forces = np.array([0.3, 0.7])[:, None] * np.asarray(force, float)
     foot, normal = (tuple((frame @ np.asarray(v, float)).tolist()) for v in (foot, normal))
     return Load(nodes=np.array([3, 8], np.int32), forces=forces @ frame.T, foot=foot, normal=normal)
@@ -39,7 +39,7 @@ def projected(points, forces):
 
 
 @pytest.mark.parametrize("frame", FRAMES.values(), ids=FRAMES)
-def test_two_opposed_fingers_that_lift(frame):
+def test_two_opposed_fingers_lift_with_grip_and_load(frame):
     squeeze, lift, mu = 2.0, 0.6, 0.5
     answer = held(
         load([0, -0.03, 0], [0, -1, 0], [0, squeeze, lift], frame),
@@ -52,20 +52,20 @@ def test_two_opposed_fingers_that_lift(frame):
     assert answer.margin == approx((squeeze - lift / mu,) * 2)
 
 
-def test_it_slips_where_the_ratio_reaches_the_coefficient_of_friction():
+def test_slip_begins_at_the_coefficient_of_friction():
     mu, squeeze = 0.7, 1.3
     at = [load([0, s * 0.02, 0], [0, s, 0], [mu * squeeze, -s * squeeze, 0]) for s in (-1, 1)]
     answer = held(*at, mu_static=mu)
     assert answer.ratio == approx(mu) and answer.margin == approx((0.0, 0.0), abs=1e-12)
 
 
-def test_the_weaker_of_two_opposed_fingers_is_the_grip_less_half_of_the_difference():
+def test_the_weaker_finger_has_the_grip_minus_half_of_the_difference():
     answer = held(load([-0.02, 0, 0], [-1, 0, 0], [3, 0, 0]), load([0.02, 0, 0], [1, 0, 0], [-1, 0, 0]))
     assert answer.grip == approx(2.0) and answer.load == approx(0.0, abs=1e-15)
     assert answer.normal == approx((3.0, 1.0))
 
 
-def test_fingers_side_by_side_grip_nothing_and_dragged_apart_they_pull():
+def test_parallel_fingers_have_no_grip_and_a_negative_one_when_moved_apart():
     down = [load([x, 0, 0], [0, 0, 1], [0, 0, -1.5]) for x in (-0.01, 0.01)]
     assert held(*down).grip == approx(0.0, abs=1e-12)
     apart = [load([x, 0, 0], [0, 0, 1], [0.4 * np.sign(x), 0, -1.5]) for x in (-0.01, 0.01)]
@@ -73,7 +73,7 @@ def test_fingers_side_by_side_grip_nothing_and_dragged_apart_they_pull():
     assert answer.grip == approx(-0.4) and answer.ratio == 0.0 and answer.load == approx(0.0, abs=1e-15)
 
 
-def test_a_finger_that_is_apart_or_gone_is_as_if_it_were_not_there():
+def test_a_finger_without_contact_or_message_is_ignored():
     pair = [load([0, s * 0.02, 0], [0, s, 0], [0.1, -s, 0.2]) for s in (-1, 1)]
     idle = Load(nodes=np.zeros(0, np.int32), forces=np.zeros((0, 3)), foot=(9.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0))
     two, three, less = held(*pair), held(idle, *pair), started().step([pair[0], None, pair[1]])
@@ -86,7 +86,7 @@ def test_a_finger_that_is_apart_or_gone_is_as_if_it_were_not_there():
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
-def test_internal_forces_are_the_projection_on_the_null_space_of_the_grasp_matrix(count):
+def test_internal_forces_are_the_null_space_projection_of_the_grasp_matrix(count):
     random = np.random.default_rng(count)
     for _ in range(20):
         points, forces = random.normal(0, 0.03, (count, 3)), random.normal(0, 1, (count, 3))
@@ -98,7 +98,7 @@ def test_internal_forces_are_the_projection_on_the_null_space_of_the_grasp_matri
         assert grip_force(moved, forces @ TURNED.T) == approx(grip_force(points, forces), rel=1e-9)
 
 
-def test_points_on_one_line_and_in_one_place():
+def test_collinear_and_coincident_points_are_handled():
     line = np.outer([-0.03, 0.01, 0.02], [0.6, 0.0, 0.8])
     forces = np.array([[1.0, 0.2, 0.3], [-0.4, 0.1, 0.0], [-0.6, -0.3, -0.3]])
     assert internal_forces(line, forces)[0] == approx(projected(line, forces), abs=1e-9)
@@ -106,7 +106,7 @@ def test_points_on_one_line_and_in_one_place():
     assert np.isfinite(internal_forces(same, forces[:2])[0]).all() and np.isfinite(grip_force(same, forces[:2]))
 
 
-def test_thumb_against_four_fingers_grips_with_the_force_of_the_thumb():
+def test_a_thumb_opposed_to_four_fingers_grips_with_its_force():
     feet = [(0, -0.03, 0), *((x, 0.03, 0) for x in (-0.03, -0.01, 0.01, 0.03))]
     forces = [(0, 4.0, 0), *(((0, -1.0, 0),) * 4)]
     loads = [load(p, (0, -np.sign(f[1]), 0), f) for p, f in zip(feet, forces, strict=True)]

@@ -28,22 +28,22 @@ def solved(approach, laws, coupling, before=None, dt=1e-3, form=FORM, start=0.0)
     return out
 
 
-def organ(places, own=3.7e-3, near=8e-3):
-    """Compliance [m/N] between places [m] on a line, positive definite, and laws and coupling of it."""
+def organ(places, compliance=3.7e-3, near=8e-3):
+    """Compliance [m/N] between points [m] on a line, positive definite, and the resulting laws and coupling."""
     x = np.asarray(places, float)
-    compliance = own * np.exp(-np.abs(x[:, None] - x) / near)
-    laws = [(1.0 / own, 1.0, 0.0, 0.0, 0.0)] * len(x)
-    return compliance, laws, compliance / own
+    matrix = compliance * np.exp(-np.abs(x[:, None] - x) / near)
+    laws = [(1.0 / compliance, 1.0, 0.0, 0.0, 0.0)] * len(x)
+    return matrix, laws, matrix / compliance
 
 
-def test_one_finger_alone_is_the_series_step():
+def test_one_finger_alone_equals_the_series_step():
     law = (3e3, 1.5, 5.0, 0.0, 1e-3)
     (found,) = solved([6e-3], [law], [[1.0]], [1e-3])
     assert tuple(found) == approx(series_step(6e-3, 1e-3, 1e-3, FORM, *law), rel=1e-12)
 
 
 @pytest.mark.parametrize("count", [2, 3, 5])
-def test_the_forces_are_those_of_a_solver_of_all_equations_at_once(count):
+def test_the_forces_agree_with_a_simultaneous_solver(count):
     compliance, laws, coupling = organ(0.012 * np.arange(count))
     approach = 5e-3 + 1e-3 * np.arange(count)
     found = solved(approach, laws, coupling, dt=math.inf)
@@ -59,8 +59,8 @@ def test_the_forces_are_those_of_a_solver_of_all_equations_at_once(count):
 
 
 @pytest.mark.parametrize("law", [(1.0 / 3.7e-3, 1.0, 0.0, 0.0, 0.0), (3e3, 1.5, 5.0, 0.0, 0.0)])
-def test_on_one_place_they_share_the_force_of_a_finger_of_their_strength(law):
-    """Two equal fingertips are one of twice the stiffness."""
+def test_fingers_at_one_point_share_the_force_of_one_stiffer_finger(law):
+    """Two equal fingertips act like one with twice the stiffness."""
     two = solved([6e-3, 6e-3], [law, law], np.ones((2, 2)), form=kernel_form(power(8e3, 1.5), 0.0))
     (one,) = solved([6e-3], [law], [[1.0]], form=kernel_form(power(16e3, 1.5), 0.0))
     assert two[0] == approx(two[1], rel=1e-12)
@@ -68,7 +68,7 @@ def test_on_one_place_they_share_the_force_of_a_finger_of_their_strength(law):
     assert two[0, 2] == approx(one[2], rel=1e-10)
 
 
-def test_a_finger_over_the_dent_of_another_does_not_touch_until_it_reaches_it():
+def test_a_finger_above_the_indentation_of_another_touches_only_when_it_reaches_it():
     compliance, laws, coupling = organ([0.0, 5e-3])
     dent = solved([8e-3, -1.0], laws, coupling, dt=math.inf)
     assert dent[1, 0] == 0.0 and dent[1, 2] == approx(compliance[1, 0] * dent[0, 0], rel=1e-10)
@@ -78,7 +78,7 @@ def test_a_finger_over_the_dent_of_another_does_not_touch_until_it_reaches_it():
 
 
 def test_fingers_on_opposite_sides_of_a_thin_organ_press_against_each_other():
-    """What one presses in comes out under the other: the coupling is negative."""
+    """Each finger raises the surface under the other: the coupling is negative."""
     _, laws, _ = organ([0.0, 0.0])
     alone = solved([5e-3], laws[:1], [[1.0]], dt=math.inf)
     pinched = solved([5e-3, 5e-3], laws, [[1.0, -0.4], [-0.4, 1.0]], dt=math.inf)
@@ -89,7 +89,7 @@ def test_fingers_on_opposite_sides_of_a_thin_organ_press_against_each_other():
 
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
-def test_it_is_finite_never_pulls_and_does_not_depend_on_where_it_begins(data):
+def test_the_solution_is_finite_never_negative_and_independent_of_the_start(data):
     count = data.draw(st.integers(1, 6))
     number = st.floats(0.0, 1.0)
     places = [0.08 * data.draw(number) for _ in range(count)]
@@ -104,7 +104,7 @@ def test_it_is_finite_never_pulls_and_does_not_depend_on_where_it_begins(data):
     again = solved(approach, laws, coupling, before, dt, start=1.0)
     assert np.isfinite(found).all() and (found[:, 0] >= 0.0).all()
     assert found[:, 0] == approx(again[:, 0], rel=1e-9, abs=1e-12)
-    # each contact's own law, under its force and what the others' are there
+    # the law of each contact, under its force and the forces of the others
     acting = found[:, 0] + (coupling - np.eye(count)) @ found[:, 0]
     for (k, n, c, free, previous), s, f, mine in zip(laws, found[:, 2], acting, found[:, 0], strict=True):
         rate = 1.0 if math.isinf(dt) else max(0.0, 1.0 + c * (s - previous) / dt)

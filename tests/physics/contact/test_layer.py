@@ -1,4 +1,4 @@
-"""A ball on a bonded layer: the integral equation against its limits, published series, and full finite elements."""
+"""A ball on a bonded layer: the integral equation compared with limits, published series, and finite elements."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def test_a_thick_layer_is_a_half_space_and_a_thin_one_is_stiffer(poisson):
     assert (np.diff(factors) > 0.0).all()
 
 
-def test_the_table_is_the_solution_between_its_points():
+def test_the_table_interpolates_the_solution():
     factor = thickness_factor(0.5)
     for wide in (0.03, 0.33, 0.777, 1.83):
         chi, exact = solved(wide, 0.5)
@@ -27,16 +27,16 @@ def test_the_table_is_the_solution_between_its_points():
 
 
 @pytest.mark.parametrize(("poisson", "first"), [(0.5, 1.133), (0.3, 0.881)])
-def test_the_first_term_is_that_of_dimitriadis(poisson, first):
-    """-2 a0/pi of their eq. 11."""
+def test_the_first_term_equals_that_of_dimitriadis(poisson, first):
+    """The term -2 a0/pi of eq. 11 of Dimitriadis et al."""
     chi, factor = solved(0.01, poisson)
     assert (factor - 1.0) / chi == approx(first, rel=0.02)
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
-def test_a_thin_compressible_layer_is_a_bed_of_springs(poisson, monkeypatch):
+def test_a_thin_compressible_layer_is_an_elastic_foundation(poisson, monkeypatch):
     """K. L. Johnson, Contact Mechanics (1985), 5.8: F = pi M R s²/h with s = a²/2R, M the modulus of confined
-    compression; what the rim adds goes with h/a."""
+    compression; the contribution of the rim is proportional to h/a."""
     monkeypatch.setattr(bonded, "POINTS", 120)
     monkeypatch.setattr(bonded, "WAVES", 1200)
     confined = (1.0 - poisson) / ((1.0 + poisson) * (1.0 - 2.0 * poisson))

@@ -60,7 +60,7 @@ def test_the_nodal_forces_sum_to_the_force(name, seed, x, y, radius):
 
 
 @kernels
-def test_the_weights_are_those_of_a_plain_sum_over_all_nodes(name):
+def test_the_weights_equal_those_of_a_brute_force_sum(name):
     mesh = bumpy(800, 5)
     spreader = Spreader(mesh, 7e-3, name)
     for at in range(0, 800, 90):
@@ -74,7 +74,7 @@ def test_the_weights_are_those_of_a_plain_sum_over_all_nodes(name):
 
 
 @pytest.mark.parametrize(("name", "bound"), [("biweight", 1.8e-6), ("wendland", 0.04e-6)])
-def test_the_first_moment_that_is_left_is_small(name, bound):
+def test_the_residual_first_moment_is_small(name, bound):
     mesh = plane(0.04, 41**2)
     spreader = Spreader(mesh, 6e-3, name)
     worst = 0.0
@@ -94,14 +94,14 @@ def test_the_forces_move_continuously_with_the_foot(name):
         dense = np.zeros(len(mesh.vertices))
         nodes, weights, _ = spread(spreader, (x, 0.37e-3, 0.0))
         dense[nodes] = weights
-        # A step of 1 um changes no weight by more than the kernel's steepest slope allows; Hertz's falls like a root.
+        # A step of 1 um changes a weight at most by the kernel's steepest slope; Hertz's falls like a square root.
         step = 1e-6 / 6e-3
         allowed = math.sqrt(2.0 * step) if name == "hertz" else 2.5 * step
         assert before is None or np.abs(dense - before).max() < allowed * weights.max()
         before = dense
 
 
-def test_the_back_of_a_thin_piece_is_not_pushed():
+def test_the_back_of_a_thin_body_is_not_loaded():
     top = plane(0.04, 441)
     below = Mesh(top.vertices - [0, 0, 1e-3], top.triangles[:, ::-1])
     both = Mesh(np.concatenate([top.vertices, below.vertices]), np.concatenate([top.triangles, below.triangles + 441]))
@@ -121,12 +121,12 @@ def test_without_a_node_in_range_the_triangle_under_the_foot_carries_the_force()
 
 
 @pytest.mark.parametrize("foot", [(1e3, 0.0, 0.0), (1e300, -1e300, 1e300), (0.0, 0.0, 5.0)])
-def test_a_foot_far_away_still_gives_weights(foot):
+def test_a_distant_foot_point_gives_valid_weights(foot):
     _, weights, forces = spread(Spreader(plane(0.1, 100), 8e-3), foot)
     assert weights.sum() == approx(1) and np.isfinite(forces).all()
 
 
-def test_the_nearest_triangle_is_that_of_those_that_face_the_normal():
+def test_the_nearest_triangle_is_among_those_that_face_the_normal():
     mesh = bumpy(300, 7)
     rng = np.random.default_rng(0)
     for _ in range(30):
@@ -142,7 +142,7 @@ def test_the_nearest_triangle_is_that_of_those_that_face_the_normal():
 
 
 @given(st.lists(st.floats(-1, 1), min_size=12, max_size=12))
-def test_the_nearest_point_of_a_triangle_beats_every_other_point_of_it(x):
+def test_the_nearest_point_of_a_triangle_is_the_closest_of_all_points(x):
     p, a, b, c = np.array(x).reshape(4, 3)
     if np.linalg.norm(np.cross(b - a, c - a)) < 1e-9:
         return
@@ -155,7 +155,7 @@ def test_the_nearest_point_of_a_triangle_beats_every_other_point_of_it(x):
 
 
 @pytest.mark.parametrize(("name", "radius"), [("cone", 8e-3), ("biweight", 0.0), ("biweight", math.inf)])
-def test_wrong_settings_are_refused(name, radius):
+def test_wrong_settings_are_errors(name, radius):
     with pytest.raises(ValueError, match=r"unknown|expected a positive"):
         Spreader(plane(0.1, 100), radius, name)
 

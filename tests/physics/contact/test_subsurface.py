@@ -33,13 +33,13 @@ def stress(points):
     return point_stress(points, NU)
 
 
-def test_a_force_at_a_point_is_in_equilibrium_with_its_stress():
+def test_a_point_force_is_in_equilibrium_with_its_stress():
     divergence = sum(slope(stress, i)[i] for i in range(3))
     assert np.abs(divergence).max() < 1e-6 * np.abs(stress(AT)).max()
     assert stress(AT) == approx(stress(AT).swapaxes(0, 1))
 
 
-def test_its_strain_is_that_of_a_displacement():
+def test_the_strain_is_compatible():
     """Beltrami's and Michell's equations, with the trace -(1 + nu) r_k/(pi rho³) that a harmonic pressure has."""
 
     def trace(points):
@@ -57,7 +57,7 @@ def _second(f, i, j, step=1e-3):
     return (f(AT + a + b) - f(AT + a - b) - f(AT - a + b) + f(AT - a - b)) / (4.0 * step * step)
 
 
-def test_the_surface_is_free_but_at_the_point():
+def test_the_surface_is_free_except_at_the_point():
     assert np.abs(stress(np.array([0.3, -0.5, 1e-9]))[2]).max() < 1e-7
 
 
@@ -71,7 +71,7 @@ def test_a_plane_below_carries_the_whole_force(k):
 
 
 @pytest.mark.parametrize("depth", [0.5e-3, 4e-3, 8e-3, 16e-3])
-def test_on_the_axis_of_a_biweight_patch_the_normal_stress_is_the_closed_form(depth):
+def test_on_the_axis_of_a_biweight_patch_the_normal_stress_has_its_closed_form(depth):
     zeta = depth / R
     a = 1.0 + zeta**2
     right = a * a - 6.0 * a * zeta**2 - 3.0 * zeta**4 + 8.0 * zeta**3 * math.sqrt(a)
@@ -79,7 +79,7 @@ def test_on_the_axis_of_a_biweight_patch_the_normal_stress_is_the_closed_form(de
     assert found == approx(-right * 3.0 / (math.pi * R * R), rel=1e-5)
 
 
-def test_hertz_is_sheared_most_at_half_the_radius_of_contact():
+def test_the_largest_shear_under_hertz_is_at_half_the_contact_radius():
     """0.310 p0 at 0.48 a for nu = 0.3, and sigma_z = -p0/(1 + z²/a²) on the axis (Johnson, eq. 3.45 and table 4.1)."""
     peak = 1.5 / (math.pi * R * R)
     depth = np.linspace(0.2, 1.0, 161) * R
@@ -91,8 +91,8 @@ def test_hertz_is_sheared_most_at_half_the_radius_of_contact():
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
-def test_a_patch_is_the_sum_of_many_points(kernel):
-    """By squares instead of rings, off the axis, for a force of any direction."""
+def test_a_patch_equals_the_sum_of_many_points(kernel):
+    """The sum uses squares instead of rings, off the axis, for forces of any direction."""
     place, force, n = np.array([3e-3, -5e-3, 2e-3]), np.array([0.3, -0.2, 1.0]), 161
     grid = R * (np.arange(n) + 0.5 - 0.5 * n) / (0.5 * n)
     x, y = (a.ravel() for a in np.meshgrid(grid, grid))
@@ -103,12 +103,12 @@ def test_a_patch_is_the_sum_of_many_points(kernel):
     assert found == approx(right, rel=2e-3, abs=2e-3 * np.abs(right).max())
 
 
-def test_a_point_at_the_surface_is_refused():
+def test_a_point_at_the_surface_is_an_error():
     with pytest.raises(ValueError, match="expected at least 8e-05 m"):
         under_patch(np.array([[0.0, 0.0, 1e-5]]), R, "biweight", NU)
 
 
-def test_equivalent_stress_and_energy_of_a_pull_and_of_shear():
+def test_equivalent_stress_and_energy_are_right_for_tension_and_shear():
     stress, equivalent, energy = np.array([[5.0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 5.0]]), np.zeros(2), np.zeros(2)
     von_mises_of(stress, equivalent)
     strain_energy_of(stress, 100.0, NU, energy)
@@ -118,8 +118,8 @@ def test_equivalent_stress_and_energy_of_a_pull_and_of_shear():
     assert PAIRS[5] == (0, 1)
 
 
-def test_full_elements_have_the_same_stress_below_a_patch():
-    """`fe.Solver`, a light load, a surface that is free to slide; means of rings a quarter of R wide and deep."""
+def test_full_finite_elements_have_the_same_stress_below_a_patch():
+    """`fe.Solver` with a light load and a surface free to slide; means over rings 0.25 R wide and deep."""
     block, force = TissueBlock(0.0, 3, radius=R, sticks=False), 1e-3
     cut = tetrahedra(block)
     bed = ElasticFoundation(cut.under, BED * YOUNG)
@@ -180,7 +180,7 @@ def test_the_node_sends_the_stress_of_its_load_at_each_depth():
     assert not lifted.stress.any() and not lifted.von_mises.any()
 
 
-def test_the_stress_turns_with_the_surface():
+def test_the_stress_rotates_with_the_surface():
     bus = FakeBus(Stress(depths=(1e-3,), spacing=4e-3, reach=8e-3))
     level, steep = bus.publish(load((0.2, 0, -1.0)), load((0, -0.2, 1.0), (0.0, 0.6, -0.8)))
     c = -np.array([0.0, 0.6, -0.8])
@@ -197,6 +197,6 @@ def test_the_stress_turns_with_the_surface():
         ({"spacing": 1e-4, "reach": 1e-2}, "expected at most 10000"),
     ],
 )
-def test_points_that_make_no_sense_are_refused(given, message):
+def test_invalid_points_are_errors(given, message):
     with pytest.raises(SettingError, match=message):
         FakeBus(Stress(**given))

@@ -1,4 +1,4 @@
-"""Tactile flow against closed forms and brute force."""
+"""Tactile flow compared with closed forms and brute force."""
 
 from fractions import Fraction
 from math import prod
@@ -20,7 +20,7 @@ from palpate.physics.contact.tactile import (
 )
 
 
-def test_equivalent_strain_of_simple_states():
+def test_equivalent_strain_is_right_for_simple_states():
     assert equivalent_strain(1.1 * np.eye(3)) == approx(0.0, abs=1e-15)
     nu = 0.3
     assert equivalent_strain(np.diag(np.exp([0.02, -nu * 0.02, -nu * 0.02])), nu) == approx(0.02)
@@ -36,8 +36,8 @@ def test_rigid_motion_has_no_strain():
 
 @settings(max_examples=60, deadline=None)
 @given(arrays(float, 4, elements=st.integers(0, 4).map(float)), st.floats(-0.5, 4.5))
-def test_a_clipped_tetrahedron_agrees_with_the_limit_of_counting(values, level):
-    """Repeated corner values are the hard cases: here against the exact integral over slices of distinct values."""
+def test_a_clipped_tetrahedron_has_the_exact_volume(values, level):
+    """Repeated corner values are the hard cases, compared with the exact integral over slices of distinct values."""
     apart = values + 1e-4 * np.array([0.0, 1.0, 2.0, 3.0])
     v, c = [Fraction(x) for x in apart], Fraction(level)
     terms = [max(v[i] - c, 0) ** 3 / prod(v[i] - v[j] for j in range(4) if j != i) for i in range(4)]
@@ -47,7 +47,7 @@ def test_a_clipped_tetrahedron_agrees_with_the_limit_of_counting(values, level):
         assert isostrain_volume(values[None], [1.0], [level])[0] == approx(exact, abs=2e-2)
 
 
-def test_volumes_fall_with_the_level_and_add_up():
+def test_volumes_decrease_with_the_level_and_add_up():
     rng = np.random.default_rng(1)
     values, volumes = rng.random((50, 4)), rng.random(50)
     above = isostrain_volume(values, volumes, np.linspace(-0.1, 1.1, 30))
@@ -56,7 +56,7 @@ def test_volumes_fall_with_the_level_and_add_up():
     assert (isostrain_volume(values + 0.01, volumes, [0.5]) >= isostrain_volume(values, volumes, [0.5])).all()
 
 
-def test_the_volume_of_a_ball_is_found_with_second_order():
+def test_the_volume_of_a_ball_converges_with_second_order():
     from palpate.models.fe.element.mesh import bricks, grid
 
     errors = []
@@ -71,8 +71,8 @@ def test_the_volume_of_a_ball_is_found_with_second_order():
     assert errors[1] < 0.03 and errors[1] < errors[0] / 3
 
 
-def test_flow_is_the_motion_of_a_moving_front():
-    """e = r0(P) - r moves out at dr0/dP along -grad e, which points outwards."""
+def test_the_flow_is_the_velocity_of_a_moving_front():
+    """e = r0(P) - r moves outwards at dr0/dP along -grad e."""
     rng = np.random.default_rng(2)
     turn, _ = np.linalg.qr(rng.standard_normal((20, 3, 3)))
     corners = np.array([2.0, 0.0, 0.0]) + 0.01 * np.concatenate([0 * turn[:, :1], turn], axis=1)
@@ -88,7 +88,7 @@ def test_flow_is_the_motion_of_a_moving_front():
         growth(1.0, 2.0, 0.3, 0.3)
 
 
-def test_stick_radius_shrinks_to_nothing():
+def test_the_stick_radius_shrinks_to_zero():
     assert stick_radius(2e-3, 0.0, 1.0, 0.2) == 2e-3
     assert stick_radius(2e-3, 0.1, 1.0, 0.2) == approx(2e-3 * 0.5 ** (1 / 3))
     assert stick_radius(2e-3, 0.3, 1.0, 0.2) == 0.0 == stick_radius(2e-3, 0.0, 0.0, 0.2)

@@ -1,4 +1,4 @@
-"""The terminal law: its inverse, and the fit of a body that is not of that form."""
+"""The terminal law: its inverse, and its fit to bodies with another law."""
 
 import math
 
@@ -36,7 +36,7 @@ def test_indentation_inverts_the_law(force, dt, n, damping, free, previous):
     high = max(least, previous, free) + 1.0
     while missing(high) < 0:
         high += 10.0
-    if missing(least) >= 0.0:  # so short a step that the force of one rounding error of the place is more
+    if missing(least) >= 0.0:  # in a very short step the force of one rounding error of the position is larger
         root = least
     else:
         root = brentq(missing, least, high, xtol=1e-17, rtol=8.9e-16, maxiter=1000)
@@ -65,12 +65,12 @@ def test_the_exponent_stays_in_range(slope, n):
     assert exponent == n and math.isfinite(stiffness) and stiffness > 0
 
 
-def test_a_body_that_does_not_give_gets_a_finite_law():
+def test_a_rigid_body_gets_a_finite_law():
     stiffness, exponent = fit_terminal(1e-3, 1e-3, 1e9, 0.5)
     assert math.isfinite(stiffness) and stiffness > 0 and 1 <= exponent <= 3
 
 
-def test_a_body_with_hidden_state_through_its_fit_gives_the_monolithic_force():
+def test_the_fitted_law_of_a_body_with_hidden_state_gives_the_monolithic_force():
     """Power-law spring in series with a Voigt element (hidden state) under the stiff exponential fingertip."""
     finger, c1, dt = exponential(26.2641, 1681.06), 8.0, 1e-3
     stiffness, n, soft, viscous = 3e3, 1.5, 800.0, 20.0
@@ -83,7 +83,7 @@ def test_a_body_with_hidden_state_through_its_fit_gives_the_monolithic_force():
         return x + after, 1 / max(compliance, 1e-12), after
 
     def compression(load, before):
-        """Of the fingertip after a step under `load`, by bisection."""
+        """Compression of the fingertip after a step under `load`, by bisection."""
         least = max(0.0, before - dt / c1)
         if load <= 0:
             return least

@@ -28,7 +28,7 @@ TABLE = [
 
 
 def workspace(count: int, seed: int = 0) -> np.ndarray:
-    """Points [m] (count, 3) that the grip can take, away from the edge of its reach."""
+    """Points [m] (count, 3) inside the workspace of the grip, away from its border."""
     box = np.random.default_rng(seed).uniform((-0.05, -0.05, 0.08), (0.05, 0.05, 0.16), (4 * count, 3))
     return box[inverse(box)[1]][:count]
 
@@ -43,7 +43,7 @@ def test_angles_counts_and_torques_agree_with_the_table(point, angles, encoder, 
         assert torque(np.eye(3)[axis], point)[0] * 1e3 == approx(expected, abs=6e-4)
 
 
-def test_zero_counts_are_a_point_on_the_axis():
+def test_zero_counts_correspond_to_a_point_on_the_axis():
     point, ok = forward(angles_of([0, 0, 0]))
     assert ok and point == approx((0.0, 0.0, 0.134602), abs=1e-6)
     assert FALCON.count == approx(6.359047630e-4, rel=1e-9)
@@ -62,7 +62,7 @@ def test_the_closed_form_satisfies_the_loop_equations_of_each_leg():
             assert z == approx(f.a * np.sin(t1) + length * np.sin(t2), abs=1e-15)
 
 
-def test_forward_undoes_inverse_to_a_nanometre():
+def test_forward_inverts_inverse_within_a_nanometre():
     rng = np.random.default_rng(1)
     for point in workspace(400):
         for start in (HOME, point + rng.normal(0.0, 1e-3, 3)):
@@ -70,7 +70,7 @@ def test_forward_undoes_inverse_to_a_nanometre():
             assert ok and np.abs(position - point).max() <= 1e-9
 
 
-def test_forward_starts_anew_from_a_place_out_of_reach():
+def test_forward_converges_from_a_start_out_of_reach():
     position, ok = forward(inverse(CENTRE)[0][:, 0], start=(1.0, -2.0, 5.0))
     assert ok and position == approx(CENTRE, abs=1e-9)
 
@@ -86,7 +86,7 @@ def test_rates_are_the_derivative_of_the_angles():
         assert np.abs(exact - difference).max() <= 1e-6 * np.abs(exact).max()
 
 
-def test_power_of_the_torques_is_power_of_the_force():
+def test_the_power_of_the_torques_equals_that_of_the_force():
     rng = np.random.default_rng(2)
     for point in workspace(100):
         push, motion = rng.normal(size=3) * 0.1, rng.normal(size=3)
@@ -96,7 +96,7 @@ def test_power_of_the_torques_is_power_of_the_force():
         assert force(torques, point)[0] == approx(push, abs=1e-12)
 
 
-def test_reach_on_the_axis():
+def test_the_reach_on_the_axis_has_its_limits():
     for z, expected in [(0.0595, False), (0.0605, True), (0.1825, True), (0.1835, False)]:
         assert inverse((0.0, 0.0, z))[1] == expected
 
@@ -104,7 +104,7 @@ def test_reach_on_the_axis():
 @pytest.mark.parametrize(
     "point", [(0.3, 0, 0.1), (0, 0, 0), (0, 0, 10.0), (1e300, 0, 0), (np.nan, 0, 0.1), (0, np.inf, 0.1)]
 )
-def test_a_point_out_of_reach_is_said_so_without_nan(point):
+def test_a_point_out_of_reach_is_flagged_without_nan(point):
     angles, reach = inverse(point)
     assert not reach and np.all(angles == 0.0)
     assert torque((1.0, 2.0, 3.0), point)[1] is False
@@ -113,7 +113,7 @@ def test_a_point_out_of_reach_is_said_so_without_nan(point):
 
 
 @pytest.mark.parametrize("angles", [(-1.5, 1.5, 3.0), (3.1, 3.1, 3.1), (np.nan, 0, 0), (np.inf, 0, 0), (1e300, 0, 0)])
-def test_angles_that_no_position_has_fail_with_a_flag(angles):
+def test_angles_without_a_position_are_flagged(angles):
     position, ok = forward(angles)
     assert not ok and np.all(np.isfinite(position))
 
@@ -126,17 +126,17 @@ def test_a_point_that_one_or_two_legs_reach_is_out_of_reach():
         assert not inverse(point)[1] and not reachable(FALCON.geometry, *point)
         assert torque((1.0, 2.0, 3.0), point)[1] is False
         assert np.all(force((0.1, 0.1, 0.1), point)[0] == 0.0)
-        position, ok = forward(inverse(CENTRE)[0][:, 0], start=point)  # one that cannot be begun from
+        position, ok = forward(inverse(CENTRE)[0][:, 0], start=point)  # an unusable start
         assert ok and position == approx(CENTRE, abs=1e-9)
 
 
-def test_driven_angles_lie_within_half_a_turn_behind_the_device_too():
+def test_driven_angles_are_within_half_a_turn_also_behind_the_device():
     behind = np.random.default_rng(4).uniform((-0.1, -0.1, -0.2), (0.1, 0.1, 0.0), (400, 3))
     angles = inverse(behind[inverse(behind)[1]])[0][..., 0]
     assert angles.size > 200 and np.pi - 0.1 < angles.max() <= np.pi and -np.pi < angles.min() < -np.pi + 0.2
 
 
-def test_forward_takes_angles_of_any_turn_and_knows_a_place_that_fits():
+def test_forward_accepts_angles_of_any_turn_and_an_exact_start():
     for point in workspace(20):
         angles = inverse(point)[0][:, 0]
         for turns in ((1, 0, -1), (-2, 3, 0)):
@@ -145,7 +145,7 @@ def test_forward_takes_angles_of_any_turn_and_knows_a_place_that_fits():
         assert forward(angles, point)[0] == approx(point, abs=1e-15)
 
 
-def test_forward_finds_its_way_from_the_edge_of_the_reach():
+def test_forward_converges_from_the_border_of_the_workspace():
     box = np.random.default_rng(5).uniform((-0.09, -0.09, 0.05), (0.09, 0.09, 0.19), (2000, 3))
     edges = box[inverse(box)[1] & ~inverse(1.08 * box)[1]][:40]
     for start, point in zip(edges, workspace(40), strict=True):
@@ -157,12 +157,12 @@ def test_forward_finds_its_way_from_the_edge_of_the_reach():
     ("start", "point"),
     [((0.0193, -0.0483, 0.1442), (-0.0478, -0.0903, 0.0757)), ((0.0581, -0.0604, 0.1403), (0.0078, -0.0078, 0.1567))],
 )
-def test_a_step_that_leads_out_of_reach_is_halved(start, point):
+def test_a_step_out_of_reach_is_halved(start, point):
     ok, *found = newton(FALCON.geometry, *inverse(point)[0][:, 0], *start)
     assert ok and found == approx(point, abs=1e-9)
 
 
-def test_the_damped_inverse_is_that_of_least_squares():
+def test_the_damped_inverse_is_the_least_squares_solution():
     rng = np.random.default_rng(6)
     for damping in (0.0, 0.05, 0.7):
         rows = rng.normal(size=(3, 3))
@@ -173,23 +173,23 @@ def test_the_damped_inverse_is_that_of_least_squares():
     assert damped((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (1.0, 2.0, 3.0), 0.0) == (0.0, 0.0, 0.0)
 
 
-def test_the_inverse_of_a_short_lever_falls_to_zero_with_it():
+def test_the_inverse_of_a_short_lever_goes_to_zero_with_its_length():
     assert [inverted(lever) for lever in (2e-3, 1e-3, 5e-4, 0.0, -5e-4)] == approx([500.0, 1000.0, 500.0, 0.0, -500.0])
 
 
 @pytest.mark.parametrize("torques", [(np.inf, 0.0, 0.0), (0.0, np.nan, 0.0), (0.0, 0.1, -np.inf)])
-def test_torques_that_are_not_finite_are_none(torques):
+def test_torques_that_are_not_finite_are_rejected(torques):
     assert saturate(*torques, 0.2) == (0.0, 0.0, 0.0)
 
 
-def test_inverse_takes_arrays():
+def test_inverse_accepts_arrays():
     points = np.array([[CENTRE, (0.3, 0, 0.1)], [(0.03, 0, 0.11), (-0.02, 0.015, 0.13)]])
     angles, reach = inverse(points)
     assert angles.shape == (2, 2, 3, 3) and reach.tolist() == [[True, False], [True, True]]
 
 
-def test_the_force_is_bounded_where_legs_are_stretched():
-    low, high = 0.18, 0.19  # all legs are stretched where the axis goes out of reach: t1 = t2
+def test_the_force_is_bounded_if_legs_are_stretched():
+    low, high = 0.18, 0.19  # at the end of the reach on the axis all legs are stretched: t1 = t2
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (middle, high) if inverse((0.0, 0.0, middle))[1] else (low, middle)
@@ -202,7 +202,7 @@ def test_the_force_is_bounded_where_legs_are_stretched():
     assert ok and np.all(np.isfinite(pushed)) and np.linalg.norm(pushed) < 3 * 0.4096 / 1e-3
 
 
-def test_a_leg_tilted_flat_has_no_lever():
+def test_a_flat_leg_has_no_lever():
     f = FALCON
     cos_phi, sin_phi = np.cos(f.phi[1]), np.sin(f.phi[1])
     v = np.nextafter(f.b, 0.0) + f.s - f.f  # t3 -> 0 for leg 2
@@ -214,7 +214,7 @@ def test_a_leg_tilted_flat_has_no_lever():
             assert abs(torques[1]) < 1e-6
 
 
-def test_torque_stays_bounded_where_the_links_lie_in_a_plane():
+def test_the_torque_is_bounded_if_the_links_are_coplanar():
     box = np.random.default_rng(3).uniform((-0.12, -0.12, 0.03), (0.12, 0.12, 0.2), (20000, 3))
     flattest = 1.0
     for point in box[inverse(box)[1]]:
@@ -222,10 +222,10 @@ def test_torque_stays_bounded_where_the_links_lie_in_a_plane():
         assert ok and np.abs(torques).max() < 0.05
         _, _, n0, n1, n2, _ = links(FALCON.geometry, *point)
         flattest = min(flattest, abs(np.linalg.det([n0, n1, n2])))
-    assert flattest < 2e-3  # such poses were among them
+    assert flattest < 2e-3  # nearly coplanar poses were included
 
 
-def test_damping_sets_in_without_a_step():
+def test_damping_starts_without_a_jump():
     box = np.random.default_rng(4).uniform((-0.12, -0.12, 0.03), (0.12, 0.12, 0.2), (2000, 3))
     inside = box[inverse(box)[1]]
     volumes = [abs(np.linalg.det(links(FALCON.geometry, *p)[2:5])) for p in inside]
@@ -253,7 +253,7 @@ def test_saturation_keeps_the_direction():
     assert np.all(torque((np.inf, 0, 0), CENTRE)[0] == 0.0)
 
 
-def test_largest_forces_at_the_centre():
+def test_the_largest_forces_at_the_centre_have_their_values():
     def largest(direction):
         return float(force(torque(1e3 * np.asarray(direction), CENTRE)[0], CENTRE)[0] @ direction)
 
@@ -263,7 +263,7 @@ def test_largest_forces_at_the_centre():
     assert min(largest(d / np.linalg.norm(d)) for d in directions) == approx(6.9, abs=0.1)
 
 
-def test_one_count_moves_the_tip_by_some_tens_of_micrometres():
+def test_one_count_moves_the_tip_by_tens_of_micrometres():
     def moves(z):  # principal values over all directions of one count
         return np.linalg.svd(np.linalg.inv(rates((0.0, 0.0, z))), compute_uv=False) * FALCON.count * 1e6
 
@@ -273,7 +273,7 @@ def test_one_count_moves_the_tip_by_some_tens_of_micrometres():
 
 
 def copied_rates(point) -> np.ndarray:
-    """G as widely copied C++ has it: the third column with sin(t2) sin(t2) instead of sin(t2) sin(t3)."""
+    """G as in a widely copied C++ code: the third column has sin(t2) sin(t2) instead of sin(t2) sin(t3)."""
     rows = []
     for phi, (t1, t2, t3) in zip(FALCON.phi, inverse(point)[0], strict=True):
         u, v, w = np.cos(t2) * np.sin(t3), np.cos(t3), np.sin(t2) * np.sin(t2)
@@ -282,7 +282,7 @@ def copied_rates(point) -> np.ndarray:
     return np.array(rows)
 
 
-def test_the_copied_jacobian_column_fails_what_ours_passes():
+def test_the_widely_copied_jacobian_fails_the_test_of_virtual_work():
     def felt(push, point):
         return rates(point).T @ np.linalg.solve(copied_rates(point).T, push)
 
@@ -297,7 +297,7 @@ def test_the_copied_jacobian_column_fails_what_ours_passes():
     assert copied_rates(CENTRE)[:, 2] != approx(difference, rel=0.1)
 
 
-def test_the_copied_forward_kinematics_stop_too_early():
+def test_the_widely_copied_forward_kinematics_stop_too_early():
     def copied_forward(angles, point):
         point = np.array(point)
         for _ in range(100):

@@ -1,4 +1,4 @@
-"""The kernel of the controller alone: the same when the scene is turned, damped on the way out, and what is booked."""
+"""The kernel of the controller alone: invariance under rotation, damping during unloading, and the energy observer."""
 
 import math
 
@@ -19,8 +19,8 @@ def gains(resolution=0.0, passive=True) -> np.ndarray:
 
 
 def run(path, stiffness, delay=0, turn=None, friction=0.0, resolution=0.0):
-    """Forces [N] (k,3) and energies [J] on a plane z = 0 that pushes along z with `stiffness`, and drags along x by
-    `friction` of that; all of it turned by `turn`, the answer turned back."""
+    """Forces [N] (k,3) and energies [J] on a plane z = 0 with a normal `stiffness` and a `friction` coefficient along
+    x; the scene is rotated by `turn`, and the result is rotated back."""
     turn = np.eye(3) if turn is None else turn
     state, past = buffers(delay)
     forces, energies = [], []
@@ -37,7 +37,7 @@ def run(path, stiffness, delay=0, turn=None, friction=0.0, resolution=0.0):
 
 
 def strokes() -> np.ndarray:
-    """In and out again three times, ever faster, while going sideways [m]."""
+    """Three presses, each faster than the last, during a sideways motion [m]."""
     t = np.arange(600) * T
     depth = -2e-3 * np.sin(2 * math.pi * (4 * t + 10 * t * t))
     return np.stack([3e-3 * np.sin(15 * t), 2e-3 * np.cos(23 * t), depth], axis=1)
@@ -45,7 +45,7 @@ def strokes() -> np.ndarray:
 
 @pytest.mark.parametrize("delay", [0, 2])
 @pytest.mark.parametrize(("seed", "stiffness"), [(1, 2000.0), (2, 2000.0), (3, 20_000.0)])
-def test_a_turned_scene_gets_the_turned_force(delay, seed, stiffness):
+def test_a_rotated_scene_gets_the_rotated_force(delay, seed, stiffness):
     turn = Rotation.random(random_state=seed).as_matrix()
     straight, energy = run(strokes(), stiffness, delay, friction=0.3)
     turned, turned_energy = run(strokes(), stiffness, delay, turn, friction=0.3)
@@ -55,8 +55,9 @@ def test_a_turned_scene_gets_the_turned_force(delay, seed, stiffness):
 
 
 @pytest.mark.parametrize(("delay", "stiffness"), [(0, 2000.0), (1, 400.0), (3, 120.0)])
-def test_on_the_way_out_the_force_is_that_of_the_law_less_the_damping(delay, stiffness):
-    """F = K s - B v with B = 4 max(0, K t - b/2), t = T (d + 1/2), once the speed is known; in, the law alone."""
+def test_during_unloading_the_force_is_the_law_minus_the_damping(delay, stiffness):
+    """F = K s - B v with B = 4 max(0, K t - b/2), t = T (d + 1/2), after the speed is known; during loading the law
+    alone."""
     speed, steps = 0.05, 60
     depth = np.concatenate([np.arange(1, steps), np.arange(steps, 0, -1)]) * speed * T
     forces, _ = run(np.stack([0 * depth, 0 * depth, -depth], axis=1), stiffness, delay)
@@ -68,7 +69,7 @@ def test_on_the_way_out_the_force_is_that_of_the_law_less_the_damping(delay, sti
     assert (law - forces[:, 2])[out] == approx(damping * speed, rel=1e-6)
 
 
-def test_the_stiffest_slope_is_that_of_its_formula():
+def test_the_stiffest_slope_has_its_formula():
     lag = 0.5 * T
     assert stiffest(MASS, DRAG, 0.0, lag) == approx(DRAG / lag + SHARE * MASS / lag**2)
     assert stiffest(MASS, DRAG, 0.0, lag) == approx(400.0 + 4000.0)
@@ -77,33 +78,22 @@ def test_the_stiffest_slope_is_that_of_its_formula():
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.7, 2.0])
-def test_a_swing_in_the_plane_does_not_raise_a_limited_force_and_a_slide_does(turned):
-    """Pressed 1 mm deep, from 0.9 mm on against 20 N, of which it feels 0.6. A finger that swings sideways by a few
-    counts keeps that force; one that slides gains at most LEAP per count of motion, up to LEAP per count of the
-    approach."""
-    t = np.arange(-150, 150) * T
-    most = LEAP / COUNT
-    for side, slides in ((4 * COUNT * np.sin(2 * math.pi * 30 * t), False), (0.1 * t, True)):
-        state, past = buffers(0)
-        force = []
-        for k, s in enumerate(side):
-            depth = min(1e-5 * k, 1e-3)
-            s *= k >= 150
-            place = (s * math.cos(turned), s * math.sin(turned), -depth)
-            push = 500.0 * depth if k < 90 else 20.0
-            force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, place, STILL, T)[2])
-        assert force[149] == approx(0.45 + 0.1e-3 * most, rel=0.02)
-        if slides:
-            assert force[-1] == approx(most * 1e-3)
-            assert np.diff(force[150:]).max() < 1.01 * most * 0.1 * T
-        else:
-            assert force[150:] == approx(np.full(150, force[149]), rel=1e-6)
+def test_a_tangential_oscillation_does_not_raise_a_limited_force_but_a_slide_does(turned):
+    """At a depth of 1 mm the law gives 20 N, of which the finger feels 0.6 N. A finger that oscillates sideways by a
+    few counts keeps that force; a sliding one gains at most LEAP per count of motion, up to LEAP per count of the
+    approach.""" t = np.arange(-150, 150) * T most = LEAP / COUNT for side, slides in ((4 * COUNT * np.sin(2 * math.pi *
+    30 * t), False), (0.1 * t, True)): state, past = buffers(0) force = [] for k, s in enumerate(side): depth = min(1e-5
+    * k, 1e-3) s *= k >= 150 place = (s * math.cos(turned), s * math.sin(turned), -depth) push = 500.0 * depth if k < 90
+    else 20.0 force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, place, STILL, T)[2]) assert
+    force[149] == approx(0.45 + 0.1e-3 * most, rel=0.02) if slides: assert force[-1] == approx(most * 1e-3) assert
+    np.diff(force[150:]).max() < 1.01 * most * 0.1 * T else: assert force[150:] == approx(np.full(150, force[149]),
+    rel=1e-6)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_a_way_back_of_one_count_is_not_booked_and_a_longer_one_is(axis, way):
-    """E <- E - F.dx, in whichever direction the finger goes."""
+def test_a_return_of_one_count_is_not_counted_and_a_longer_one_is(axis, way):
+    """E <- E - F.dx, in any direction of motion."""
     push = np.array([0.3, -0.7, 1.1])
     step = np.zeros(3)
     step[axis] = way * COUNT
@@ -116,7 +106,7 @@ def test_a_way_back_of_one_count_is_not_booked_and_a_longer_one_is(axis, way):
         assert observe(state, push, *(count * step), T, COUNT) == (0.0, 0.0, 0.0)
     assert state[ENERGY, 0] == approx(inward)
     velocity = observe(state, push, *(1 * step), T, COUNT)
-    assert velocity == approx(-2 * step / (5 * T))  # two counts, over the five steps since the last movement
+    assert velocity == approx(-2 * step / (5 * T))  # two counts in the five steps since the last movement
     assert state[ENERGY, 0] == approx(-push @ step)
 
 
@@ -127,7 +117,7 @@ def test_a_finger_at_rest_keeps_its_force(resolution):
     assert forces[30:, 2] == approx(0.5, rel=1e-9)
 
 
-def test_an_absurd_step_gives_no_force_and_the_next_one_goes_on():
+def test_an_extreme_step_gives_no_force_and_the_next_one_is_normal():
     state, past = buffers(0)
     up, still = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     for place in ((0.0, 0.0, -1e-3), (0.0, 0.0, math.inf), (0.0, 0.0, -1e-3)):
@@ -136,8 +126,8 @@ def test_an_absurd_step_gives_no_force_and_the_next_one_goes_on():
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, 0.0), (0.05, -0.02, 0.1)])
-def test_the_way_begins_where_the_finger_is_first_seen(place):
-    """Wherever that is, it is no motion: no energy, no damping, and the spring of free motion is anchored there."""
+def test_the_path_starts_at_the_first_position_of_the_finger(place):
+    """The first position is not a motion: no energy, no damping, and the spring of free motion is anchored there."""
     law = gains()
     law[:2] = 50.0, 2.0
     state, past = buffers(1)
@@ -155,7 +145,7 @@ def step(law, state, past, push=0.0, place=STILL, velocity=STILL, n=UP, friction
     return haptic(law, state, past, push, n, friction, 1e-3, tuple(place), velocity, dt)
 
 
-def test_the_switch_to_contact_makes_no_bump_along_any_axis_and_its_difference_fades():
+def test_the_switch_to_contact_causes_no_jump_and_its_difference_decays():
     law, (state, past) = gains(passive=False), buffers(0)
     law[:3] = 50.0, 2.0, 1.0
     fast = np.array([0.01, 0.03, -0.02])
@@ -169,14 +159,14 @@ def test_the_switch_to_contact_makes_no_bump_along_any_axis_and_its_difference_f
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_contact_is_lost_beyond_the_approach_and_the_hysteresis_along_each_axis(axis):
+def test_contact_ends_beyond_approach_and_hysteresis_along_each_axis(axis):
     (state, past), place, along = buffers(0), np.array([0.02, -0.03, 0.05]), np.eye(3)[axis]
     for push, way, touches in ((0.5, 0.0, True), (0.0, 1.05e-3, True), (0.0, 1.07e-3, False)):
         assert step(gains(passive=False), state, past, push, place + way * along)[3] == touches
 
 
 @pytest.mark.parametrize("dt", [0.0, -T, math.inf, math.nan])
-def test_a_step_of_no_time_gives_the_last_answer_again_and_changes_nothing(dt):
+def test_a_step_of_zero_duration_repeats_the_last_output(dt):
     law, (state, past) = gains(passive=False), buffers(1)
     given = {"n": (0.6, 0.0, 0.8), "friction": (0.0, -0.2, 0.0)}
     for z in (0.0, 1e-4, 3e-4, 4e-4):
@@ -187,7 +177,7 @@ def test_a_step_of_no_time_gives_the_last_answer_again_and_changes_nothing(dt):
     assert np.array_equal(state, before[0]) and np.array_equal(past, before[1])
 
 
-def test_after_an_input_that_is_not_finite_the_force_rises_straight_from_zero_at_its_slew_limit():
+def test_after_a_non_finite_input_the_force_rises_from_zero_at_the_slew_limit():
     law, (state, past) = gains(passive=False), buffers(0)
     law[SLEW] = 1.0
     n = (2 / 7, 3 / 7, 6 / 7)
@@ -200,7 +190,7 @@ def test_after_an_input_that_is_not_finite_the_force_rises_straight_from_zero_at
 
 
 @pytest.mark.parametrize("delay", [0, 2])
-def test_energy_is_booked_under_the_force_of_as_many_steps_before_as_the_device_is_late(delay):
+def test_energy_is_counted_with_the_force_delayed_like_the_device(delay):
     rng = np.random.default_rng(3)
     pushes = np.concatenate([[0.0], rng.uniform(0.5, 2.0, 30)])
     places = np.concatenate([[0.0], np.cumsum(rng.uniform(1e-4, 3e-4, 30))])
@@ -214,17 +204,17 @@ def test_energy_is_booked_under_the_force_of_as_many_steps_before_as_the_device_
     assert energies == approx(-np.cumsum(acted * np.diff(places, prepend=0.0)))
 
 
-def test_friction_is_softened_as_much_as_the_normal_force():
+def test_friction_is_scaled_like_the_normal_force():
     depth = np.linspace(0.0, 2e-3, 100)
     forces, _ = run(np.stack([0 * depth, 0 * depth, -depth], axis=1), 20_000.0, delay=2, friction=0.3)
-    assert 0.4 < forces[-1, 2] < 4.0  # of 40 N that the law alone would give
+    assert 0.4 < forces[-1, 2] < 4.0  # of the 40 N of the law alone
     assert forces[:, 0] == approx(-0.3 * forces[:, 2])
 
 
-def test_a_credit_lasts_while_contact_does_and_is_dropped_at_the_switch_where_a_debt_stays_up_to_its_bound():
+def test_absorbed_energy_is_reset_at_the_switch_and_generated_energy_is_kept_up_to_its_bound():
     law = gains(passive=False)
     for energy in (0.3, -0.004, -0.05):
-        for push, paid in ((0.5, 0.0), (0.0, 0.25 * 2e-3)):  # into contact, and out of it
+        for push, paid in ((0.5, 0.0), (0.0, 0.25 * 2e-3)):  # into contact and out of it
             state, past = buffers(0)
             step(law, state, past, 0.5 - push)
             state[ENERGY, 0], state[ENERGY, RISE] = energy, 7.0
@@ -233,10 +223,10 @@ def test_a_credit_lasts_while_contact_does_and_is_dropped_at_the_switch_where_a_
             assert state[ENERGY, RISE] == (7.0 if push else 0.0)
     state, past = buffers(0)
     energies = [step(law, state, past, 0.5, (0.0, 0.0, -1e-3 * k))[4] for k in range(5)]
-    assert energies == approx([0.0, 0.25e-3, 0.75e-3, 1.25e-3, 1.75e-3])  # the first step was without a force
+    assert energies == approx([0.0, 0.25e-3, 0.75e-3, 1.25e-3, 1.75e-3])  # the first step had no force
 
 
-def test_the_spring_of_free_motion_pulls_to_where_it_began():
+def test_the_spring_of_free_motion_pulls_to_its_start():
     law, (state, past), begin = gains(passive=False), buffers(0), np.array([0.02, -0.03, 0.05])
     law[0] = 50.0
     for way in ((0.0, 0.0, 0.0), (1e-3, 2e-3, -3e-3), (4e-3, 0.0, 1e-3)):
@@ -244,8 +234,8 @@ def test_the_spring_of_free_motion_pulls_to_where_it_began():
 
 
 @pytest.mark.parametrize("axis", range(3))
-def test_a_steep_law_may_rise_with_the_way_sideways_too(axis):
-    """From 0.2 N by the stiffest slope, 4400 N/m behind half a step, times the way in the plane of the surface."""
+def test_a_steep_law_may_also_rise_with_tangential_motion(axis):
+    """From 0.2 N by the stiffest slope, 4400 N/m for a delay of half a step, times the path in the surface plane."""
     n, (state, past) = np.eye(3)[axis], buffers(0)
     step(gains(), state, past, 0.2, STILL, n=tuple(n))
     sideways = np.roll((0.0, 3e-5, 4e-5), axis)
@@ -253,7 +243,7 @@ def test_a_steep_law_may_rise_with_the_way_sideways_too(axis):
     assert force == approx((0.2 + 4400.0 * (5e-5 + 2e-5)) * n)
 
 
-def test_what_the_finger_does_in_the_air_is_no_speed_out_of_the_surface():
+def test_motion_in_the_air_does_not_count_as_unloading_speed():
     state, past = buffers(0)
     for k in range(5):
         step(gains(), state, past, 0.0, (0.0, 0.0, 1e-3 * k))
@@ -268,7 +258,7 @@ def test_a_step_too_short_for_the_clock_gives_a_finite_force(dt):
     assert np.isfinite(step(gains(), state, past, 0.5, (0.0, 0.0, -3e-4), dt=dt)).all() and np.isfinite(state).all()
 
 
-def test_first_seen_far_from_the_origin_and_pressing_in_the_finger_is_not_damped():
+def test_a_first_sample_far_from_the_origin_is_not_damped():
     state, past = buffers(3)
     for k in range(1, 7):
         place = (0.05, -0.02, 0.3 - 1e-5 * k)
@@ -277,7 +267,7 @@ def test_first_seen_far_from_the_origin_and_pressing_in_the_finger_is_not_damped
 
 
 @pytest.mark.parametrize("push", [0.0, 0.5])
-def test_an_input_that_is_not_finite_leaves_mode_and_energy_as_they_were(push):
+def test_a_non_finite_input_does_not_change_mode_and_energy(push):
     state, past = buffers(0)
     step(gains(), state, past, push)
     step(gains(), state, past, push, (0.0, 0.0, 1e-4))
@@ -285,7 +275,7 @@ def test_an_input_that_is_not_finite_leaves_mode_and_energy_as_they_were(push):
     assert bool(state[ENERGY, 0]) == (push > 0.0)
 
 
-def test_steps_of_the_position_are_mostly_rounding_so_a_slope_is_measured_over_eight_of_them():
+def test_a_slope_is_measured_over_eight_counts_because_of_rounding():
     state, past = buffers(0)
     for k in range(12):
         step(gains(COUNT), state, past, 100.0 * COUNT * k, (0.0, 0.0, -COUNT * k))

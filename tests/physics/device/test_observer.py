@@ -1,14 +1,15 @@
-"""The observer between the counts of an encoder, against motions that are known exactly and in closed loops.
+"""The observer of the position between encoder counts, tested with exactly known motions and in closed loops.
 
-Bounds follow from its constants, q being a count and w its bandwidth. x is off the reading by less than
+Bounds follow from its constants; q is a count and w the bandwidth. x differs from the reading by less than
 
     1 q    at rest: the mean is taken within a count of the reading;
-    2 q    as a rest ends, by one more count: 1.5 q off the truth, which has just entered the reading's cell;
-    3a/w^2 by an acceleration a, the error of its three poles; beyond a count w grows as (d/q)^1.5, so that
-           (d/q)^4 = 3a/(w^2 q), of which it may be twice off for a moment.
+    2 q    at the end of a rest, by one more count: 1.5 q from the true position, which has just entered the cell of the
+           reading;
+    3a/w^2 with an acceleration a, the error of its three poles; beyond a count w grows as (d/q)^1.5, so that
+           (d/q)^4 = 3a/(w^2 q); for a moment the error may be twice as large.
 
-A step d of what x follows makes a speed of at most 0.8 w d, the peak of its impulse response h; an error that stays
-within d makes at most 1.76 w d, the integral of |h'|. Both are for d up to a count, above which w grows.
+A step d of the input of x causes a speed of at most 0.8 w d, the peak of its impulse response h; an error within d
+causes at most 1.76 w d, the integral of |h'|. Both apply to d up to a count, above which w grows.
 """
 
 import numpy as np
@@ -19,11 +20,11 @@ from palpate.physics.device.observer import BANDWIDTH, FAR, REST, begin, follow
 COUNT = 60e-6
 RATES = (500, 1000, 2000, 5000, 10_000)
 PHASES = (0.0, 0.21, 0.5, 0.83)
-JITTER = 0.3  # [1] of the time between two samples of the real clock
+JITTER = 0.3  # [1] jitter of the time between two samples of the real clock
 
 
 def observed(motion, rate, seconds, phase=0.0, jitter=0.0):
-    """Times [s], true places [m], places and speeds that the observer finds, and the readings, at the rate [Hz]."""
+    """Times [s], true positions [m], observed positions and speeds, and the readings, at the rate [Hz]."""
     steps = (1.0 + jitter * np.random.default_rng(rate).uniform(-1.0, 1.0, round(rate * seconds))) / rate
     t = np.cumsum(steps)
     true = motion(t)
@@ -49,8 +50,8 @@ def tremor(t):
 @pytest.mark.parametrize("jitter", [0.0, JITTER])
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("speed", [0.01, -0.037, 0.2])
-def test_an_even_motion_is_followed_without_lag(rate, speed, jitter):
-    """Of the readings' half a count a quarter is felt."""
+def test_a_uniform_motion_is_followed_without_lag(rate, speed, jitter):
+    """Of the quantization error of half a count, 25 % remains."""
     t, true, places, speeds, _ = observed(lambda t: speed * t, rate, 0.5, 0.3, jitter)
     late = t > 0.2
     assert np.abs(places - true)[late].max() < 0.75 * COUNT
@@ -73,13 +74,13 @@ HAND = {  # motion, seconds, largest acceleration [m/s2]
 @pytest.mark.parametrize("jitter", [0.0, JITTER])
 @pytest.mark.parametrize("rate", RATES)
 @pytest.mark.parametrize("name", HAND)
-def test_a_motion_of_a_hand_is_followed_within_counts_and_without_a_jump(name, rate, jitter):
+def test_a_motion_of_a_hand_is_followed_within_counts_without_a_jump(name, rate, jitter):
     motion, seconds, acceleration = HAND[name]
     lag = 3.0 * acceleration / BANDWIDTH**2
     for phase in PHASES:
         t, true, places, speeds, read = observed(motion, rate, seconds, phase, jitter)
-        late = t > 0.05  # begins at rest, which these motions do not
-        way = np.abs(np.diff(true, prepend=true[0]))  # of the reading, too, in one step
+        late = t > 0.05  # the observer starts at rest, these motions do not
+        way = np.abs(np.diff(true, prepend=true[0]))  # of the true position in one step
         assert np.all(np.abs(places - true)[late] < 1.5 * COUNT + lag + way[late])
         assert np.all(np.abs(places - read)[late] < 2.0 * COUNT + lag + way[late])
         if lag < 0.25 * COUNT:
@@ -88,8 +89,8 @@ def test_a_motion_of_a_hand_is_followed_within_counts_and_without_a_jump(name, r
 
 
 @pytest.mark.parametrize("rate", RATES)
-def test_a_sudden_stop_is_felt_at_once(rate):
-    """0.3 m/s into a wall within 15 ms."""
+def test_a_sudden_stop_is_followed_within_15_ms(rate):
+    """A motion of 0.3 m/s stops at a wall."""
     t0, brake = 0.1, 20.0
 
     def stop(t):
@@ -103,7 +104,7 @@ def test_a_sudden_stop_is_felt_at_once(rate):
 
 @pytest.mark.parametrize("rate", RATES)
 def test_a_reading_that_flips_between_two_counts_comes_to_rest(rate):
-    """On its mean, to within its standard error."""
+    """The rest is at the mean of the readings, within its standard error."""
     rng = np.random.default_rng(3)
     axis = np.zeros(11)
     begin(axis, 0.0)
@@ -115,7 +116,8 @@ def test_a_reading_that_flips_between_two_counts_comes_to_rest(rate):
 
 
 def held(stiffness, rate, phase, jitter=0.0, exact=False, damping=10.0):
-    """Places [m] of a grip of 0.2 kg, and forces [N], in a press into a spring by a hand of 500 N/m that then holds."""
+    """Positions [m] of a grip of 0.2 kg, and forces [N], while a hand of 500 N/m presses into a spring and then
+    holds."""
     steps = (1.0 + jitter * np.random.default_rng(rate).uniform(-1.0, 1.0, round(1.2 * rate))) / rate
     t = np.cumsum(steps)
     goal = 1e-3 - (1e-3 + 2.2 / 500.0 + 2.2 / stiffness) * minimum_jerk(t / 0.4)
@@ -139,8 +141,8 @@ def held(stiffness, rate, phase, jitter=0.0, exact=False, damping=10.0):
 @pytest.mark.parametrize("rate", [500, 1000, 10_000])
 @pytest.mark.parametrize("stiffness", [250.0, 500.0, 1000.0, 1667.0])
 def test_a_hand_holds_still_on_a_spring(stiffness, rate, jitter):
-    """Up to the stiffest that the controller shows at this count, 0.1 N for one. The force is off by at most that of
-    1.5 counts, and by less than 30 mN RMS at rest."""
+    """Up to the stiffest spring that the controller renders at this count, 0.1 N per count. The force error is at most
+    that of 1.5 counts, and less than 30 mN RMS at rest."""
     *_, wanted = held(stiffness, rate, 0.0, jitter, exact=True)
     for phase in PHASES:
         t, _, force = held(stiffness, rate, phase, jitter)
@@ -148,7 +150,7 @@ def test_a_hand_holds_still_on_a_spring(stiffness, rate, jitter):
         assert np.std(force[t > 0.9]) < 0.03
 
 
-def test_it_is_mirrored_with_the_motion_and_finite_whatever_it_reads():
+def test_the_observer_is_symmetric_and_finite_for_any_reading():
     rng = np.random.default_rng(0)
     path = np.cumsum(rng.normal(0.0, 30 * COUNT, 4000)) * (rng.random(4000) < 0.2)
     read = COUNT * np.round(path / COUNT)
@@ -161,8 +163,8 @@ def test_it_is_mirrored_with_the_motion_and_finite_whatever_it_reads():
         assert np.isfinite(one).all() and abs(place - reading) <= 1.0001 * FAR * COUNT
 
 
-def test_a_rest_may_turn_within_three_counts_and_a_motion_may_not():
-    """Readings 1, 2, 1, 0, 1, ... are a rest on 1; 0, 1, 2 one after the other never are, however slow."""
+def test_readings_within_three_counts_are_a_rest_only_if_they_alternate():
+    """Readings 1, 2, 1, 0, 1, ... are a rest at 1; 0, 1, 2 in a row never are, also if they are slow."""
 
     def last(readings):
         axis = np.zeros(11)

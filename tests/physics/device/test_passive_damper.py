@@ -1,4 +1,4 @@
-"""The damper that takes back an observed debt: how strong it may be, by hand, for each delay and way."""
+"""The damper that dissipates observed generated energy: its bounds, computed by hand for each delay and path."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,8 @@ T, MASS, COUNT = 1e-3, 0.2, 1e-5  # [s], [kg], [m] of an encoder
 
 
 def damper(delay, way, velocity, debt=-1.0, axis=0):
-    """Force [N] on a hand in free motion that owes `debt` [J] after a way [m] a step along an axis. No spring."""
+    """Force [N] on a hand in free motion with generated energy `debt` [J], after a path [m] per step along an axis,
+    without a spring."""
     gains = np.zeros(11)
     gains[[controller.HYSTERESIS, controller.MASS, controller.LIMIT, controller.SLEW]] = 1e-3, MASS, 1e9, 1e9
     gains[[controller.RESOLUTION, controller.OBSERVE, controller.PASSIVE]] = COUNT, 1.0, 1.0
@@ -19,7 +20,7 @@ def damper(delay, way, velocity, debt=-1.0, axis=0):
     rest, up, along = np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3)[axis]
     haptic(gains, state, past, 0.0, up, rest, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), T)
     state[controller.ENERGY, 0] = debt
-    # Twice the way, as the time of the first step, without movement, counts as well.
+    # Twice the path, because the time of the first step, without movement, also counts.
     force = haptic(gains, state, past, 0.0, up, rest, 0.0, tuple(2 * way * along), tuple(velocity * along), T)[:3]
     assert force[axis - 1] == force[axis - 2] == 0.0
     return force[axis]
@@ -28,32 +29,32 @@ def damper(delay, way, velocity, debt=-1.0, axis=0):
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
 def test_a_damper_on_the_last_difference_is_bounded_by_the_delay_of_the_loop(delay, axis):
-    """A damper that acts d samples late is stable up to about m / ((1 + 2 d) T); half of it is used."""
+    """A damper with a delay of d samples is stable up to about m / ((1 + 2 d) T); half of it is used."""
     assert damper(delay, 20 * COUNT, 7.0, axis=axis) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 20 * COUNT / T)
 
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("delay", [0, 3])
-def test_a_way_of_one_count_is_damped_by_the_filtered_velocity_with_the_delay_of_the_filter(delay, axis):
-    """The filter comes four samples late, so eight more of half a period."""
+def test_a_path_of_one_count_is_damped_with_the_filtered_velocity(delay, axis):
+    """The filter has a delay of four samples, which adds eight half periods."""
     assert damper(delay, COUNT, 0.003, axis=axis) == approx(-0.5 * MASS / ((1 + 2 * delay + 8) * T) * 0.003)
     assert damper(delay, 1.6 * COUNT, 0.003) == approx(-0.5 * MASS / ((1 + 2 * delay) * T) * 1.6 * COUNT / T)
 
 
-def test_a_filtered_velocity_of_less_than_a_count_is_rounding():
+def test_a_filtered_velocity_below_one_count_is_ignored():
     assert damper(0, COUNT, 1.4 * COUNT / (8 * T)) == 0.0
     assert damper(0, COUNT, 1.6 * COUNT / (8 * T)) < 0.0
 
 
-def test_a_small_debt_is_taken_back_within_a_step_and_no_debt_is_not_damped():
+def test_a_small_debt_is_dissipated_in_one_step_and_without_debt_nothing_is_damped():
     way = 20 * COUNT
     force = damper(0, way, 7.0, debt=-1e-6)
     assert -force * way == approx(1e-6)
     assert damper(0, way, 7.0, debt=0.0) == 0.0
 
 
-def test_while_a_rise_is_set_the_force_of_the_damper_grows_by_no_more():
-    """Along a way in space, 2 N/ms; without a debt it falls to zero at once and rises from there again."""
+def test_a_slew_limit_bounds_the_rise_of_the_damper_force():
+    """Along a path in space with 2 N/ms; without a debt the force falls to zero at once, and later rises from zero."""
     gains = np.zeros(11)
     gains[[controller.MASS, controller.LIMIT, controller.SLEW]] = MASS, 1e9, 1e9
     gains[[controller.OBSERVE, controller.PASSIVE]] = 1.0, 1.0
@@ -67,7 +68,7 @@ def test_while_a_rise_is_set_the_force_of_the_damper_grows_by_no_more():
     assert np.cross(forces, way) == approx(0.0, abs=1e-12)
 
 
-def test_at_rest_a_rise_that_is_set_gives_no_force():
+def test_a_slew_limit_gives_no_force_at_rest():
     gains = np.zeros(11)
     gains[[controller.MASS, controller.LIMIT, controller.SLEW, controller.PASSIVE]] = MASS, 1e9, 1e9, 1.0
     state, past = buffers(0)

@@ -1,4 +1,4 @@
-"""How a contact force is made less steep, and its slope: each rule by hand, step for step."""
+"""The limit of the slope of a contact force, and the measured slope: each rule computed by hand, step by step."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ MOST, STEP, DT = 1000.0, 1e-4, 1e-3  # [N/m], [m], [s]
 
 
 def softened(force, way, *, law=1.0, line=0.0, cut=False, sideways=0.0, approach=1.0):
-    """The rendered force [N] and the wall after it."""
+    """The rendered force [N] and the state of the wall after it."""
     wall = np.zeros(4)
     wall[LINE], wall[LAW], wall[CUT] = line, law, cut
     return soften(wall, force, approach, way, sideways, MOST, STEP, DT), wall
@@ -19,15 +19,15 @@ def softened(force, way, *, law=1.0, line=0.0, cut=False, sideways=0.0, approach
 @pytest.mark.parametrize(
     ("given", "shown"),
     [
-        (dict(way=0.3e-4), 1.03),  # in: the line rises by the stiffest slope,
-        (dict(way=0.3e-4, sideways=0.2e-4), 1.05),  # and by as much for the way sideways
-        (dict(way=-0.3e-4), 1.0),  # out: it does not rise
+        (dict(way=0.3e-4), 1.03),  # loading: the line rises by the stiffest slope,
+        (dict(way=0.3e-4, sideways=0.2e-4), 1.05),  # and equally for tangential motion
+        (dict(way=-0.3e-4), 1.0),  # unloading: it does not rise
         (dict(way=-0.3e-4, sideways=0.2e-4), 1.02),
-        (dict(way=0.3e-4, approach=1.01e-3), 1.01),  # part of the way was through air
-        (dict(way=0.0), 5.0),  # a force that changes without a way is not a slope
+        (dict(way=0.3e-4, approach=1.01e-3), 1.01),  # part of the path was in the air
+        (dict(way=0.0), 5.0),  # a force that changes without motion has no slope
     ],
 )
-def test_a_law_that_is_too_steep_is_followed_along_a_line(given, shown):
+def test_a_law_that_is_too_steep_is_replaced_by_a_line(given, shown):
     force, wall = softened(5.0, **given)
     assert force == approx(shown) and wall[LAW] == 5.0
     assert bool(wall[CUT]) == (shown < 5.0)
@@ -38,14 +38,14 @@ def test_a_law_that_is_too_steep_is_followed_along_a_line(given, shown):
     [
         (2.0, dict(way=1e-4), 1.1),
         (2.0, dict(way=0.0, sideways=1e-4), 1.1),
-        (1.45, dict(way=-1e-4), 0.95),  # out no faster than the law falls,
-        (1.10, dict(way=-1e-4), 0.90),  # nor than the stiffest slope,
-        (1.60, dict(way=-1e-4), 1.00),  # and where the law rises, not at all
+        (1.45, dict(way=-1e-4), 0.95),  # unloading: at most as fast as the law falls,
+        (1.10, dict(way=-1e-4), 0.90),  # at most by the stiffest slope,
+        (1.60, dict(way=-1e-4), 1.00),  # and constant if the law rises
         (1.60, dict(way=-1e-4, sideways=0.2e-4), 1.02),
         (1.00, dict(way=-1e-4, line=0.05), 0.0),  # never below zero
     ],
 )
-def test_the_line_holds_while_the_law_is_above_it(force, given, shown):
+def test_the_line_applies_while_the_law_is_above_it(force, given, shown):
     given = dict(line=1.0, law=1.5, cut=True) | given
     assert softened(force, **given)[0] == approx(shown, abs=1e-15)
 
@@ -53,46 +53,46 @@ def test_the_line_holds_while_the_law_is_above_it(force, given, shown):
 @pytest.mark.parametrize(
     ("force", "given", "shown"),
     [
-        (0.5, dict(way=-0.5e-4), 0.95),  # out by one step: the stiffest slope at most,
+        (0.5, dict(way=-0.5e-4), 0.95),  # unloading by one step: at most the stiffest slope,
         (0.5, dict(way=-1.4e-4), 0.86),
-        (0.5, dict(way=-0.5e-4, sideways=0.2e-4), 0.93),  # less what the way sideways may take
-        (0.5, dict(way=-1.6e-4), 0.5),  # a greater way is movement, and the law counts
+        (0.5, dict(way=-0.5e-4, sideways=0.2e-4), 0.93),  # minus the share of tangential motion
+        (0.5, dict(way=-1.6e-4), 0.5),  # a longer path is a movement: the law applies
         (0.005, dict(way=-0.5e-4, law=0.01), 0.005),
-        (0.0, dict(way=-0.5e-4), 0.0),  # contact is over
-        (0.05, dict(way=1e-4, law=0.0), 0.05),  # and in it counts as it is
+        (0.0, dict(way=-0.5e-4), 0.0),  # contact has ended
+        (0.05, dict(way=1e-4, law=0.0), 0.05),  # loading: the law applies
     ],
 )
-def test_a_fall_by_one_step_of_the_position_is_no_steeper_either(force, given, shown):
+def test_a_fall_within_one_position_step_is_not_steeper(force, given, shown):
     assert softened(force, **given)[0] == approx(shown)
 
 
-def test_a_line_is_forgotten_ten_milliseconds_after_the_law_fell_below_it():
+def test_a_line_ends_10_ms_after_the_law_fell_below_it():
     wall = np.array([1.0, 0.5, 1.0, 0.0])
     for step in range(15):
         assert soften(wall, 0.5, 1.0, 0.0, 0.0, MOST, STEP, 0.9 * DT) == 0.5
         assert bool(wall[CUT]) == (step < 11)
     wall[LINE], wall[CUT], wall[BELOW] = 0.4, 1.0, 0.9 * FORGET
     soften(wall, 0.5, 1.0, 0.0, 0.0, MOST, STEP, DT)
-    assert wall[CUT] == 1.0 and wall[BELOW] == 0.0  # above it again: the time begins anew
+    assert wall[CUT] == 1.0 and wall[BELOW] == 0.0  # above it again: the time restarts
 
 
-def test_a_slope_is_that_since_contact_began_and_then_over_a_span_each():
+def test_a_slope_is_measured_from_the_contact_and_then_over_each_span():
     gauge, span = np.zeros(4), 2.5e-4
     assert [slope(gauge, force, 1e-4, span) for force in (0.1, 0.2)] == approx([1000.0, 1000.0])
     assert slope(gauge, 0.6, 1e-4, span) == approx(2000.0)  # over the first span
     assert [slope(gauge, force, 1e-4, span) for force in (0.9, 1.2)] == approx([2000.0, 2000.0])
-    assert slope(gauge, 1.5, 1e-4, span) == approx(3000.0)  # over the second alone
-    assert slope(gauge, 1.8, -3e-4, span) == 0.0  # a force that rises on the way out has none
+    assert slope(gauge, 1.5, 1e-4, span) == approx(3000.0)  # over the second span only
+    assert slope(gauge, 1.8, -3e-4, span) == 0.0  # a force that rises during unloading has no slope
     assert slope(gauge, 1.2, -3e-4, span) == approx(2000.0)
     assert slope(gauge, 0.0, 1e-4, span) == 0.0 and not gauge.any()
 
 
 @pytest.mark.parametrize("given", [(5.0, 1e-3, 1e-5, 0.0), (5.0, 1e-3, 0.0, 0.7), (5.0, -3e-4, 0.0, 0.0)])
-def test_within_a_span_a_slope_is_measured_only_from_where_contact_began_and_inwards(given):
+def test_within_a_span_a_slope_is_measured_only_during_first_loading(given):
     assert slope(np.array(given), 1.0, 1e-4, 1e-2) == 5.0
 
 
-def test_exact_positions_give_a_slope_in_every_step_and_rest_keeps_it():
+def test_exact_positions_give_a_slope_in_each_step_and_rest_keeps_it():
     gauge = np.zeros(4)
     assert [slope(gauge, force, 1e-6, 0.0) for force in (0.1, 0.3)] == approx([1e5, 2e5])
     assert slope(gauge, 0.7, 0.0, 0.0) == approx(2e5)

@@ -35,7 +35,7 @@ def test_poles_and_jury_agree(mass, period):
         assert stable_stiffness(0.0, mass, drag, period) == approx(jury_stiffness(mass, drag, period), rel=1e-6)
 
 
-def test_the_held_step_is_the_fine_one():
+def test_the_step_with_held_force_equals_a_fine_integration():
     a, p, c, q = held(0.1, 0.2, 1e-2)
     x, v = 0.0, 1.0
     for _ in range(100_000):
@@ -46,7 +46,7 @@ def test_the_held_step_is_the_fine_one():
 
 
 @pytest.mark.parametrize("ratio", [1e-9, 1e-5, 9.9e-4, 1.01e-3, 0.3])
-def test_the_held_step_is_exact_for_any_drag(ratio):
+def test_the_step_with_held_force_is_exact_for_any_drag(ratio):
     with localcontext(prec=60):
         mass, period, r = Decimal("0.1"), Decimal("0.001"), Decimal(ratio)
         drag, p = r * mass / period, (-r).exp()
@@ -55,18 +55,18 @@ def test_the_held_step_is_exact_for_any_drag(ratio):
     assert held(0.1, float(drag), 1e-3) == approx(exact, rel=2e-11, abs=0.0)
 
 
-def test_a_device_of_so_much_drag_meets_the_stiffest_wall():
+def test_a_device_with_the_required_drag_meets_the_stiffest_wall():
     assert stable_stiffness(0.0, 0.1, 1e7, 1e-3) == MOST
 
 
-def test_without_a_word_of_delay_there_is_none():
+def test_the_default_delay_is_zero():
     assert stable_stiffness(0.1, 0.1, 0.5, 1e-3) == stable_stiffness(0.1, 0.1, 0.5, 1e-3, 0, 1)
     assert passive_stiffness(0.1, 0.5, 1e-3) == passive_stiffness(0.1, 0.5, 1e-3, 0, 1)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 5])
 @pytest.mark.parametrize(("damping", "order"), [(0.0, 1), (1.0, 1), (1.0, 4)])
-def test_the_simulated_loop_ends_at_the_poles_to_three_per_cent(delay, damping, order):
+def test_the_simulated_stability_limit_agrees_with_the_poles_within_3_percent(delay, damping, order):
     device = EXACT._replace(drag=0.5)
     theory = stable_stiffness(damping, device.mass, device.drag, 1e-3, delay, order)
     steps = np.full(40_000, 1e-3)
@@ -78,26 +78,26 @@ def test_the_simulated_loop_ends_at_the_poles_to_three_per_cent(delay, damping, 
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_the_passive_bound_is_the_closed_one_and_lies_below_the_stable_one(delay):
+def test_the_passive_bound_has_its_closed_form_and_is_below_the_stable_one(delay):
     stiffness = passive_stiffness(0.0, 0.5, 1e-3, delay)
     assert delayed_damping(stiffness, 1e-3, delay) == approx(0.5, rel=1e-5)
     assert stiffness <= stable_stiffness(0.0, 0.1, 0.5, 1e-3, delay) * 1.01
-    # With damping the two part: a wall can be stable and yet feed a hand.
+    # With damping the two bounds differ: a stable wall can inject energy into the hand.
     assert passive_stiffness(0.3, 0.5, 1e-3, delay) < 0.9 * stable_stiffness(0.3, 0.1, 0.5, 1e-3, delay)
 
 
-def test_a_wall_of_too_much_damping_is_stable_at_no_stiffness():
+def test_a_wall_with_too_much_damping_is_unstable_at_any_stiffness():
     assert stable_stiffness(500.0, 0.1, 0.2, 1e-3) == 0.0 == passive_stiffness(500.0, 0.2, 1e-3)
     assert np.abs(poles(1.0, 500.0, 0.1, 0.2, 1e-3)).max() > 1.0
 
 
-def test_dry_friction_and_the_step_of_the_position_bound_the_passive_wall():
+def test_dry_friction_and_encoder_resolution_bound_the_passive_wall():
     assert quantised_stiffness(0.2, 0.05, 1e-3, 0.0) == 400.0
     assert quantised_stiffness(0.2, 0.005, 1e-3, 60e-6) == approx(166.67, abs=0.01)
     assert quantised_stiffness(0.2, 5.0, 1e-3, 60e-6) == 400.0
 
 
-def test_dry_friction_stops_a_sliding_mass_after_the_exact_way():
+def test_dry_friction_stops_a_sliding_mass_after_the_exact_distance():
     """v²/(2 f_c/m) without drag."""
     device = WallDevice(drag=1e-6, coulomb=0.1, resolution=0.0)
     path = run(device, 0.0, 0.0, controlled=False, steps=np.full(2000, 1e-4), push=0.0)

@@ -1,4 +1,4 @@
-"""Samples of a device, judged and placed between the counts: against plain lists, and against known motions."""
+"""Samples of a device, checked and interpolated between counts: compared with plain lists and known motions."""
 
 import math
 
@@ -26,7 +26,7 @@ STEP = 40e-6
 
 
 def oracle(samples):
-    """What each sample is, from the text: too fast is refused, four in a row that agree begin anew."""
+    """The class of each sample by the documented rules: too fast is rejected; four consistent ones in a row restart."""
     last, refused, stale, kinds = None, [], 0, []
     for t, place in samples:
         far = last and math.dist(place, last[1]) > LIMIT * (t - last[0]) * 1e-9 + 2e-4
@@ -53,8 +53,8 @@ def oracle(samples):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_is_refused_taken_or_believed_anew(seed):
-    """A hand among glitches of one to six samples in a row, stale stamps and places that are no numbers."""
+def test_samples_are_rejected_accepted_or_restarted_by_the_rules(seed):
+    """A hand with glitches of one to six samples in a row, stale time stamps and positions that are not numbers."""
     rng = np.random.default_rng(seed)
     samples, t, place, away = [], 1000, np.array([0.1, -0.2, 0.3]), np.zeros(3)
     glitch = 0
@@ -79,29 +79,29 @@ def test_what_is_refused_taken_or_believed_anew(seed):
 
 
 def fresh(begin=(0.0, 0.0, 0.0)):
-    """State of `pose` at a place [m] before the first sample."""
+    """State of `pose` at a position [m] before the first sample."""
     places = np.zeros((4, 3))
     places[[GOOD, POSE]] = begin
     return np.zeros(5, np.int64), places, np.zeros((3, 11))
 
 
 def tracker(step=0.0, begin=(0.0, 0.0, 0.0)):
-    """A function of stamp [ns] and place [m] that follows them."""
+    """A function that follows time stamps [ns] and positions [m]."""
     state = fresh(begin)
     return lambda t, *place: pose(*state, step, LIMIT, t, place)
 
 
 @pytest.mark.parametrize(("way", "taken"), [(2.0e-4, True), (2.03e-4, False)])
-def test_a_few_counts_pass_whatever_the_time_between(way, taken):
+def test_a_motion_of_few_counts_is_accepted_for_any_time_step(way, taken):
     follow = tracker()
     follow(5 * MS, 0.0, 0.0, 0.0)
     seen = follow(5 * MS + 1000, way, 0.0, 0.0)
     assert seen == (approx((way, 0, 0, way / 1e-6, 0, 0, 1e-6)) if taken else (0.0,) * 7)
 
 
-def test_a_jump_that_is_believed_gives_the_time_since_the_last_good_sample_and_no_speed():
+def test_an_accepted_jump_has_the_time_since_the_last_valid_sample_and_no_speed():
     follow = tracker()
-    for k in range(5):  # from the very first one on
+    for k in range(5):  # starting with the first sample
         seen = follow(k * MS, 0.2 if k else 0.0, 0.0, 0.0)
     assert seen == approx((0.2, 0, 0, 0, 0, 0, 4e-3))
     follow = tracker()
@@ -110,13 +110,13 @@ def test_a_jump_that_is_believed_gives_the_time_since_the_last_good_sample_and_n
     assert seen == approx((5e-3, 0, 0, 1.0, 0, 0, 1e-3))
     for k in range(6, 9):
         assert follow((7 + k) * MS, 0.2, 0.0, 0.0) == approx((5e-3, 0, 0, 1.0, 0, 0, 0))
-    assert follow(16 * MS, 0.2, 0.1, 0.0)[6] == 0.0  # the fourth does not agree
+    assert follow(16 * MS, 0.2, 0.1, 0.0)[6] == 0.0  # the fourth is not consistent
     for k in range(3):
         assert follow((17 + k) * MS, 0.2, 0.1, 0.0)[6] == (approx(7e-3) if k == 2 else 0.0)
     assert follow(20 * MS, 0.201, 0.1, 0.0) == approx((0.201, 0.1, 0, 1.0, 0, 0, 1e-3))
 
 
-def test_a_jump_begins_the_observer_anew():
+def test_a_jump_restarts_the_observer():
     follow = tracker(STEP)
     for k in range(300):
         follow(k * MS, 0.1, 0.0, 0.0)
@@ -125,7 +125,7 @@ def test_a_jump_begins_the_observer_anew():
     assert seen == approx((0.2, 0, 0, 0, 0, 0, 4e-3))
 
 
-def test_exact_places_are_taken_as_they_are_read_with_their_last_difference():
+def test_exact_positions_are_used_unchanged_with_their_last_difference():
     follow, rng = tracker(), np.random.default_rng(1)
     before = follow(0, 0.1, 0.2, 0.3)
     for k in range(1, 100):
@@ -135,7 +135,7 @@ def test_exact_places_are_taken_as_they_are_read_with_their_last_difference():
         before = seen
 
 
-def test_samples_without_time_are_left_out_and_a_clock_set_back_begins_anew():
+def test_samples_without_a_time_step_are_skipped_and_a_clock_set_back_restarts():
     follow = tracker(STEP)
     for k in range(5):
         good = follow((90 + k) * MS, 1e-3 * k, 0.0, 0.0)
@@ -145,13 +145,13 @@ def test_samples_without_time_are_left_out_and_a_clock_set_back_begins_anew():
     assert follow(2 * MS, 5e-3, 0.0, 0.0)[6] == approx(1e-3)
 
 
-def test_before_the_first_sample_the_pose_stands_where_it_was_put():
+def test_before_the_first_sample_the_pose_is_the_initial_one():
     assert tracker(begin=(0.1, 0.2, 0.3))(0, math.nan, 0.0, 0.0) == (0.1, 0.2, 0.3, 0.0, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("resolution", [0.0, 60e-6])
-def test_joint_angles_are_observed_only_where_the_device_has_a_resolution(resolution):
-    """Angles that jump between two counts: as they are, or with a small part of the jumps."""
+def test_joint_angles_are_observed_only_if_the_device_has_a_resolution(resolution):
+    """Angles that jump between two counts are used unchanged, or with a small part of the jumps."""
     geometry, count = FALCON.geometry, FALCON.count
     angles = np.round(inverse(HOME)[0][:, 0] / count) * count
     state = fresh(HOME)
@@ -165,4 +165,4 @@ def test_joint_angles_are_observed_only_where_the_device_has_a_resolution(resolu
     else:
         assert np.array(seen) == approx(np.array(read), abs=1e-12)
     held = pose_falcon(*state, resolution, LIMIT, 301 * MS, (9.0, 9.0, 9.0), geometry)
-    assert held[:3] == seen[-1] and held[6] == 0.0  # angles that no place has
+    assert held[:3] == seen[-1] and held[6] == 0.0  # angles without a position

@@ -26,7 +26,7 @@ def near(points, count=9):
 
 
 @pytest.mark.parametrize(("force", "modulus", "radius"), [(1.0, 15e3, np.inf), (0.05, 60e3, 0.03), (0.0, 15e3, np.inf)])
-def test_the_kernel_gives_the_same_as_the_plain_functions(force, modulus, radius):
+def test_the_kernel_equals_the_plain_functions(force, modulus, radius):
     out = np.empty(len(GRID))
     approach, a = heights_from_force(R, force, PAD.b, PAD.m, 1 / PAD.radius, 0.75 / modulus, 1 / radius, out)
     state = pad_contact(force, modulus, radius=radius)
@@ -63,7 +63,7 @@ def test_the_pressure_of_a_hertz_contact_gives_its_fingerpad_deformation(force, 
     assert out[inside] == approx(pad_displacement(R, state)[inside], rel=0.01)
 
 
-def test_no_pressure_shows_nothing():
+def test_zero_pressure_gives_zero_heights():
     out = np.ones(len(GRID))
     assert heights_from_pressure(GRID, np.zeros((3, 2)), np.zeros(3), np.ones(3), PAD.b, PAD.m, out) == 0.0
     assert np.all(out == 0)
@@ -77,13 +77,13 @@ def test_a_tilted_plane_is_followed_exactly():
     assert local_plane(points, places, values, 0.5) == approx(0.3 + points @ [2.0, -1.5], abs=1e-9)
 
 
-def test_places_on_one_line_and_a_single_place_still_give_a_value():
+def test_collinear_points_and_a_single_point_give_a_value():
     line = np.stack([np.linspace(0, 1, 9), np.zeros(9)], axis=-1)[None]
     assert local_plane(np.array([[0.5, 0.7]]), line, line[..., 0], 0.3) == approx([0.5], abs=1e-6)
     assert local_plane(np.array([[0.5, 0.7]]), line[:, :1], np.array([[4.0]]), 0.3) == approx([4.0])
 
 
-def test_tissue_that_stays_up_raises_the_pins_above_it():
+def test_tissue_that_deforms_less_raises_the_pins_above_it():
     side = np.arange(-9e-3, 9e-3, 0.5e-3)
     x, y = (v.ravel() for v in np.meshgrid(side, side))
     sunk = np.full(len(x), -2e-3)

@@ -28,7 +28,7 @@ def test_the_grid_is_centred_with_the_pitch_between_neighbours():
 
 
 @pytest.mark.parametrize("force", [0.05, 1.0, 4.0])
-def test_pins_fall_with_distance_from_the_axis(force):
+def test_pin_heights_decrease_with_distance_from_the_axis(force):
     grid = pin_grid(9, 7, 2e-3).reshape(-1, 2)
     r = np.hypot(*grid.T)
     u = pad_displacement(r, pad_contact(force, 15e3))
@@ -46,7 +46,7 @@ def test_clipping_to_the_stroke_keeps_the_mean_surface(wanted, stroke):
 
 
 @given(heights, st.floats(1e-3, 6e-3))
-def test_the_clipped_surface_is_the_nearest_that_the_pins_can_show(wanted, stroke):
+def test_the_clipped_surface_is_the_nearest_reachable_one(wanted, stroke):
     out, offset = clipped(wanted, stroke)
     columns = np.hstack([np.eye(len(wanted)), np.ones((len(wanted), 1))])
     limits = [0.0] * len(wanted) + [-1.0], [stroke] * len(wanted) + [1.0]
@@ -54,7 +54,7 @@ def test_the_clipped_surface_is_the_nearest_that_the_pins_can_show(wanted, strok
     assert np.sum((1e3 * (out + offset - wanted)) ** 2) <= 2 * best.cost + 1e-9
 
 
-def test_pins_within_their_stroke_are_left_alone_and_high_ones_are_lowered_together():
+def test_pins_within_their_stroke_are_unchanged_and_high_ones_are_lowered_together():
     out, offset = clipped([0.0, 1e-3, 2e-3], 2e-3)
     assert offset == 0 and out == approx([0, 1e-3, 2e-3])
     out, offset = clipped([3e-3, 4e-3, 4.5e-3], 2e-3)
@@ -65,7 +65,7 @@ def test_pins_within_their_stroke_are_left_alone_and_high_ones_are_lowered_toget
     st.floats(0, 4e-3), st.floats(0, 4e-3), st.floats(1e-6, 3.0), st.floats(1e-4, 1.0), st.floats(0, 0.5),
     st.floats(0, 0.5), st.floats(0.01, 0.99),
 )  # fmt: skip
-def test_two_part_steps_are_one_whole_step(value, target, dt, rate, rise, fall, part):
+def test_two_partial_steps_equal_one_whole_step(value, target, dt, rate, rise, fall, part):
     whole = approach_target(value, target, dt, rate, rise, fall)
     first = approach_target(value, target, part * dt, rate, rise, fall)
     assert approach_target(first, target, (1 - part) * dt, rate, rise, fall) == approx(whole, abs=1e-15)
@@ -108,7 +108,7 @@ def test_pins_stop_at_whole_steps_within_the_stroke():
     assert quantise(1.234e-3, 0.0, 4e-3) == 1.234e-3
 
 
-def test_the_actuator_takes_over_what_the_pins_cannot_show():
+def test_the_actuator_compensates_the_limited_pins():
     wanted, pins, shown = np.array([1e-3, 3e-3, 7e-3]), np.zeros(3), np.empty(3)
     by = Drives(stroke=2e-3, travel=0.05, rate=1e3, actuator_rate=1e3, rise=0.0, fall=0.0, step=0.0)
     actuator, limited = drive(pins, wanted, 0.0, 9e-3, 1e3, by, shown)

@@ -1,4 +1,4 @@
-"""The fingerpad on soft tissue: against published values, closed inverses, quadrature and another root finder."""
+"""The fingerpad on soft tissue, compared with published values, closed inverses, quadrature and another root finder."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ STATES = {
 
 
 def force_of(x, modulus, poisson=0.5, radius=np.inf, pad=PAD):
-    """The force at a given deformation: closed form, with no root to find."""
+    """The force at a given deformation, in closed form."""
     stiff = 2 * pad.b / pad.m * np.expm1(pad.m * x)
     approach = x * (1 + (1 - poisson**2) / modulus * stiff)
     both = 1 / (1 / stiff + (1 - poisson**2) / modulus)
@@ -38,7 +38,7 @@ def force_of(x, modulus, poisson=0.5, radius=np.inf, pad=PAD):
 
 
 @pytest.mark.parametrize("modulus", STATES)
-def test_the_table_of_states_is_met(modulus):
+def test_the_states_equal_the_table(modulus):
     for force, (x, approach, radius) in STATES[modulus].items():
         contact = pad_contact(force, modulus)
         assert contact.deflection * 1e3 == approx(x, abs=1e-5)
@@ -69,7 +69,7 @@ def test_the_root_inverts_the_closed_form_of_the_force(x, modulus, poisson, curv
     assert pad_contact(force, modulus, poisson, radius, pad).deflection == approx(x, rel=1e-10)
 
 
-def test_the_calibrated_finger_meets_the_points_it_was_fitted_to():
+def test_the_calibrated_finger_passes_through_its_fitted_points():
     contact = pad_contact([0.11, 0.50], np.inf, pad=FINGERPADS["calibrated"])
     assert contact.deflection * 1e3 == approx([1.24, 2.08], abs=1e-2)
 
@@ -88,7 +88,7 @@ def test_deflection_and_approach_are_one_on_a_rigid_plate():
     assert tissue_displacement(1e-3, state) == approx(np.zeros(9), abs=1e-18)
 
 
-def test_softer_tissue_means_more_motion_a_larger_contact_and_less_deformation():
+def test_softer_tissue_gives_more_motion_a_larger_contact_and_less_deformation():
     state = pad_contact(1.0, np.geomspace(1e2, 1e8, 60))
     assert np.all(np.diff(state.approach) < 0)
     assert np.all(np.diff(state.radius) < 0)
@@ -104,7 +104,7 @@ def test_deflection_and_approach_grow_concavely_with_force(modulus):
 
 
 @pytest.mark.parametrize("radius", [np.inf, 0.05, -0.05])
-def test_inside_the_contact_both_bodies_together_fill_the_approach(radius):
+def test_inside_the_contact_both_displacements_sum_to_the_approach(radius):
     state = pad_contact(0.7, 15e3, 0.45, radius)
     r = np.linspace(0, float(state.radius), 50)
     both = pad_displacement(r, state) + tissue_displacement(r, state)
@@ -113,7 +113,7 @@ def test_inside_the_contact_both_bodies_together_fill_the_approach(radius):
 
 
 def test_the_displacement_is_that_of_the_pressure_on_a_half_space():
-    """Boussinesq: u(r) = integral of p/(pi E*) over the distance, in polar coordinates about the point r."""
+    """Boussinesq: u(r) = integral of p/(pi E* distance), in polar coordinates around the point r."""
     state = pad_contact(0.3, 15e3)
     a = float(state.radius)
     for r in (0.0, 0.4 * a, 0.99 * a, 1.3 * a, 4.0 * a):
@@ -143,11 +143,11 @@ def test_the_displacement_falls_continuously_with_distance():
     assert np.all(np.diff(u) < 0) and u[-1] > 0
     a = float(state.radius)
     assert bulge(a * (1 + 1e-12), a) == approx(bulge(a, a), rel=1e-9)
-    five = 5 * a  # here the series takes over from the closed form
+    five = 5 * a  # here the series replaces the closed form
     assert bulge(five * (1 + 1e-12), a) == approx(bulge(five, a), rel=1e-11)
 
 
-def test_no_force_gives_zeros_and_a_tiny_one_tiny_states():
+def test_zero_force_gives_zeros_and_a_tiny_force_tiny_states():
     state = pad_contact(0.0, 15e3)
     assert [float(v) for v in state[:5]] == [0, 0, 0, 0, 0] and state.valid
     assert pad_displacement([0.0, 1e-3], state) == approx([0, 0], abs=0)
@@ -178,19 +178,19 @@ def test_any_force_gives_finite_states(force, modulus):
         ({"force": 1.0, "modulus": 1e4, "pad": Fingerpad(0.0, 1.0, 1.0)}, "pad: found"),
     ],
 )
-def test_what_cannot_be_is_refused_by_name(given, text):
+def test_invalid_arguments_are_errors_with_their_names(given, text):
     with pytest.raises(ValueError, match=text):
         pad_contact(**given)
 
 
-def test_the_flag_falls_where_the_contact_reaches_half_the_fingerpads_radius():
-    # On flat tissue a = R_f/2 is delta = R_f/4; the force there has a closed form on a rigid plate.
+def test_the_validity_flag_ends_at_half_the_radius_of_the_fingerpad():
+    # On flat tissue a = R_f/2 means delta = R_f/4; the force there has a closed form on a rigid plate.
     limit = force_of(PAD.radius / 4, np.inf)
     assert pad_contact(limit * 0.999, np.inf).valid and not pad_contact(limit * 1.001, np.inf).valid
     assert not pad_contact(3.0, 15e3).valid
 
 
-def test_one_call_makes_a_table_of_thousands_of_states():
+def test_one_call_computes_thousands_of_states():
     force, modulus = np.linspace(0, 4, 60)[:, None], np.geomspace(1e3, 1e6, 50)
     table = pad_contact(force, modulus)
     assert table.deflection.shape == table.valid.shape == (60, 50)
