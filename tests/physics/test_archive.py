@@ -1,4 +1,4 @@
-"""Archives of arrays: what was written comes back; what was damaged, or claims too much, is told."""
+"""Archives of arrays: round trips; damaged archives and excessive sizes are errors."""
 
 import io
 import tracemalloc
@@ -10,7 +10,7 @@ import pytest
 from palpate.physics.archive import ArchiveError, read_arrays
 
 
-def test_what_was_written_comes_back(tmp_path):
+def test_arrays_survive_a_round_trip(tmp_path):
     path = tmp_path / "a.npz"
     arrays = {
         "rows": np.arange(12.0).reshape(3, 4),
@@ -30,13 +30,13 @@ def test_what_was_written_comes_back(tmp_path):
 
 
 def claiming(path, header: bytes, data: bytes = b"") -> None:
-    """An archive with one array, of this header."""
+    """Write an archive with one array with this header."""
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("rows.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header + data)
 
 
-def test_no_array_is_made_by_a_length_that_is_only_claimed(tmp_path):
-    """numpy's own reader makes the array first: 8 GB for a file of some hundred bytes."""
+def test_no_array_is_allocated_by_a_claimed_length(tmp_path):
+    """numpy's reader allocates the array first: 8 GB for a file of a few hundred bytes."""
     claiming(tmp_path / "a.npz", b"{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000,)}")
     tracemalloc.start()
     with pytest.raises(ArchiveError, match=r"a\.npz"):
@@ -46,7 +46,7 @@ def test_no_array_is_made_by_a_length_that_is_only_claimed(tmp_path):
     assert most < 10_000_000
 
 
-def test_objects_are_refused_and_nothing_of_them_is_run(tmp_path):
+def test_pickled_objects_are_refused_and_not_run(tmp_path):
     class Runs:
         def __reduce__(self):
             return (open, (str(tmp_path / "was run"), "w"))
@@ -58,14 +58,14 @@ def test_objects_are_refused_and_nothing_of_them_is_run(tmp_path):
     assert not (tmp_path / "was run").exists()
 
 
-def test_an_archive_that_says_more_than_it_may_hold_is_refused_unread(tmp_path, monkeypatch):
+def test_an_archive_with_too_large_a_size_is_rejected_before_reading(tmp_path, monkeypatch):
     monkeypatch.setattr("palpate.physics.archive.MOST", 1000)
     np.savez_compressed(tmp_path / "a.npz", rows=np.zeros(1000))
     with pytest.raises(ArchiveError, match="8128 bytes unpacked, expected at most 1000"):
         read_arrays(tmp_path / "a.npz")
 
 
-def test_an_array_is_read_without_a_copy_of_it(tmp_path):
+def test_an_array_is_read_without_a_copy(tmp_path):
     np.savez_compressed(tmp_path / "a.npz", rows=np.zeros(4_000_000))
     tracemalloc.start()
     assert read_arrays(tmp_path / "a.npz")["rows"].nbytes == 32_000_000
@@ -75,7 +75,7 @@ def test_an_array_is_read_without_a_copy_of_it(tmp_path):
 
 
 @pytest.mark.parametrize("what", ["nothing", "text", "an array", "a folder", "no file"])
-def test_what_is_no_archive_is_told(tmp_path, what):
+def test_a_file_that_is_not_an_archive_is_an_error(tmp_path, what):
     path = tmp_path / "a.npz"
     single = io.BytesIO()
     np.save(single, np.zeros(3))

@@ -1,4 +1,4 @@
-"""The instructions of palpate's programs are pinned, whatever the environment says, and in_force reports others."""
+"""The instructions of palpate's programs are pinned in any environment, and in_force reports others."""
 
 import json
 import os
@@ -27,27 +27,27 @@ sys.addaudithook(tell)
 {}
 import numpy
 """
-"""Ends at the first import of what computes, and prints what that finds."""
+"""Prints the environment at the first import of a numerical library, and exits."""
 ASK = "from palpate.physics.arithmetic import in_force; import json, numpy, scipy.linalg; print(json.dumps({}))"
 
 pytestmark = pytest.mark.skipif(not pinnable(), reason=f"this machine lacks instructions of {LEVEL}, or PALPATE_NATIVE")
 
 
 def reported(code, **environment):
-    """What a new interpreter prints, as data; it starts without what pinning has set in this one."""
+    """The output of a new interpreter as data; it starts without the pinned settings of this process."""
     clean = {name: value for name, value in os.environ.items() if name not in PINNED}
     done = subprocess.run([sys.executable, "-c", code], env=clean | environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
-def test_the_pin_wins_over_the_environment():
+def test_the_pin_takes_precedence_over_the_environment():
     code = "from palpate.physics.arithmetic import pin; pin(); import numba; " + ASK.format("in_force()")
     assert reported(code, **FOREIGN)["instructions"] == LEVEL
 
 
-def test_the_command_line_pins_before_anything_that_computes_is_loaded():
-    """As it has in this process, where what follows from it is `test_the_tests_are_pinned`."""
+def test_the_command_line_pins_before_it_loads_numerical_libraries():
+    """The same pin is in force in this process, see `test_the_tests_are_pinned`."""
     command = "from palpate.cli.__main__ import main; sys.argv[1:] = ['check', 'kidney']; main()"
     assert reported(FIRST.format(PINNED, command), **FOREIGN) == [os.environ[name] for name in PINNED]
 
@@ -65,7 +65,7 @@ def test_the_tests_are_pinned():
     assert in_force()["instructions"] == LEVEL
 
 
-def test_a_process_that_only_imports_palpate_says_what_it_uses_and_does_not_bind_the_workers():
+def test_a_process_that_imports_palpate_reports_its_arithmetic_and_not_the_workers():
     code = "import numpy; " + ASK.format("[in_force(), in_force(here=False)]")
     here, workers = reported(code, OPENBLAS_CORETYPE="Sandybridge")
     assert "OpenBLAS Sandybridge" in here["instructions"]
@@ -73,8 +73,8 @@ def test_a_process_that_only_imports_palpate_says_what_it_uses_and_does_not_bind
     assert rounding({"arithmetic": here}) == [f"instructions {here['instructions']}, here {LEVEL}"]
 
 
-def test_kernels_are_pinned_whatever_the_user_has_numba_compile_for(tmp_path):
-    """Before and after, in the same process; a function of the user's may call a kernel."""
+def test_kernels_are_pinned_for_any_numba_target_of_the_user(tmp_path):
+    """The user's functions in the same process keep their target, and may call a kernel."""
     (tmp_path / "both.py").write_text("""
 import json, numba
 mine = numba.njit(lambda x: x + 1.0)
@@ -103,7 +103,7 @@ def test_the_user_may_leave_the_choice_to_the_processor():
     assert "numpy X86_V3" not in instructions and "kernels nehalem/" in instructions and instructions != LEVEL
 
 
-def test_more_threads_of_linear_algebra_are_told():
+def test_more_threads_of_linear_algebra_are_reported():
     instructions = reported("import palpate.physics; " + ASK.format("in_force()"), OPENBLAS_NUM_THREADS="2")[
         "instructions"
     ]
@@ -116,8 +116,8 @@ def check(name, **environment):
 
 
 @pytest.mark.parametrize("name", ["kidney", pytest.param("live", marks=pytest.mark.long)])
-def test_a_golden_recording_computes_again_under_a_foreign_environment(name):
-    """What is pinned gives the recorded bytes wherever it was recorded with the same versions."""
+def test_a_golden_recording_is_reproduced_in_a_foreign_environment(name):
+    """With pinned arithmetic the bytes are the same on every machine with the same versions."""
     report = check(name, **FOREIGN)
     assert report["ok"] and report["complete"]
     assert not any(each.startswith("instructions") for each in report["computed_otherwise"])
@@ -126,7 +126,7 @@ def test_a_golden_recording_computes_again_under_a_foreign_environment(name):
 
 @pytest.mark.parametrize("name", [pytest.param("kidney", marks=pytest.mark.long), "live"])
 def test_other_instructions_stay_within_the_tolerance(name):
-    """The compiled kernels are those of x86-64-v3 here, to spare their compilation; numpy and OpenBLAS are foreign."""
+    """The kernels are those of x86-64-v3, which are already compiled; numpy and OpenBLAS use other instructions."""
     kernels = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": ""}
     report = check(name, **FOREIGN | kernels | NATIVE)
     assert report["ok"] and report["complete"] and report["tolerance"] == 1e-6

@@ -1,4 +1,4 @@
-"""physics/extras.py: the command that users are told to type fits what installed palpate."""
+"""physics/extras.py: the suggested command fits the tool that installed palpate."""
 
 import sys
 
@@ -17,7 +17,7 @@ from palpate.physics.extras import extra_of, install, missing
         ("env", "pyvenv.cfg", 'pip install "palpate[view]"'),
     ],
 )
-def test_the_command_is_that_of_the_tool_that_made_the_environment(tmp_path, monkeypatch, folder, file, command):
+def test_the_command_fits_the_tool_that_created_the_environment(tmp_path, monkeypatch, folder, file, command):
     prefix = tmp_path / folder
     prefix.mkdir(parents=True)
     (prefix / file).touch()
@@ -25,19 +25,19 @@ def test_the_command_is_that_of_the_tool_that_made_the_environment(tmp_path, mon
     assert install("view") == command
 
 
-def test_an_environment_without_pip_is_one_of_uv(tmp_path, monkeypatch):
+def test_an_environment_without_pip_belongs_to_uv(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "prefix", str(tmp_path))
     monkeypatch.setattr("palpate.physics.extras.find_spec", lambda name: None)
     assert install("view") == 'uv pip install "palpate[view]"'
 
 
-def test_a_package_goes_by_its_name_on_the_index():
+def test_a_package_has_its_name_on_the_index():
     assert missing("images", "skimage.filters", "scan").startswith("images: the package scikit-image is not installed;")
     assert missing("a device", "usb.core", "devices").startswith("a device: the package pyusb is not installed;")
     assert extra_of("skimage.filters") == "scan" and extra_of("numpy") is None
 
 
-def test_a_package_that_is_there_and_broken_is_not_said_to_be_missing():
+def test_a_broken_package_is_not_reported_as_missing():
     try:
         raise ImportError("cannot import name 'x' from 'scipy'", name="scipy")
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Results that are kept for the next call with the same arrays."""
+"""The cache of results for arrays with the same content."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from palpate.physics.geometry.graded import ranges
 from palpate.physics.kept import KEPT
 
 
-def test_the_same_content_gives_the_result_that_is_there_and_any_other_a_new_one():
+def test_equal_contents_give_the_cached_result_and_others_a_new_one():
     calls = []
 
     @kept.kept
@@ -21,14 +21,14 @@ def test_the_same_content_gives_the_result_that_is_there_and_any_other_a_new_one
     first = summed(points, 1.0)
     assert summed(points.copy(), 1.0) is first and calls == [1.0]
     assert (first == points.sum(axis=0) + 1.0).all()
-    points[0, 0] = 7.0  # the same array, another content
+    points[0, 0] = 7.0  # the same array with other contents
     assert summed(points, 1.0)[0] == 11.0
     for other in (points.reshape(3, 2), points.view(np.int64), points.astype(np.float32)):
         assert (summed(other, 1.0) == other.sum(axis=0) + 1.0).all()
     assert len(calls) == 5
 
 
-def test_the_oldest_goes_when_there_is_no_room():
+def test_the_oldest_entry_is_removed_from_a_full_cache():
     calls = []
 
     @kept.kept
@@ -47,7 +47,7 @@ def test_a_mesh_is_ranked_once():
     assert ranges(points, 0.2) is not ranges(points, 0.1)
 
 
-def test_a_smooth_surface_is_sampled_once_wherever_it_comes_from():
+def test_a_smooth_surface_is_sampled_once_for_all_users():
     first, again, away = (surface_patch("kidney", (0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.0, 0.0, 0.01))
     assert first is not again and samples(first, 500) is samples(again, 500)
     assert (samples(away, 500)[0] != samples(first, 500)[0]).any()

@@ -1,4 +1,4 @@
-"""Kernels are compiled once: for Python only where Python calls them, and by one process at a time."""
+"""Kernels are compiled once: for Python only if Python calls them, and by one process at a time."""
 
 import gc
 import os
@@ -69,7 +69,7 @@ def test_a_kernel_that_only_kernels_call_has_no_wrapper_for_python(folder):
     assert len(kernels.inner.signatures) == 1
 
 
-def test_constants_that_a_kernel_is_called_with_make_no_code_of_their_own(folder):
+def test_constant_arguments_do_not_compile_separate_code(folder):
     import kernels
 
     assert kernels.twice_and_half(3.0) == 6.0 + 12.0 + 1.5
@@ -95,7 +95,7 @@ def test_ctrl_c_waits_until_a_kernel_is_loaded(folder, monkeypatch):
 
 
 def test_two_processes_that_need_the_same_kernels_compile_them_once(folder):
-    """Both begin at once, and one of them waits."""
+    """Both start at the same time, and one of them waits."""
     environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
     both = [
         subprocess.Popen([sys.executable, "-c", COMPILED], env=environment, stdin=-1, stdout=-1, text=True)
@@ -109,7 +109,7 @@ def test_two_processes_that_need_the_same_kernels_compile_them_once(folder):
     assert sorted(process.communicate(timeout=60)[0].split() for process in both) == [[], ["outer", "inner"]]
 
 
-def test_a_second_process_compiles_meanwhile_what_comes_later(folder, monkeypatch):
+def test_a_second_process_compiles_later_kernels_in_parallel(folder, monkeypatch):
     import kernels
 
     fork, forked, printed = os.fork, [], []
@@ -117,11 +117,13 @@ def test_a_second_process_compiles_meanwhile_what_comes_later(folder, monkeypatc
     monkeypatch.setattr(os, "fork", lambda: forked.append(fork()) or forked[-1])
     with compiling(printed.append, [lambda: 1 / 0, lambda: kernels.other(np.ones(3))]):
         kernels.outer(np.ones(3))
-        while not list((folder / "cache").rglob("*other-*.nbc")):  # by the second process: nobody calls it here
+        while not list(
+            (folder / "cache").rglob("*other-*.nbc")
+        ):  # compiled by the second process; this one does not call it
             time.sleep(0.01)
         assert kernels.other(np.ones(3)) == np.inf
         kernels.inner(np.ones(3))
     assert sum(kernels.other.stats.cache_hits.values()) == 1
-    assert printed[-1] > len(printed)  # those of the second process are counted, too
-    with pytest.raises(ChildProcessError):  # it is gone
+    assert printed[-1] > len(printed)  # includes those of the second process
+    with pytest.raises(ChildProcessError):  # the child has ended
         os.waitpid(*forked, os.WNOHANG)

@@ -1,4 +1,4 @@
-"""An edited kernel is never run from what was compiled before the edit, not even through a kernel of another file."""
+"""An edited kernel never runs from the cache of an earlier state, also if a kernel of another file calls it."""
 
 import os
 import shutil
@@ -20,7 +20,7 @@ TEST = "from palpate.physics.outer import outer\n\n\ndef test_outer():\n    asse
 
 @pytest.fixture
 def tree(tmp_path):
-    """A tree with the first files of the physics and two kernels, one of which calls the other."""
+    """A source tree with the first files of the physics and two kernels, one of which calls the other."""
     physics = tmp_path / "palpate" / "physics"
     physics.mkdir(parents=True)
     for name in ("__init__.py", "arithmetic.py", "code_library.py", "kernel.py", "kernel_cache.py"):
@@ -34,9 +34,9 @@ def tree(tmp_path):
 
 
 def run(tree, *arguments, cache=None):
-    # Python goes by time and size of a source, and here both stay.
+    # Python detects changes by time and size of a source, and both are constant here.
     environment = {**os.environ, "PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
-    environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # plugins of others take longer to import than all the rest
+    environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # importing plugins takes longer than the rest
     environment.pop("NUMBA_CACHE_DIR", None)
     if cache is not None:
         environment["NUMBA_CACHE_DIR"] = str(cache)
@@ -44,34 +44,34 @@ def run(tree, *arguments, cache=None):
 
 
 def notebook(tree, **options):
-    """What the outer kernel gives, and whether it was compiled before."""
+    """The result of the outer kernel, and whether it came from the cache."""
     done = run(tree, "-c", NOTEBOOK, **options)
     assert done.returncode == 0, done.stderr
     value, hits = done.stdout.split(" ", 1)
     return float(value), hits.strip() != "Counter()"
 
 
-def test_a_kernel_that_another_one_calls_may_be_edited(tree):
+def test_editing_a_called_kernel_recompiles_its_caller(tree):
     assert notebook(tree) == (7.0, False)
     inner = tree / "palpate" / "physics" / "inner.py"
     before = inner.stat()
     inner.write_text(INNER.format("4.0"))
-    os.utime(inner, ns=(before.st_atime_ns, before.st_mtime_ns))  # a checkout or a copy may keep the time and the size
+    os.utime(inner, ns=(before.st_atime_ns, before.st_mtime_ns))  # a checkout or a copy may keep time and size
     assert notebook(tree) == (9.0, False)
     (tree / "test_outer.py").write_text(TEST.format("9.0"))
     assert run(tree, "-m", "pytest", "-q", "-p", "no:cacheprovider", "test_outer.py").returncode == 0
     inner.write_text(INNER.format("3.0"))
-    assert notebook(tree) == (7.0, True)  # back again: nothing is compiled
+    assert notebook(tree) == (7.0, True)  # restored: no compilation
 
 
-def test_numba_may_come_first_and_keeps_what_a_program_has_set(tree):
+def test_numba_imported_first_keeps_the_settings_of_the_program(tree):
     set_before = "import numba; numba.config.FUNCTION_CACHE_SIZE = 7; import palpate.physics; "
     done = run(tree, "-c", f"{set_before}{NOTEBOOK}; print(numba.config.FUNCTION_CACHE_SIZE)")
     assert done.stdout.splitlines()[-1] == "7", done.stderr
     assert notebook(tree) == (7.0, True)
 
 
-def test_folders_of_old_sources_go(tree):
+def test_folders_of_old_sources_are_removed(tree):
     inner = tree / "palpate" / "physics" / "inner.py"
     for factor in range(KEPT + 2):
         inner.write_text(INNER.format(f"{factor}.0"))
@@ -80,14 +80,14 @@ def test_folders_of_old_sources_go(tree):
     assert len(left) == KEPT
 
 
-def test_the_user_may_name_the_folder(tree):
+def test_the_user_may_set_the_folder(tree):
     assert notebook(tree, cache=tree / "mine") == (7.0, False)
     assert notebook(tree, cache=tree / "mine") == (7.0, True)
     (folder,) = (tree / "mine").iterdir()
     assert folder.name.startswith(PREFIX) and not list(folder.glob(f"{PREFIX}*"))
 
 
-def test_sources_that_may_not_be_written_beside(tree, monkeypatch):
+def test_read_only_sources_use_another_cache_folder(tree, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tree / "caches"))
     (tree / "palpate" / "physics" / "__pycache__").write_text("a file, so that root cannot make this folder either")
     assert notebook(tree) == (7.0, False)

@@ -1,4 +1,4 @@
-"""A NamedTuple of arrays in a record, as a kernel sees it."""
+"""A NamedTuple of arrays in a record, as an argument of a kernel."""
 
 from typing import Annotated, NamedTuple
 
@@ -63,18 +63,18 @@ def held():
     return node
 
 
-def test_a_kernel_gets_all_that_was_held_and_writes_to_the_arrays_themselves():
+def test_a_kernel_gets_all_members_and_writes_to_the_original_arrays():
     node = held()
     assert described(node.own) == (2.5, 5.0, -7, 5.0, True, 46.0)
     assert (node._held["outer.cube"] == 2.0 * VALUE.cube).all()
 
 
-def test_a_field_of_an_answer_stands_for_all_or_the_first_rows_of_an_array():
+def test_an_output_field_can_refer_to_all_or_the_first_rows_of_an_array():
     node = held()
     assert lent(node.own) == (VALUE.cube.sum(), VALUE.cube[0, :1].sum())
 
 
-def test_an_array_of_another_form_is_refused():
+def test_an_array_of_another_form_is_an_error():
     node = held()
     wrong = VALUE.inner._replace(table=VALUE.inner.table.astype(float))
     try:

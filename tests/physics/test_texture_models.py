@@ -23,13 +23,13 @@ def of(lsf):
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 8, 9, 20])
-def test_line_spectral_frequencies_and_back(order):
+def test_line_spectral_frequencies_survive_a_round_trip(order):
     a = random_model(np.random.default_rng(order), order)
     assert of(line_spectrum(a)) == approx(a, abs=1e-10)
 
 
 @pytest.mark.parametrize("order", [2, 5, 12])
-def test_the_gain_is_that_of_the_impulse_response_and_of_the_spectrum(order):
+def test_the_gain_agrees_with_the_impulse_response_and_the_spectrum(order):
     a = random_model(np.random.default_rng(order), order)
     response = lfilter([1.0], np.concatenate([[1.0], a]), np.eye(1, 20_000)[0])
     assert innovation(a, np.zeros(order)) ** -2 == approx(np.sum(response**2), rel=1e-9)
@@ -37,7 +37,7 @@ def test_the_gain_is_that_of_the_impulse_response_and_of_the_spectrum(order):
     assert np.trapezoid(spectrum(line_spectrum(a), 0.3, 1000.0, at), at) == approx(0.09, rel=1e-3)
 
 
-def test_any_mean_of_models_is_stable_where_that_of_coefficients_is_not():
+def test_interpolated_models_are_stable_unlike_interpolated_coefficients():
     random, unstable = np.random.default_rng(5), 0
     for _ in range(300):
         first, second = random_model(random, 8), random_model(random, 8)
@@ -102,7 +102,7 @@ def test_a_model_set_in_the_format_of_the_penn_toolkit_is_read(tmp_path):
         ('{"sampling": 1000, "quantity": "taste", "models": []}', "taste"),
     ],
 )
-def test_a_bad_file_says_what_is_wrong(tmp_path, text, fault_text):
+def test_a_bad_file_is_an_error_with_the_reason(tmp_path, text, fault_text):
     (tmp_path / "bad").write_text(text)
     with pytest.raises(ValueError, match=fault_text):
         read_texture(tmp_path / "bad")
@@ -111,7 +111,7 @@ def test_a_bad_file_says_what_is_wrong(tmp_path, text, fault_text):
 @pytest.mark.parametrize(
     "at", [[(0.1, 1.0)], [(0.1, 1.0), (0.2, 1.0)], [(0.1, 1.0), (0.2, 2.0)], [(0.1, 1.0), (0.1, 2.0)]]
 )
-def test_models_in_a_row_are_interpolated_along_it(at):
+def test_collinear_models_are_interpolated_along_their_line(at):
     models = tuple(Model(speed=v, force=f, rms=v * f, lsf=(v, 1.0 + f)) for v, f in at)
     texture = msgspec.json.decode(
         msgspec.json.encode(Texture(sampling=1e3, quantity="force", models=models)), type=Texture

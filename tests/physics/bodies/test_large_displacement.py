@@ -34,19 +34,19 @@ POISSONS = (0.15, 0.33, 0.38, 0.42, 0.46, 0.48)
 class RoundPress:
     """A cylinder of modulus 1 and patch radius 1 under the load 3f/pi (1 - r²)², whose surface does not slide at r < 1.
 
-    bed  stiffness per area of the elastic foundation, with a free side; None: bonded below, fixed at the side
+    foundation  stiffness per area of the elastic foundation, with a free side; None: bonded below, fixed at the side
     """
 
-    def __init__(self, poisson, thickness, wide, cells, bed=None):
+    def __init__(self, poisson, thickness, wide, cells, foundation=None):
         self.material = replace(neo_hooke(1.0, poisson), mixed=False)
         body = RoundBody(line(1.0, cells, wide), thickness - line(1.0, cells, thickness)[::-1], slides=False)
         fixed = body.fixed.copy()
         self.springs = csc_array((body.points.size,) * 2)
-        if bed is not None:
+        if foundation is not None:
             fixed[:] = False
             fixed[body.points[:, 0] == 0.0, 0] = True
             edge, value, area = body.edges(body.base)
-            block = bed * np.einsum("lq,qa,qb->lab", area, value, value)
+            block = foundation * np.einsum("lq,qa,qb->lab", area, value, value)
             rows, columns = np.repeat(edge, 3, axis=1).ravel(), np.tile(edge, (1, 3)).ravel()
             one = csc_array((block.ravel(), (rows, columns)), shape=(len(body.points),) * 2)
             self.springs = csc_array(kron(one, eye_array(2)))

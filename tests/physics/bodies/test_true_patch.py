@@ -173,7 +173,7 @@ def test_a_sticking_patch_keeps_its_mean_position_and_a_free_one_moves():
 
 
 def hats(mesh):
-    """Points [m] (Q,3) on the triangles of a mesh, and their weights in the mean under each vertex's hat (Q,V)."""
+    """Points [m] (Q,3) on the triangles of a mesh, and their weights in the average under each vertex's hat (Q,V)."""
     corner = mesh.vertices[mesh.triangles]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     points = np.einsum("qc,tci->tqi", hat_distances.RULE[:, :3], corner)

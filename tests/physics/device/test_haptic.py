@@ -81,13 +81,24 @@ def test_the_stiffest_slope_has_its_formula():
 def test_a_tangential_oscillation_does_not_raise_a_limited_force_but_a_slide_does(turned):
     """At a depth of 1 mm the law gives 20 N, of which the finger feels 0.6 N. A finger that oscillates sideways by a
     few counts keeps that force; a sliding one gains at most LEAP per count of motion, up to LEAP per count of the
-    approach.""" t = np.arange(-150, 150) * T most = LEAP / COUNT for side, slides in ((4 * COUNT * np.sin(2 * math.pi *
-    30 * t), False), (0.1 * t, True)): state, past = buffers(0) force = [] for k, s in enumerate(side): depth = min(1e-5
-    * k, 1e-3) s *= k >= 150 place = (s * math.cos(turned), s * math.sin(turned), -depth) push = 500.0 * depth if k < 90
-    else 20.0 force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, place, STILL, T)[2]) assert
-    force[149] == approx(0.45 + 0.1e-3 * most, rel=0.02) if slides: assert force[-1] == approx(most * 1e-3) assert
-    np.diff(force[150:]).max() < 1.01 * most * 0.1 * T else: assert force[150:] == approx(np.full(150, force[149]),
-    rel=1e-6)
+    approach."""
+    t = np.arange(-150, 150) * T
+    most = LEAP / COUNT
+    for side, slides in ((4 * COUNT * np.sin(2 * math.pi * 30 * t), False), (0.1 * t, True)):
+        state, past = buffers(0)
+        force = []
+        for k, s in enumerate(side):
+            depth = min(1e-5 * k, 1e-3)
+            s *= k >= 150
+            place = (s * math.cos(turned), s * math.sin(turned), -depth)
+            push = 500.0 * depth if k < 90 else 20.0
+            force.append(haptic(gains(COUNT), state, past, push, UP, STILL, depth, place, STILL, T)[2])
+        assert force[149] == approx(0.45 + 0.1e-3 * most, rel=0.02)
+        if slides:
+            assert force[-1] == approx(most * 1e-3)
+            assert np.diff(force[150:]).max() < 1.01 * most * 0.1 * T
+        else:
+            assert force[150:] == approx(np.full(150, force[149]), rel=1e-6)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -1,4 +1,4 @@
-"""The beam bundle on a dome: normal force, stick and slip, against closed forms and what the paper shows."""
+"""The beam bundle on a dome: normal force, stick and slip, compared with closed forms and the paper."""
 
 from functools import cache
 
@@ -16,7 +16,7 @@ MU, SPEED, DT = 0.7, 2e-3, 1e-3
 RADIUS, LENGTH, PITCH, DEPTH = 8e-3, 4e-3, 1.2e-3, 2e-3
 WITH_SKIN = dict(skin=1e-3, skin_material=ELASTIC_SKIN)
 GROSS = 5e-5
-"""Gross slip: the friction is within this part of mu F_n, and the pad slides as one."""
+"""Gross slip: the friction is within this fraction of mu F_n, and the whole pad slides."""
 
 
 def entry(state, name):
@@ -41,7 +41,7 @@ def slide(depth=DEPTH, skin=True, pitch=PITCH, seconds=2.8, angle=0.0, dt=DT, fr
 
 
 def along(forces, angle=0.0):
-    """Friction along the sliding direction over its limit."""
+    """Friction along the sliding direction, over its limit."""
     return -(forces[:, 0] * np.cos(angle) + forces[:, 1] * np.sin(angle)) / (MU * forces[:, 2])
 
 
@@ -50,7 +50,7 @@ def gross_time(depth, skin=True, pitch=PITCH):
     return time[np.argmax(along(forces) > 1 - GROSS)]
 
 
-def test_the_dome_has_the_force_of_the_closed_form():
+def test_the_force_of_the_dome_equals_the_closed_form():
     closed = 3.4e4 / LENGTH * np.pi * RADIUS * DEPTH**2
     assert closed == approx(0.855, abs=5e-4)
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, ELASTIC)
@@ -107,7 +107,7 @@ def test_slip_begins_at_the_rim_and_moves_inwards():
     assert np.corrcoef(distance, state.first)[0, 1] == approx(-0.97, abs=0.01)
 
 
-def test_partial_slip_comes_well_before_gross_slip():
+def test_partial_slip_occurs_well_before_gross_slip():
     time, forces, share, *_ = slide()
     part = along(forces)
     tenth = np.argmax(share >= 0.1)
@@ -115,35 +115,37 @@ def test_partial_slip_comes_well_before_gross_slip():
     assert time[tenth] < 0.2 * gross_time(DEPTH)
 
 
-def test_gross_slip_comes_at_the_expected_times():
-    """With skin 1.48 s, without 2.09 s, from another solver on a mesh of its own; the rim triangles move it by 4 %."""
+def test_gross_slip_occurs_at_the_expected_times():
+    """1.48 s with skin and 2.09 s without, from another solver with another mesh; the triangles at the rim change it by
+    4 %."""
     assert gross_time(DEPTH) == approx(1.48, rel=0.04)
     assert gross_time(DEPTH, skin=False) == approx(2.09, rel=0.02)
 
 
-def test_the_last_node_without_skin_lets_go_at_the_closed_form():
+def test_the_last_node_without_skin_slips_at_the_time_of_the_closed_form():
     time, _, share, *_ = slide(skin=False)
     assert time[np.argmax(share == 1)] == approx(0.7 * 2.96, abs=2 * DT)
 
 
 @pytest.mark.parametrize(("depth", "when"), [(1e-3, 0.65), (1.5e-3, 1.11), (2e-3, 1.48), (2.5e-3, 1.91)])
-def test_deeper_contact_sticks_longer(depth, when):
-    """By another solver on a mesh of its own. How nodes come and go moves the shallow one by 3 to 10 % (documents)."""
+def test_a_deeper_contact_sticks_longer(depth, when):
+    """Times from another solver with another mesh. In shallow contact they depend on single nodes by 3 to 10 %
+    (docs)."""
     assert gross_time(depth) == approx(when, rel=0.07)
 
 
-def test_deeper_contact_has_more_friction():
+def test_a_deeper_contact_has_more_friction():
     frictions = [-slide(d)[1][-1, 0] for d in (1e-3, 1.5e-3, 2e-3, 2.5e-3)]
     assert np.all(np.diff(frictions) > 0)
 
 
-def test_four_directions_feel_alike_and_opposite_ones_the_same():
+def test_four_directions_are_similar_and_opposite_ones_equal():
     curves = [along(slide(angle=a)[1], a) for a in (0.0, np.pi / 2, np.pi, 1.5 * np.pi)]
     assert curves[2] == approx(curves[0], abs=2e-6) and curves[3] == approx(curves[1], abs=2e-6)
     assert np.abs(curves[1] - curves[0]).max() < 0.03
 
 
-def test_a_slanted_slide_is_answered_along_its_own_line():
+def test_the_friction_of_an_oblique_slide_is_along_the_slide():
     angle = np.radians(30)
     forces = slide(angle=angle)[1]
     across = forces[:, 0] * np.sin(angle) - forces[:, 1] * np.cos(angle)
@@ -151,7 +153,7 @@ def test_a_slanted_slide_is_answered_along_its_own_line():
     assert np.abs(along(forces, angle) - along(slide()[1])).max() < 0.03
 
 
-def test_a_finer_grid_and_a_finer_step_change_little():
+def test_a_finer_mesh_or_step_changes_the_result_little():
     assert gross_time(DEPTH, pitch=0.6e-3) == approx(gross_time(DEPTH), rel=0.05)
     coarse, fine = along(slide(dt=10e-3)[1]), along(slide()[1])[9::10]
     assert np.abs(coarse - fine).max() < 5e-3
@@ -209,7 +211,7 @@ def test_the_force_relaxes_while_the_depth_is_held_and_returns_to_rest():
     static = (np.maximum(DEPTH - body.heights, 0) / (1e-3 / 1.36e5 + 3e-3 / 3.4e4)).sum() * PITCH**2
     assert hold[-1] == approx(static, rel=1e-3)
     assert force[499] > 1.3 * static
-    # Exponential: one relaxation time for a chain of two elements, so the logarithm is straight.
+    # Exponential: a chain of two elements has one relaxation time, so the logarithm is linear.
     start, later, last = (np.log(hold[k] - static) for k in (300, 800, 1300))
     assert later - start == approx(last - later, rel=0.02)
     unload = force[6500:7000]
@@ -237,7 +239,7 @@ def test_the_modulus_of_the_bone_does_not_matter(skin, tissue):
 
 
 def test_one_mesh_serves_every_depth_and_no_force_jumps():
-    """A mesh for 2.5 mm gives at 1 mm what a mesh for 1 mm gives, and no jump while the depth sweeps."""
+    """A mesh for 2.5 mm gives the same force at 1 mm as a mesh for 1 mm, without a jump during a sweep of the depth."""
     large, small = (dome(RADIUS, LENGTH, PITCH, d, ELASTIC, **WITH_SKIN) for d in (2.5e-3, 1e-3))
     a, b = BundleState(large), BundleState(small)
     for _ in range(300):
@@ -265,7 +267,7 @@ def test_asymmetric_bone_shifts_the_centre_of_pressure_under_a_symmetric_outline
     assert centre[0] > 0.5e-3 and centre[1] == approx(0, abs=1e-9)
 
 
-def test_beams_pressed_beyond_their_length_are_held_at_the_limit_and_counted():
+def test_beams_pressed_beyond_their_length_are_limited_and_counted():
     body = two_layers(depth=3.2e-3)
     _, state = press(body, np.linspace(0, 2.5e-3, 50), dt=0.1)
     assert entry(state, "limited") == 0
@@ -289,7 +291,7 @@ def test_any_step_length_gives_finite_bounded_forces(dt):
 
 
 @pytest.mark.parametrize("dt", [0.0, -1e-3])
-def test_when_no_time_passes_nothing_changes(dt):
+def test_a_step_of_zero_duration_changes_nothing(dt):
     body = two_layers()
     state = BundleState(body)
     first = step(body, state, DEPTH, (0, 0), MU, DT)
@@ -298,7 +300,7 @@ def test_when_no_time_passes_nothing_changes(dt):
     assert (state.strains == kept).all()
 
 
-def test_long_steps_give_the_quasi_static_answer():
+def test_long_steps_give_the_quasi_static_result():
     body = two_layers(skin=1e-3)
     state = BundleState(body)
     force = step(body, state, DEPTH, (0, 0), MU, 1e4)
@@ -307,7 +309,7 @@ def test_long_steps_give_the_quasi_static_answer():
     )
 
 
-def test_out_of_contact_there_is_no_force_and_memory_of_slip_is_gone():
+def test_out_of_contact_the_force_is_zero_and_the_slip_is_reset():
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, TISSUE, **WITH_SKIN)
     state = BundleState(body)
     for _ in range(100):
@@ -317,7 +319,7 @@ def test_out_of_contact_there_is_no_force_and_memory_of_slip_is_gone():
     assert state.deflection == approx(0, abs=1e-12)
 
 
-def test_a_slide_there_and_back_dissipates():
+def test_a_slide_there_and_back_dissipates_energy():
     body = dome(RADIUS, LENGTH, PITCH, DEPTH, ELASTIC, **WITH_SKIN)
     state = BundleState(body)
     step(body, state, DEPTH, (0, 0), MU, DT)
@@ -347,7 +349,7 @@ def test_the_same_inputs_give_the_same_bytes():
         (dict(lengths=np.ones((2, 3))), "expected .2, 1."),
     ],
 )
-def test_a_bundle_that_cannot_be_is_refused(change, text):
+def test_an_invalid_bundle_is_an_error(change, text):
     given = dict(index=[[0, 0], [0, 1]], pitch=1e-3, heights=[0.0, 0.0], lengths=[[1e-3], [1e-3]]) | change
     with pytest.raises(ValueError, match=text):
         bundle(**given)

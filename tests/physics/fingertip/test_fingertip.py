@@ -1,4 +1,4 @@
-"""The anatomical fingertip and its filling with beams, against the closed shape and brute force."""
+"""The anatomical fingertip and its filling with beams, compared with the closed shape and brute force."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ def dome_tip(radius, bone=3e-3):
     return FingertipSurfaces(low, np.full(3, spacing), r - radius, r - radius + 1e-3, r - bone)
 
 
-def test_lines_through_a_sphere_cross_it_where_they_should_at_any_angle():
+def test_lines_through_a_sphere_have_the_exact_intersections_at_any_angle():
     tip = dome_tip(8e-3)
     x, y = np.meshgrid(np.linspace(-6e-3, 6e-3, 9), np.linspace(-6e-3, 6e-3, 7))
     for angle in (0.0, 0.4, 1.2):
@@ -41,7 +41,7 @@ def test_the_sampled_anatomy_has_the_volumes_of_the_closed_form():
         assert TIP.volume(name) == approx(anatomy_volume(SHAPE, name, SHAPE.length), rel=0.02)
 
 
-def test_the_closed_surfaces_are_nested_and_level_is_near_the_distance():
+def test_the_closed_surfaces_are_nested_and_their_level_approximates_the_distance():
     random = np.random.default_rng(0)
     points = random.uniform([-9e-3, 0, -9e-3], [9e-3, 25e-3, 7e-3], size=(4000, 3))
     skin, tissue, bone = (SHAPE.level(k, points) for k in ("skin", "tissue", "bone"))
@@ -59,7 +59,7 @@ def numeric_normal(points, h=1e-6):
 
 
 @pytest.mark.parametrize("degrees", [0, 20, 45, 70])
-def test_every_beam_spans_from_skin_to_nail_and_knows_its_bone(degrees):
+def test_every_beam_spans_from_skin_to_nail_and_includes_its_bone(degrees):
     angle = np.radians(degrees)
     body = fill(TIP, 2e-3, angle=angle)
     assert body.heights.min() == approx(0, abs=1e-12) and body.heights.max() < 2e-3
@@ -85,7 +85,7 @@ def test_lines_cross_the_anatomy_where_brute_force_finds_the_borders(x, y, degre
 
 
 STRAIGHT = Anatomy(bulge=0.0, palmar=7.4e-3)
-"""A pulp that goes on straight towards the hand, as deep as the default one at its bulge."""
+"""A pulp that is straight towards the hand, as deep as the default one at its bulge."""
 
 
 @cache
@@ -95,7 +95,8 @@ def sampled(anatomy):
 
 @cache
 def drawn_back(anatomy, degrees, dt=1e-2):
-    """Contact [m²], friction when all slides [N], time to it [s], and mu F_n / (k v) [s]: 2 mm deep, 2 mm/s."""
+    """Contact area [m²], friction at gross slip [N], time until gross slip [s], and mu F_n / (k v) [s], 2 mm deep at
+    2 mm/s."""
     body = fill(sampled(anatomy), 2e-3, pitch=0.8e-3, angle=np.radians(degrees))
     state = BundleState(body)
     for _ in range(40):
@@ -112,8 +113,9 @@ def test_a_smaller_angle_gives_more_contact_friction_and_stick_from_45_degrees_o
     assert np.all(np.diff(area) < 0) and np.all(np.diff(friction) < 0) and np.all(np.diff(stick) < 0)
 
 
-def test_a_straight_pulp_lays_itself_down_at_small_angles_and_a_bulging_one_does_not():
-    """From 45° to 15° contact and friction grow on the one by a fifth and more, on the other by less than a tenth."""
+def test_contact_grows_at_small_angles_only_with_a_straight_pulp():
+    """From 45° to 15° contact and friction grow by at least 20 % with the straight pulp, by less than 10 % with the
+    other."""
     straight, bulging = (
         np.array([drawn_back(anatomy, degrees)[:2] for degrees in (0, 15, 45, 75)]) for anatomy in (STRAIGHT, SHAPE)
     )
@@ -123,8 +125,8 @@ def test_a_straight_pulp_lays_itself_down_at_small_angles_and_a_bulging_one_does
 
 @pytest.mark.parametrize("anatomy", [SHAPE, STRAIGHT], ids=["bulging", "straight"])
 @pytest.mark.parametrize("degrees", [15, 30, 45, 60, 75])
-def test_the_stick_lasts_as_long_as_the_mean_load_on_the_springs_lets_it(anatomy, degrees):
-    """Not the width of the contact: it is in the force and in the stiffness alike."""
+def test_the_stick_time_follows_the_mean_load_on_the_springs(anatomy, degrees):
+    """The width of the contact cancels, because it is a factor of both force and stiffness."""
     _, _, time, expected = drawn_back(anatomy, degrees)
     assert time == approx(expected, rel=0.1)
 
@@ -140,7 +142,7 @@ def test_asymmetric_bone_shifts_the_pressure_under_a_symmetric_outline():
     assert centres[2] > centres[1] + 1e-4 > centres[0] + 2e-4
 
 
-def test_the_modulus_of_the_bone_does_not_matter_in_the_anatomy():
+def test_the_modulus_of_the_bone_does_not_matter_in_the_anatomical_fingertip():
     from palpate.physics.materials.voigt import BONE, SKIN, TISSUE, ViscoelasticMaterial
 
     forces = []
@@ -155,14 +157,14 @@ def test_the_modulus_of_the_bone_does_not_matter_in_the_anatomy():
     assert np.abs(forces[0] - forces[1]).max() < 1e-3 * largest > np.abs(forces[2] - forces[1]).max()
 
 
-def test_saving_and_loading_keeps_every_number(tmp_path):
+def test_saving_and_loading_preserves_every_number(tmp_path):
     TIP.save(tmp_path / "tip.npz")
     again = FingertipSurfaces.load(tmp_path / "tip.npz")
     for name in ("origin", "spacing", "skin", "tissue", "bone"):
         assert np.array_equal(getattr(again, name), getattr(TIP, name))
 
 
-def test_a_file_that_is_no_fingertip_is_refused(tmp_path):
+def test_a_file_without_a_fingertip_is_an_error(tmp_path):
     with pytest.raises(FingertipError, match="cannot be read"):
         FingertipSurfaces.load(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("hello")
@@ -178,6 +180,6 @@ def test_a_file_that_is_no_fingertip_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(("depth", "pitch"), [(0.0, 1e-3), (1e-3, 0.0), (-1e-3, 1e-3), (np.inf, 1e-3)])
-def test_a_filling_without_size_is_refused(depth, pitch):
+def test_a_filling_without_size_is_an_error(depth, pitch):
     with pytest.raises(FingertipError, match="> 0"):
         fill(TIP, depth, pitch)

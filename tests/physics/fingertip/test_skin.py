@@ -23,7 +23,7 @@ def dense(weight, scale=1.0):
     return full.reshape(2 * n, 2 * n)
 
 
-def test_two_triangles_a_cell_and_all_counter_clockwise():
+def test_each_cell_has_two_counter_clockwise_triangles():
     triangles = grid_triangles(INDEX)
     assert len(triangles) == 2 * 6 * 4
     a, b, c = (POINTS[triangles[:, k]] for k in range(3))
@@ -31,7 +31,7 @@ def test_two_triangles_a_cell_and_all_counter_clockwise():
     assert (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]) / 2 == approx(0.5e-6)
 
 
-def test_the_stiffness_is_symmetric_and_blind_to_rigid_motion():
+def test_the_stiffness_is_symmetric_and_zero_for_rigid_motion():
     k = dense(np.ones(len(POINTS)))
     assert k == approx(k.T, abs=1e-9)
     turn = np.stack([-POINTS[:, 1], POINTS[:, 0]], axis=1).ravel()
@@ -41,7 +41,7 @@ def test_the_stiffness_is_symmetric_and_blind_to_rigid_motion():
 
 
 def test_a_uniform_strain_gives_plane_stress_exactly():
-    """Patch test: energy of a given strain is that of the law, times the area; no force inside."""
+    """Patch test: the energy of a uniform strain is that of the law times the area, without inner forces."""
     k = dense(np.ones(len(POINTS)))
     area = np.ptp(POINTS[:, 0]) * np.ptp(POINTS[:, 1])
     strain = np.array([[0.02, 0.005], [0.005, -0.01]])
@@ -52,7 +52,7 @@ def test_a_uniform_strain_gives_plane_stress_exactly():
     assert (k @ u).reshape(-1, 2)[inside] == approx(0, abs=1e-9)
 
 
-def test_a_virtual_node_switches_off_its_triangles_and_nothing_else():
+def test_a_virtual_node_disables_only_its_triangles():
     weight = np.ones(len(POINTS))
     middle = 3 * 5 + 2
     weight[middle] = 0
@@ -64,12 +64,12 @@ def test_a_virtual_node_switches_off_its_triangles_and_nothing_else():
     assert np.diag(k)[dofs] == approx(np.diag(full)[dofs])
 
 
-def test_the_square_directions_are_equal():
+def test_the_directions_of_the_grid_are_equal():
     pad = sheet(POINTS, grid_triangles(INDEX), E, NU, T)
     first, second = pad.blocks[:, ::4, 0, 0].sum(), pad.blocks[:, ::4, 1, 1].sum()
     assert first == approx(second)
 
 
-def test_a_triangle_without_area_is_refused():
+def test_a_triangle_without_area_is_an_error():
     with pytest.raises(ValueError, match="expected > 0"):
         plane_stress_blocks(np.zeros((3, 2)), np.array([[0, 1, 2]]), E, NU, T)

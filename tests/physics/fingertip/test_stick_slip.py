@@ -1,4 +1,4 @@
-"""The convex solver of stick and slip, against its dual, brute force and the Cattaneo-Mindlin closed form."""
+"""The convex solver of stick and slip, compared with its dual, brute force and the Cattaneo-Mindlin closed form."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def dual(matrix, force, limit, turns=20000):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_forces_are_those_of_the_dual_problem(seed):
+def test_the_forces_solve_the_dual_problem(seed):
     matrix, force, limit = problem(seed)
     _, plate, _, residual = solve(matrix, force, limit)
     assert residual < 1e-9
@@ -57,7 +57,7 @@ def test_the_forces_are_those_of_the_dual_problem(seed):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_law_of_friction_holds_at_every_node(seed):
+def test_every_node_satisfies_the_friction_law(seed):
     matrix, force, limit = problem(seed, n=25)
     slip, plate, _, _ = solve(matrix, force, limit)
     assert plate == approx(force - (matrix @ slip.ravel()).reshape(-1, 2), abs=1e-9)
@@ -65,11 +65,11 @@ def test_the_law_of_friction_holds_at_every_node(seed):
     assert np.all(size <= limit * (1 + 1e-8) + 1e-9)
     moves = np.linalg.norm(slip, axis=1) > 0
     assert size[moves] == approx(limit[moves], abs=1e-8)
-    # Along the slip, as far as the force is known: where it may be next to nothing, its direction is rounding.
+    # Checked along the slip, as far as the force is significant: the direction of a tiny force is rounding error.
     assert np.all((plate * slip).sum(axis=1) >= -1e-8 * np.linalg.norm(slip, axis=1))
 
 
-def test_the_answer_does_not_depend_on_the_start():
+def test_the_solution_does_not_depend_on_the_start():
     matrix, force, limit = problem(3)
     cold = solve(matrix, force, limit)[0]
     for seed in range(5):
@@ -78,7 +78,7 @@ def test_the_answer_does_not_depend_on_the_start():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_node_against_a_general_minimiser(seed):
+def test_one_node_agrees_with_a_general_minimiser(seed):
     random = np.random.default_rng(seed)
     root = random.normal(size=(2, 2))
     a = root @ root.T + 0.1 * np.eye(2)
@@ -93,7 +93,7 @@ def test_one_node_against_a_general_minimiser(seed):
     assert slip == approx(best.x, abs=1e-6)
 
 
-def test_no_friction_gives_the_linear_answer_and_no_force():
+def test_without_friction_the_solution_is_linear_without_force():
     matrix, force, _ = problem(1)
     slip, plate, rounds, _ = solve(matrix, force, np.zeros(len(force)))
     assert slip.ravel() == approx(np.linalg.solve(matrix, force.ravel()), rel=1e-8)
@@ -106,13 +106,13 @@ def test_nothing_moves_below_the_limit():
     assert not slip.any() and (plate == force).all() and rounds == 1 and residual <= 0
 
 
-def test_the_number_of_rounds_is_bounded_even_for_a_wild_start():
+def test_the_number_of_iterations_is_bounded_for_any_start():
     matrix, force, limit = problem(4, n=40, spread=1e6)
     *_, rounds, residual = solve(matrix, force, limit, np.full((40, 2), 1e9), most=30)
     assert rounds <= 30 and np.isfinite(residual)
 
 
-def test_the_band_solver_is_a_linear_solver():
+def test_the_band_solver_solves_linear_systems():
     random = np.random.default_rng(0)
     n, width = 30, 4
     full = np.diag(random.uniform(10, 20, n))
@@ -128,7 +128,7 @@ def test_the_band_solver_is_a_linear_solver():
     assert answer == approx(np.linalg.solve(full, right))
 
 
-def test_mindlin_numbers():
+def test_mindlins_formula_has_its_known_values():
     given = dict(normal_force=0.6, friction=0.7, radius=5e-3, shear_modulus=3.4e4 / 2.96, poisson=0.48)
     assert presliding(0.5 * 0.42, **given) == approx(0.771e-3, abs=5e-7)
     assert presliding(0.42, **given) == approx(2.084e-3, abs=5e-7)
@@ -148,12 +148,12 @@ def half_space(points, pitch, shear_modulus, poisson):
     direct = np.eye(2) * 2 * (1 - poisson) / distance[..., None, None]
     turned = 2 * poisson * away[..., :, None] * away[..., None, :] / distance[..., None, None] ** 3
     c = direct + turned
-    mean = 4 * np.log(1 + np.sqrt(2)) / pitch  # of 1/r over a cell, seen from its middle
+    mean = 4 * np.log(1 + np.sqrt(2)) / pitch  # mean of 1/r over a cell, from its centre
     c[np.arange(len(points)), np.arange(len(points))] = np.eye(2) * (2 - poisson) * mean
     return c.transpose(0, 2, 1, 3).reshape(2 * len(points), -1) / (4 * np.pi * shear_modulus)
 
 
-def test_on_a_half_space_the_solver_gives_cattaneo_and_mindlin():
+def test_on_a_half_space_the_solver_agrees_with_cattaneo_and_mindlin():
     radius, normal, friction, shear, poisson = 5e-3, 0.6, 0.7, 1.15e4, 0.3
     pitch = radius / 7.5
     grid = np.arange(-7, 8) * pitch

@@ -39,7 +39,7 @@ def coulomb_path(slip, load, dt, mu, stiffness):
     return bristle_path(CoulombLaw(mu, stiffness), slip, load, dt)
 
 
-def test_steady_sliding():
+def test_steady_sliding_has_the_closed_form():
     speeds = [1e-3, 0.01, 0.02, 0.05, 0.1, 0.5]
     expected = [0.699901, 0.659760, 0.581576, 0.520386, 0.540000, 0.700000]
     assert steady_friction(speeds, LAW) == approx(expected, abs=1e-6)
@@ -86,13 +86,13 @@ def test_the_deflection_never_exceeds_its_bound(law, path):
 @every
 @pytest.mark.parametrize("speed", [0.01, 0.33, 1.0, 10.0])
 @pytest.mark.parametrize("dt", [1e-6, 1e-3, 1.0])
-def test_stiff_bristles_do_not_ring(law, speed, dt):
+def test_stiff_bristles_do_not_oscillate(law, speed, dt):
     _, z = lugre_path(np.tile(speed * X, (50, 1)), 1.0, dt, law)
     assert (np.diff(z[:, 0]) >= -1e-18).all() and (z[:, 0] > 0).all()
 
 
 @every
-def test_a_line_in_the_plane_is_the_one_dimensional_law(law):
+def test_motion_on_a_line_follows_the_one_dimensional_law(law):
     rng = np.random.default_rng(1)
     along = rng.normal(0, 0.1, 200)
     for angle in (0.4, 2.0, -1.3):
@@ -127,7 +127,7 @@ def test_friction_rises_with_speed_beyond_the_stribeck_dip():
     assert (np.diff(mu) > 0).all()
 
 
-def test_presliding_is_a_spring_of_f_n_sigma0():
+def test_presliding_is_a_spring_of_stiffness_f_n_sigma0():
     force, _ = lugre_path([[1e-6, 0, 0]], 2.0, 1e-3, LAW._replace(bristle_damping=0.0, viscous=0.0))
     assert force[0, 0] == approx(2.0 * 3000 * 1e-9, rel=1e-4)
 
@@ -138,14 +138,14 @@ def test_a_hysteresis_loop_closes_and_dissipates(law):
     for amplitude in (2e-5, 3e-4, 2e-3):
         v = np.outer(amplitude * 2 * np.pi * 10 * np.cos(2 * np.pi * 10 * t), X)
         force, z = lugre_path(v, 1.0, 1e-4, law)
-        # A loop much smaller than the bristles reach drifts for many cycles before it closes.
+        # A loop much smaller than the reach of the bristles drifts for many cycles before it closes.
         assert amplitude < 1e-4 or force[3000:, 0] == approx(force[2000:3000, 0], abs=1e-5)
         supplied = force[3000:, 0] @ v[3000:, 0] * 1e-4
         assert supplied > 1500 * (z[-1, 0] ** 2 - z[2999, 0] ** 2)
 
 
 def _least_margin(law):
-    """Least of supply minus stored energy over many single steps from random bristles, scaled by the supply."""
+    """Minimum of supplied minus stored energy over many single steps from random deflections, over the supply."""
     rng = np.random.default_rng(3)
     least = math.inf
     law = bristle.kernel_form(law)
@@ -162,13 +162,13 @@ def _least_margin(law):
 
 
 @every
-def test_it_is_passive_exactly_when_the_bound_on_viscous_friction_holds(law):
+def test_the_law_is_passive_exactly_under_the_bound_on_viscous_friction(law):
     assert passive_viscous(0.5, 0.7, 1.0) == approx(0.4)
     assert _least_margin(law) > -1e-12
     assert _least_margin(law._replace(viscous=0.0)) < -1e-3
 
 
-def test_a_load_that_rises_on_resting_bristles_gives_no_energy():
+def test_a_rising_load_on_resting_bristles_generates_no_energy():
     v = np.array([[0.05, 0, 0]] * 30 + [[0, 0, 0]])
     load = np.array([1.0] * 30 + [6.0])
     _, z = lugre_path(v, load, 1e-3, LAW._replace(rescale=False))
@@ -179,8 +179,8 @@ def test_a_load_that_rises_on_resting_bristles_gives_no_energy():
 
 
 @every
-def test_where_nothing_is_gained_rescaling_changes_no_bit(law):
-    """A constant load, one that falls, and one that rises slowly in a slide, where slip dissipates far more."""
+def test_rescaling_changes_no_bit_if_no_energy_is_generated(law):
+    """Cases: a constant load, a falling one, and one that rises slowly in a slide, where slip dissipates far more."""
     plain = law._replace(rescale=False)
     v = np.tile(0.05 * X, (300, 1))
     for load in (2.0, np.linspace(2.0, 0.5, 300), np.r_[np.full(100, 1.0), np.linspace(1.0, 3.0, 200)]):
@@ -189,8 +189,8 @@ def test_where_nothing_is_gained_rescaling_changes_no_bit(law):
 
 
 def generated(law, motions, seed):
-    """By motion, the energy generated over the work done both ways: random walks and random jumps of the slip velocity
-    and of the load, steps of 0.1 to 10 ms. D = work - stored may never fall below an earlier value."""
+    """Generated energy over the total work, for each motion: random walks and random jumps of the slip velocity and of
+    the load, in steps of 0.1 to 10 ms. D = work - stored must never fall below an earlier value."""
     rng, steps = np.random.default_rng(seed), 40
     shares = np.empty(motions)
     for k in range(motions):
@@ -212,9 +212,10 @@ def generated(law, motions, seed):
 
 
 @pytest.mark.parametrize("play", [0.0, 30e-6, 1e-3])
-def test_a_finger_that_wanders_by_less_than_the_play_does_not_wear_the_bristles(play):
-    """Strained by 0.1 mm and led on circles of 20 um for 10 s, 20 mm in all: the force stays if that is within the
-    play; without play the wear e^(-sigma0 path/g) leaves nothing. A slide has the same friction as without play."""
+def test_motion_within_the_play_does_not_relax_the_bristles(play):
+    """A finger strained by 0.1 mm moves on circles of 20 um for 10 s, 20 mm in all. The force is constant if the
+    circles are within the play; without play the relaxation e^(-sigma0 path/g) removes it. A slide has the same
+    friction as without play."""
     law, dt = LAW._replace(bristle_stiffness=500.0, play=play), 1e-3
     angle = 100.0 * dt * np.arange(10_001)
     circle = 20e-6 * np.column_stack((np.cos(angle) - 1.0, np.sin(angle), 0.0 * angle))
@@ -235,15 +236,15 @@ def test_no_random_motion_under_a_varying_load_generates_energy(law):
 
 
 @every
-def test_without_rescaling_most_of_them_do(law):
+def test_without_rescaling_most_motions_generate_energy(law):
     shares = generated(law._replace(rescale=False), 100, seed=4)
     assert np.mean(shares > 1e-9) > 0.5 and shares.max() > 0.5
 
 
 @pytest.mark.parametrize("law", [EXPONENTIAL, EULER, ELASTIC], ids=lambda law: type(law).__name__)
-def test_a_load_that_falls_and_rises_again_changes_held_friction_by_nothing(law):
-    """The noise of a load would otherwise shrink the bristles at each rise, by 5 % in a hundred swings of 0.1 %. A load
-    that rises beyond what it was before has its bristles shrink by the root of the ratio."""
+def test_a_load_that_falls_and_rises_again_does_not_change_static_friction(law):
+    """Otherwise load noise would shrink the bristles at each rise, by 5 % in 100 oscillations of 0.1 %. If a load rises
+    above its earlier maximum, the bristles shrink by the square root of the ratio."""
     v = np.array([[0.05, 0, 0]] * 2 + [[0, 0, 0]] * 201)
     load = np.r_[2.0, 2.0, np.tile([1.9, 2.0], 100), 2.2]
     force, z, _ = bristle_path(law, v, load, 1e-3)
@@ -251,8 +252,8 @@ def test_a_load_that_falls_and_rises_again_changes_held_friction_by_nothing(law)
     assert z[-1] == approx(z[1] * math.sqrt(2.0 / 2.2), rel=1e-3)
 
 
-def test_many_falls_of_the_load_do_not_pay_for_one_large_rise():
-    """What is to spare is never more than what the bristles hold."""
+def test_many_falls_of_the_load_do_not_offset_one_large_rise():
+    """The spare energy never exceeds the energy stored in the bristles."""
     kernel, bristles = bristle.kernel_form(LAW), Bristles()
     rng = np.random.default_rng(5)
     for load in (0.5 + rng.random(3000)).tolist():
@@ -262,8 +263,8 @@ def test_many_falls_of_the_load_do_not_pay_for_one_large_rise():
 
 
 def pumped(law, seconds=1.0, dt=5e-5):
-    """Greatest kinetic energy over that at the begin of a block of 50 g on bristles, whose load is raised each time
-    that they are stretched and lowered each time that they are straight; nothing else does work on it."""
+    """Largest kinetic energy, over the initial one, of a block of 50 g on bristles. The load is raised when they are
+    stretched and lowered when they are straight; no other force works on the block."""
     kernel, bristles, v, start, most, low = bristle.kernel_form(law), bristle.Bristles(), 5e-3, 5e-3, 0.0, 1.0
     stiff = 0.5 * (low + 3.0) * law.bristle_stiffness / 0.05
     for k in range(round(seconds / dt)):
@@ -274,15 +275,15 @@ def pumped(law, seconds=1.0, dt=5e-5):
     return (most / start) ** 2
 
 
-def test_a_pulsating_load_pumps_plain_bristles_and_not_ours():
-    """Through the motion of a block alone: no stored energy of the law is asked for."""
+def test_a_pulsating_load_pumps_energy_into_plain_bristles_only():
+    """Detected by the motion of a block, without the stored energy that the law reports."""
     mild = Elastic(bristle_damping=0.0, viscous=0.0)
     assert pumped(mild._replace(rescale=False)) > 2.0
     assert pumped(mild) < 1.0
 
 
 @given(st.lists(st.floats(-1, 1), min_size=9, max_size=9))
-def test_turning_keeps_the_length_and_the_tangent_plane(x):
+def test_rotation_keeps_the_length_and_the_tangent_plane(x):
     z, a, b = np.array(x).reshape(3, 3)
     if min(np.linalg.norm(a), np.linalg.norm(b)) < 0.1:
         return
@@ -302,7 +303,7 @@ def test_a_normal_that_flips_keeps_the_deflection():
     assert turn(1e-4, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0) == approx((1e-4, 0, 0))
 
 
-def test_loss_of_contact_forgets_the_bristles():
+def test_loss_of_contact_resets_the_bristles():
     force, z = lugre_path(np.tile(0.01 * X, (20, 1)), np.array([1.0] * 10 + [0.0] + [1.0] * 9), 1e-3, LAW)
     assert (force[10] == 0).all() and (z[10] == 0).all()
     assert z[11] == approx(z[0])
@@ -324,8 +325,8 @@ def test_coulomb_is_exact_for_any_step_and_does_not_chatter():
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(*[st.integers(-(10**9), 10**9)] * 2, st.integers(0, 9 * 10**9)), min_size=2, max_size=30))
-def test_coulomb_never_gives_energy_even_while_the_load_changes(path):
-    """The numbers are whole nm/s and nN: squares of numbers below 1e-160 underflow, which no hand feels."""
+def test_coulomb_never_generates_energy_under_a_changing_load(path):
+    """Values are multiples of nm/s and nN, because squares of numbers below 1e-160 underflow."""
     v, load = 1e-9 * np.array([[a, b, 0.0] for a, b, _ in path]), 1e-9 * np.array([float(f) for _, _, f in path])
     force, z, _ = coulomb_path(v, load, 1e-3, 0.5, 1500.0)
     supplied = np.cumsum(np.sum(force * v, axis=1) * 1e-3)
@@ -363,7 +364,7 @@ def test_the_nodes_send_a_tangential_force_along_the_slip(node):
     assert apart.force == (0, 0, 0) and apart.bristle == (0, 0, 0) and not apart.stick
 
 
-def test_the_lugre_node_is_the_law():
+def test_the_lugre_node_equals_the_law():
     bus = FakeBus(LuGre(), proximity=sliding(0.05))
     answers = bus.publish(*[contact(1.5)] * 40)
     force, z = lugre_path(np.tile(0.05 * X, (40, 1)), 1.5, 1e-3, LAW)
@@ -400,7 +401,8 @@ def test_a_duplicate_or_reordered_message_changes_nothing(node):
 
 
 def drift(law, mean=0.35, swing=0.2, frequency=20.0, seconds=1.0, mass=0.05, dt=1e-4):
-    """How far [m] a mass under 1 N of normal force has crept after a load that swings below static friction [N]."""
+    """Creep [m] of a mass with 1 N of normal force under a tangential load [N] that oscillates below static
+    friction."""
     law, bristles, x, v, friction, places = bristle.kernel_form(law), Bristles(), 0.0, 0.0, 0.0, []
     for k in range(round(seconds / dt)):
         push = (mean + swing * math.sin(2 * math.pi * frequency * k * dt)) * min(k * dt / 0.1, 1.0)
@@ -413,7 +415,7 @@ def drift(law, mean=0.35, swing=0.2, frequency=20.0, seconds=1.0, mass=0.05, dt=
     return float(np.mean(places[-cycle:]) - np.mean(places[5 * cycle : 6 * cycle]))
 
 
-def test_under_a_swinging_load_below_static_friction_lugre_creeps_and_elasto_plastic_does_not():
+def test_only_lugre_creeps_under_an_oscillating_load_below_static_friction():
     assert drift(LAW) > 1e-2  # [m] in a second
     assert abs(drift(ELASTIC)) < 1e-6 and abs(drift(CoulombLaw(0.7, 3000.0))) < 1e-6
 
@@ -423,7 +425,7 @@ def _alpha(r):
 
 
 def test_the_elasto_plastic_deflection_follows_its_differential_equation():
-    """In two dimensions, against Radau with the published form of alpha."""
+    """In two dimensions, compared with Radau's method and the published form of alpha."""
 
     def velocity(t):
         return np.array([0.06 * math.sin(25 * t), 0.04 * math.cos(40 * t)])
@@ -441,10 +443,10 @@ def test_the_elasto_plastic_deflection_follows_its_differential_equation():
         t = (np.arange(count) + 0.5) * 0.3 / count
         v = np.column_stack((*np.array([velocity(s) for s in t]).T, np.zeros(count)))
         errors.append(np.linalg.norm(bristle_path(ELASTIC, v, 1.0, 0.3 / count)[1][-1, :2] - exact))
-    assert max(errors) < 0.001 * 0.7 / 3000  # a thousandth of the bristles' reach
+    assert max(errors) < 0.001 * 0.7 / 3000  # 0.1 % of the reach of the bristles
 
 
-def test_elasto_plastic_bristles_bend_without_slip_up_to_their_share():
+def test_elasto_plastic_bristles_bend_without_slip_up_to_their_elastic_share():
     way = 0.89 * 0.7 / 3000
     for steps in (1, 10, 1000):
         _, z, stick = bristle_path(ELASTIC, np.tile(1e-3 * X, (steps, 1)), 2.0, way / 1e-3 / steps)
@@ -460,7 +462,7 @@ def test_at_constant_velocity_the_elasto_plastic_deflection_hardly_depends_on_th
     assert z[-1] == approx(fine[-1], abs=0.005 * 0.7 / 3000)
 
 
-def test_elasto_plastic_slides_like_lugre():
+def test_elasto_plastic_friction_slides_like_lugre():
     for v in (1e-3, 0.02, 0.1, 0.5):
         force, _, stick = bristle_path(ELASTIC, np.tile(v * X, (2000, 1)), 2.0, 1e-3)
         assert force[-1, 0] == approx(2.0 * float(steady_friction(v, LAW)), rel=1e-5) and not stick[-1]

@@ -1,4 +1,4 @@
-"""A friction law costs one file: this one is written into a folder and runs in the kidney graph."""
+"""A friction law takes one file: this one is written into a folder and runs in the kidney graph."""
 
 import sys
 from textwrap import dedent
@@ -41,7 +41,7 @@ def folder(tmp_path, monkeypatch):
         del sys.modules[name]
 
 
-def test_a_law_in_its_own_file_is_a_node(folder):
+def test_a_law_in_a_separate_file_is_a_node(folder):
     (folder / "dahl.py").write_text(DAHL)
     import dahl
 

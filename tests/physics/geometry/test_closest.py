@@ -1,4 +1,4 @@
-"""Closest points of NURBS surfaces against closed forms and brute force."""
+"""Closest points of NURBS surfaces compared with closed forms and brute force."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def follow(closest, path, hysteresis=1e-4):
 
 
 def excess(distance, path):
-    """By how much the distance changes faster than the point moves, at most."""
+    """Largest excess of the change of the distance over the motion of the point."""
     return (np.abs(np.diff(distance)) - np.linalg.norm(np.diff(path, axis=0), axis=1)).max()
 
 
@@ -40,7 +40,7 @@ def smooth_path(rng, size, steps, waves=5):
 
 
 @pytest.mark.parametrize("radius", [0.003, 0.03, 2.0])
-def test_on_an_exact_sphere_the_distance_is_exact_from_centre_to_far(radius):
+def test_the_distance_from_an_exact_sphere_is_exact_from_centre_to_far_outside(radius):
     rng = np.random.default_rng(1)
     out = directions(rng, 2000)
     away = radius * np.concatenate([rng.uniform(0.1, 1.9, 1500), rng.uniform(1.9, 50, 500)])
@@ -50,12 +50,12 @@ def test_on_an_exact_sphere_the_distance_is_exact_from_centre_to_far(radius):
     np.testing.assert_allclose(normal, out, atol=1e-7)
 
 
-def test_on_an_exact_torus_the_distance_is_exact_within_nine_tenths_of_the_focal_distance():
+def test_the_distance_from_an_exact_torus_is_exact_within_90_percent_of_the_focal_distance():
     rng = np.random.default_rng(2)
     major, minor = 0.04, 0.015
     turn, tube = rng.uniform(0, 2 * np.pi, (2, 3000))
     d = rng.uniform(-0.9 * minor, 0.9 * minor, 3000)
-    # Outside, the inner rim focuses on the axis.
+    # Outside, the inner rim has its focus on the axis.
     rim = np.where(np.cos(tube) < 0, (major - minor) / np.maximum(-np.cos(tube), 1e-9), np.inf)
     d = np.minimum(d, 0.9 * rim)
     ring = major + (minor + d) * np.cos(tube)
@@ -66,7 +66,7 @@ def test_on_an_exact_torus_the_distance_is_exact_within_nine_tenths_of_the_focal
 
 
 @pytest.mark.parametrize("name", ["kidney", "bumpy torus", "bumpy sheet"])
-def test_there_are_no_false_minima_against_brute_force(name):
+def test_the_closest_point_agrees_with_brute_force(name):
     rng = np.random.default_rng(3)
     if name == "kidney":
         surface = kidney()
@@ -137,13 +137,13 @@ def test_a_foot_point_crosses_a_pole_like_any_other_point(surface, end, height):
         feet = follow(closest, path)
         np.testing.assert_allclose(feet[:, 8], closest.find(path)[3], atol=1e-10)
         assert excess(feet[:, 8], path) <= 1e-10
-        # 1 - d kappa > 0.6 here: the foot moves at most 1.7 times as far, the normal turns with it.
+        # 1 - d kappa > 0.6 here: the foot moves at most 1.7 times as far, and the normal rotates with it.
         assert np.linalg.norm(np.diff(feet[:, :3], axis=0), axis=1).max() < 2e-5
         assert np.linalg.norm(np.diff(feet[:, 3:6], axis=0), axis=1).max() < 5e-3
 
 
 @pytest.mark.parametrize("height", [4e-3, -2e-3])
-def test_the_distance_is_the_same_from_both_sides_of_seam_and_pole(height):
+def test_the_distance_is_continuous_across_seam_and_pole(height):
     surface = kidney()
     closest = ClosestPoint(surface)
     v = np.linspace(0.05, 0.95, 30)
@@ -160,7 +160,7 @@ def test_the_distance_is_the_same_from_both_sides_of_seam_and_pole(height):
         assert abs(a - b) <= 1e-9
 
 
-def test_at_the_border_of_a_patch_the_foot_point_is_clamped_and_the_distance_continuous():
+def test_at_the_border_of_a_patch_the_foot_point_is_limited_and_the_distance_continuous():
     closest = ClosestPoint(plane_patch(0.1))
     path = np.stack([np.linspace(0.03, 0.07, 400), np.linspace(-0.08, 0.0, 400), np.full(400, 0.01)], axis=1)
     feet = follow(closest, path)
@@ -170,7 +170,7 @@ def test_at_the_border_of_a_patch_the_foot_point_is_clamped_and_the_distance_con
     assert abs(a - b) <= 1e-9 and a == pytest.approx(-0.003)
 
 
-def test_on_the_axis_of_a_sphere_and_a_torus_some_minimiser_is_found():
+def test_on_the_axis_of_a_sphere_and_a_torus_a_minimum_is_found():
     assert ClosestPoint(sphere(0.02)).find(np.zeros(3))[3] == pytest.approx(-0.02, abs=1e-9)
     ring = ClosestPoint(torus(0.04, 0.01))
     assert ring.find(np.zeros(3))[3] == pytest.approx(0.03, abs=1e-9)
@@ -179,7 +179,7 @@ def test_on_the_axis_of_a_sphere_and_a_torus_some_minimiser_is_found():
     np.testing.assert_allclose(ring.find(tube)[3], -0.01, atol=1e-9)
 
 
-def test_crossing_the_axis_of_a_torus_moves_the_foot_once_and_the_distance_goes_on():
+def test_crossing_the_axis_of_a_torus_moves_the_foot_once_with_a_continuous_distance():
     closest = ClosestPoint(torus(0.04, 0.01))
     x = np.linspace(0.02, -0.02, 2001)
     path = np.stack([x, 0 * x, 0 * x], axis=1)
@@ -199,12 +199,12 @@ def test_the_foot_stays_until_the_other_side_is_nearer_by_the_hysteresis(hystere
     assert (own + feet[:, 8]).max() <= hysteresis + 1e-9
     jumps = np.flatnonzero(np.linalg.norm(np.diff(feet[:, :3], axis=0), axis=1) > 1e-3)
     assert len(jumps) == 1
-    # Front and back are symmetric: their distances differ by 2 |z|, a little less where the faces slope.
+    # Front and back are symmetric: their distances differ by 2 |z|, slightly less where the faces are inclined.
     assert z[jumps[0] + 1] >= -0.6 * hysteresis - 2e-5
     assert z[jumps[0] + 1] <= -0.5 * hysteresis + 1e-5
 
 
-def test_trembling_on_the_medial_axis_does_not_change_the_branch():
+def test_tremor_on_the_medial_axis_does_not_change_the_branch():
     closest = ClosestPoint(kidney())
     path = np.array([0.0, 0.004, 0.0]) + np.array([0, 0, 1e-5]) * (-1.0) ** np.arange(50)[:, None]
     feet = follow(closest, path)
@@ -212,7 +212,7 @@ def test_trembling_on_the_medial_axis_does_not_change_the_branch():
     assert excess(feet[:, 8], path) <= 1e-9
 
 
-def test_approaching_the_hilum_from_outside_passes_its_focus():
+def test_the_approach_to_the_hilum_passes_its_focus():
     closest = ClosestPoint(kidney())
     y = np.linspace(-0.15, -0.005, 3000)
     for x, z in ((0.0, 0.0), (0.004, 0.002)):
@@ -223,8 +223,8 @@ def test_approaching_the_hilum_from_outside_passes_its_focus():
         assert feet[-1, 8] < 0 < feet[0, 8]
 
 
-def test_a_border_that_is_one_point_is_left_in_any_direction():
-    # A sphere whose poles lie at the ends of u, where no polar steps are taken, and a patch with three sides.
+def test_the_foot_leaves_a_degenerate_border_in_any_direction():
+    # A sphere with poles at the ends of u, where no polar steps are taken, and a patch with three sides.
     ball = sphere(0.03)
     parts = (np.swapaxes(ball.points, 0, 1)[:, ::-1].copy(), ball.weights.T[:, ::-1].copy(), ball.knots_v, ball.knots_u)
     lying = NurbsPatch(*parts, 2, 2, False, True)
@@ -262,7 +262,7 @@ def test_the_hessian_is_positive_definite_exactly_where_one_minus_d_kappa_is():
         _, su, sv, suu, suv, svv = surface.derivatives(u, v)
         n = outward_normal(surface, u, v)
         first = np.array([[su @ su, su @ sv], [su @ sv, sv @ sv]])
-        second = np.array([[suu @ n, suv @ n], [suv @ n, svv @ n]])  # bends towards n: positive
+        second = np.array([[suu @ n, suv @ n], [suv @ n, svv @ n]])  # curvature towards n is positive
         kappa = np.linalg.eigvals(np.linalg.solve(first, second)).real
         if np.abs(1 - d * kappa).min() < 1e-3:
             continue

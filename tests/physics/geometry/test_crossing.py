@@ -1,4 +1,4 @@
-"""Where a mesh passes through itself: what only touches does not, however it is turned and wherever it lies."""
+"""Self-intersections of a mesh: contact alone is not one, for any rotation and position."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ def flat(rng):
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0, 1e3])
-def test_a_flat_face_does_not_cross_itself_however_it_is_turned(offset):
-    """Rounding puts its triangles a little above and below one another."""
+def test_a_flat_face_does_not_intersect_itself_at_any_rotation(offset):
+    """Rounding moves its triangles slightly above and below one another."""
     for seed in range(100):
         rng = np.random.default_rng(seed)
         points, triangles = flat(rng)
@@ -24,7 +24,7 @@ def test_a_flat_face_does_not_cross_itself_however_it_is_turned(offset):
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0, 1e3])
-def test_a_needle_through_a_flat_face_is_found_where_it_passes(offset):
+def test_a_needle_through_a_flat_face_is_found_at_its_position(offset):
     for seed in range(100):
         rng = np.random.default_rng(seed)
         points, triangles = flat(rng)
@@ -37,7 +37,7 @@ def test_a_needle_through_a_flat_face_is_found_where_it_passes(offset):
         assert turn.inv().apply(at - shift) == pytest.approx(where, abs=1e-4)
 
 
-def test_a_vertex_that_no_triangle_uses_does_not_matter():
+def test_an_unused_vertex_does_not_matter():
     points, triangles = flat(np.random.default_rng(0))
     needle = np.array([[0.4, 0.5, 1e-2], [0.41, 0.5, -1e-2], [0.4, 0.51, -1e-2], [np.nan] * 3])
     assert crossing(np.concatenate([points, needle]), np.concatenate([triangles, [[40, 41, 42]]])) is not None

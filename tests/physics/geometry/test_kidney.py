@@ -25,7 +25,7 @@ def volume(mesh):
 
 
 def angles(mesh):
-    """The least angle of each triangle [rad]."""
+    """The smallest angle of each triangle [rad]."""
     corners = mesh.vertices[mesh.triangles]
     corner_angles = []
     for i in range(3):
@@ -35,18 +35,18 @@ def angles(mesh):
 
 
 @pytest.mark.parametrize("size", [(0.110, 0.060, 0.042), (0.098, 0.051, 0.039)])
-def test_the_kidney_has_the_size_that_is_asked(size):
+def test_the_kidney_has_the_requested_size(size):
     points = kidney(*size)(np.linspace(0, 1, 700)[:, None], np.linspace(0, 1, 700)).reshape(-1, 3)
     np.testing.assert_allclose(np.ptp(points, axis=0), size, atol=2e-5)
     np.testing.assert_allclose(points.max(axis=0) + points.min(axis=0), 0, atol=2e-5)
 
 
-def test_the_volume_lies_in_the_published_range():
+def test_the_volume_is_in_the_published_range():
     # Emamian et al. 1993: medians 146 cm3 left and 134 cm3 right.
     assert 1.2e-4 < volume(tessellate(kidney(), 20000)) < 1.7e-4
 
 
-def test_normals_join_across_the_seam():
+def test_normals_are_continuous_across_the_seam():
     v = np.linspace(0, 1, 301)
     surface = kidney()
     before, after = outward_normal(surface, np.nextafter(1.0, 0.0), v), outward_normal(surface, 0.0, v)
@@ -55,7 +55,7 @@ def test_normals_join_across_the_seam():
 
 
 @pytest.mark.parametrize("end", [0.0, 1.0])
-def test_normals_join_at_the_poles_from_all_sides(end):
+def test_normals_are_continuous_at_the_poles_from_all_sides(end):
     surface = kidney()
     u = np.linspace(0, 1, 400, endpoint=False)
     at = outward_normal(surface, u, np.full(400, end))
@@ -88,7 +88,7 @@ def bend(surface, u, v):
     return np.sort(np.linalg.eigvals(np.linalg.solve(first, [[suu @ n, suv @ n], [suv @ n, svv @ n]])).real)
 
 
-def test_the_hilum_is_hollow_on_the_medial_side_and_the_other_sides_bulge():
+def test_the_kidney_is_concave_at_the_hilum_and_convex_elsewhere():
     surface = kidney()
     outline = surface(np.full(401, 0.5), np.linspace(0, 1, 401))  # the medial border, pole to pole
     hilum = outline[200]
@@ -126,17 +126,17 @@ def test_a_mesh_is_closed_oriented_near_uniform_and_on_the_surface(surface, coun
 def test_a_finer_mesh_converges_to_the_surface_with_the_square_of_its_edge():
     exact = 4 / 3 * np.pi * 0.02**3
     coarse, fine = (abs(volume(tessellate(sphere(0.02), n)) - exact) for n in (1000, 16000))
-    assert 12 < coarse / fine < 20  # 16 times the vertices: a quarter of the edge, a 16th of the error
+    assert 12 < coarse / fine < 20  # 16 times the vertices: 1/4 of the edge length, 1/16 of the error
 
 
 @pytest.mark.long
-def test_a_million_vertices_make_a_closed_mesh():
+def test_a_mesh_of_a_million_vertices_is_closed():
     mesh = tessellate(kidney(), 1_000_000)
     assert abs(len(mesh.vertices) - 1_000_000) <= 100_000
     assert len(mesh.triangles) == 2 * len(mesh.vertices) - 4
 
 
-def test_meshes_that_cannot_be_made_are_refused():
+def test_impossible_meshes_are_errors():
     with pytest.raises(ValueError, match="at least 12"):
         tessellate(kidney(), 5)
     with pytest.raises(ValueError, match="pole"):
@@ -145,7 +145,7 @@ def test_meshes_that_cannot_be_made_are_refused():
         kidney(0.1, -0.05, 0.04)
 
 
-def test_at_its_default_place_the_kidney_is_touched_from_above_at_the_centre_of_the_workspace():
+def test_the_default_kidney_is_touched_from_above_at_the_centre_of_the_workspace():
     foot, normal, _, gap = ClosestPoint(surface_patch("kidney", PLACE)).find(np.array([0.0, 0.0, 0.110]))
     assert 4e-3 < gap < 6e-3
     assert normal[2] > 0.99

@@ -1,4 +1,4 @@
-"""Closest points of triangle meshes against brute force, closed forms and hard meshes."""
+"""Closest points of triangle meshes compared with brute force and closed forms, also on hard meshes."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def cube_distance(points, half=0.02):
 
 
 def brute(mesh, points):
-    """Distance to the nearest of all triangles, by way of the plane and the three edges of each."""
+    """Distance to the nearest of all triangles, from the plane and the three edges of each."""
     best = np.full(len(points), np.inf)
     for a, b, c in mesh.vertices[mesh.triangles]:
         for p, q in ((a, b), (b, c), (c, a)):
@@ -78,7 +78,7 @@ def test_the_distance_from_a_cube_is_exact_and_signed_at_faces_edges_and_corners
     np.testing.assert_allclose(MeshClosestPoint(CUBE).find(points)[3], cube_distance(points), atol=1e-15)
 
 
-def test_the_sign_is_right_beside_the_tip_of_a_needle():
+def test_the_sign_is_right_next_to_the_tip_of_a_needle():
     # The nearest face alone would give the wrong sign here: the case of Baerentzen & Aanaes.
     tip = Mesh(
         np.array([[0, 0, 0], [1, -0.1, -0.1], [1, 0.1, -0.1], [1, 0, 0.2]]) * 0.02,
@@ -119,14 +119,14 @@ def test_the_followed_foot_is_at_most_the_hysteresis_farther_than_the_nearest():
         assert (own - np.abs(feet[:, 8])).max() <= hysteresis + 1e-12
 
 
-def test_trembling_between_two_faces_keeps_the_foot():
+def test_tremor_between_two_faces_keeps_the_foot():
     path = np.array([0, 0, 0.005]) + np.array([1e-5, 0, 0]) * (-1.0) ** np.arange(40)[:, None]
     feet = follow(Mesh(CUBE.vertices * (0.25, 1, 1), CUBE.triangles), path)
     assert np.ptp(feet[:, 0]) == 0.0
     np.testing.assert_allclose(feet[:, 8], -0.005 + 1e-5, atol=1e-15)
 
 
-def test_the_normal_turns_smoothly_along_the_surface():
+def test_the_normal_rotates_smoothly_along_the_surface():
     mesh = tessellate(kidney(), 3000)
     t = np.linspace(0, 2 * np.pi, 4000)
     path = np.stack([0.04 * np.cos(t), 0.02 * np.sin(t), np.full(4000, 0.025)], axis=1)
@@ -142,7 +142,7 @@ def test_bad_triangles_change_neither_distance_nor_sign(spoil):
     if spoil == "duplicates":
         t = np.concatenate([t, t[::3], t[::5][:, [1, 2, 0]]])
     elif spoil == "slivers":
-        # A vertex on an edge: the triangle on one side is split, a sliver without area closes the gap.
+        # A vertex on an edge: the triangle on one side is split, and a sliver without area closes the gap.
         a, b, c = t[7]
         v = np.concatenate([v, [(v[a] + v[b]) / 2]])
         t = np.concatenate([t[:7], t[8:], [[a, len(v) - 1, c], [len(v) - 1, b, c], [a, b, len(v) - 1]]])
@@ -159,7 +159,7 @@ def test_bad_triangles_change_neither_distance_nor_sign(spoil):
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1, rtol=1e-12)
 
 
-def test_a_mesh_of_degenerate_triangles_alone_is_a_set_of_segments():
+def test_a_mesh_of_degenerate_triangles_only_is_a_set_of_segments():
     v = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-15, 0], [0, 0, 0]])
     mesh = Mesh(v, np.array([[0, 1, 2], [0, 0, 0], [0, 3, 0]], dtype=np.int32))
     foot, normal, _, gap = MeshClosestPoint(mesh).find(np.array([[0.3, 0.4, 0], [-3, 4, 0], [0.7, 0, 0]]))
@@ -168,7 +168,7 @@ def test_a_mesh_of_degenerate_triangles_alone_is_a_set_of_segments():
     np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1)
 
 
-def test_an_open_sheet_goes_on_flat_beyond_its_border():
+def test_an_open_sheet_continues_flat_beyond_its_border():
     sheet = MeshClosestPoint(plane(0.1, 100))
     points = np.random.default_rng(7).uniform(-0.1, 0.1, (500, 3))
     foot, normal, _, gap = sheet.find(points)
@@ -201,7 +201,7 @@ def test_any_distance_gives_finite_answers():
         (np.full((3, 3), np.nan), [[0, 1, 2]], "finite"),
     ],
 )
-def test_a_mesh_that_cannot_be_searched_is_refused(vertices, triangles, text):
+def test_an_invalid_mesh_is_an_error(vertices, triangles, text):
     with pytest.raises(ValueError, match=text):
         MeshClosestPoint(Mesh(vertices, np.asarray(triangles, dtype=np.int32))).find(np.zeros(3))
 
@@ -221,7 +221,7 @@ def test_equal_vertices_are_welded_and_others_are_not():
     assert len(np.unique(representative)) == len(np.unique(pick))
 
 
-def test_triangles_are_turned_outwards_and_a_cavity_stays_one():
+def test_triangles_are_oriented_outwards_and_a_cavity_stays_a_cavity():
     rng = np.random.default_rng(10)
     for shuffled in (
         CUBE.triangles[:, ::-1],
@@ -235,7 +235,7 @@ def test_triangles_are_turned_outwards_and_a_cavity_stays_one():
     np.testing.assert_array_equal(outward(hollow, shell[:, ::-1]), shell)
 
 
-def test_an_open_sheet_is_turned_as_most_of_its_triangles_are():
+def test_an_open_sheet_is_oriented_like_most_of_its_triangles():
     sheet = plane(0.1, 400)
     mixed = sheet.triangles.copy()
     mixed[::3] = mixed[::3, ::-1]

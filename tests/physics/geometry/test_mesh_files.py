@@ -1,4 +1,4 @@
-"""Mesh files of the user's: formats, units, and files that cannot be used."""
+"""Mesh files of users: formats, units, and unusable files."""
 
 import os
 
@@ -26,7 +26,7 @@ KIDNEY = tessellate(kidney(), 600)
 
 @pytest.fixture(autouse=True)
 def fresh():
-    """Files change between tests: forget the meshes that were read."""
+    """Clear the cache of meshes, because files change between tests."""
     surfaces.surface_mesh.cache_clear()
 
 
@@ -60,12 +60,12 @@ def test_every_format_and_unit_gives_the_same_closed_mesh(tmp_path, name, how, u
     np.testing.assert_allclose(np.ptp(mesh.vertices, axis=0), np.ptp(KIDNEY.vertices, axis=0), atol=1e-6)
 
 
-def test_our_own_ply_files_are_read_exactly(tmp_path):
+def test_ply_files_of_palpate_are_read_exactly(tmp_path):
     write_ply(tmp_path / "k.ply", KIDNEY)
     np.testing.assert_array_equal(surface_mesh(str(tmp_path / "k.ply"), 0).vertices, KIDNEY.vertices)
 
 
-def test_a_mesh_that_is_inside_out_is_turned(tmp_path):
+def test_a_mesh_that_is_inside_out_is_inverted(tmp_path):
     some = KIDNEY.triangles.copy()
     some[::3] = some[::3, ::-1]
     for triangles in (KIDNEY.triangles[:, ::-1], some):
@@ -74,14 +74,14 @@ def test_a_mesh_that_is_inside_out_is_turned(tmp_path):
         assert volume(mesh) == pytest.approx(volume(KIDNEY), rel=1e-6)
 
 
-def test_repeated_and_empty_triangles_and_spare_vertices_are_left_out(tmp_path):
+def test_repeated_and_empty_triangles_and_unused_vertices_are_removed(tmp_path):
     v = np.concatenate([KIDNEY.vertices, [[0.0, 0, 0.3]]])
     t = np.concatenate([KIDNEY.triangles, KIDNEY.triangles[:5], [[1, 1, 2]]])
     mesh = surface_mesh(save(tmp_path / "k.obj", Mesh(v, t)), 0)
     assert mesh.vertices.shape == KIDNEY.vertices.shape and mesh.triangles.shape == KIDNEY.triangles.shape
 
 
-def test_the_collision_node_takes_a_file_at_its_place(tmp_path):
+def test_the_collision_node_reads_a_file_at_its_pose(tmp_path):
     file = save(tmp_path / "k.stl", scale=1e3)
     bus = FakeBus(MeshNode(surface=file, file_unit="mm", position=(0.01, 0, 0.05), rotation=(0, 0, np.pi / 2)))
     (proximity,) = bus.publish(Pose(position=(0.01, 0, 0.08), velocity=(0, 0, 0), dt=1e-3))
@@ -112,7 +112,7 @@ def test_the_collision_node_takes_a_file_at_its_place(tmp_path):
         ),
     ],
 )
-def test_a_file_that_cannot_be_used_gives_one_clear_line(tmp_path, name, content, text):
+def test_an_unusable_file_is_an_error_of_one_line(tmp_path, name, content, text):
     file = tmp_path / name
     if content is not None:
         file.write_bytes(content)
@@ -122,7 +122,7 @@ def test_a_file_that_cannot_be_used_gives_one_clear_line(tmp_path, name, content
     assert name in str(caught.value)
 
 
-def test_unknown_units_and_surfaces_are_named(tmp_path):
+def test_unknown_units_and_surfaces_are_errors(tmp_path):
     with pytest.raises(SettingError, match=r"'inch'.*m, cm, mm"):
         surface_mesh(save(tmp_path / "k.stl"), 0, file_unit="inch")
     with pytest.raises(SettingError, match=r"'liver'.*kidney, sphere, plane"):
@@ -131,7 +131,7 @@ def test_unknown_units_and_surfaces_are_named(tmp_path):
         Nurbs(surface="k.stl").start()
 
 
-def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
+def test_without_trimesh_the_error_names_the_package(tmp_path, monkeypatch):
     import sys
 
     file = save(tmp_path / "k.stl")
@@ -141,15 +141,15 @@ def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
 
 
 def upper(part=0.4):
-    """The kidney without its underside: closed up to a hole of some share of its height."""
+    """The kidney without its underside: closed except for a hole at this fraction of its height."""
     z = KIDNEY.vertices[KIDNEY.triangles].mean(axis=1)[:, 2]
     return KIDNEY.triangles[z > z.min() + part * np.ptp(z)]
 
 
 @pytest.mark.parametrize("part", [0.1, 0.3, 0.5])
 @pytest.mark.parametrize("turn", [(0, 0, 0), (2.0, -1.0, 0.7)])
-def test_an_open_mesh_that_is_inside_out_is_turned_and_reported(tmp_path, part, turn):
-    """Wherever its hole is."""
+def test_an_open_mesh_that_is_inside_out_is_inverted_and_reported(tmp_path, part, turn):
+    """The position of the hole does not matter."""
     rotated = scipy.spatial.transform.Rotation.from_rotvec(turn).apply(KIDNEY.vertices) + (0.3, -0.2, 1.0)
     right = surface_mesh(save(tmp_path / "k.obj", Mesh(rotated, upper(part))), 0)
     assert not any("inside out" in line for line in flaws(str(tmp_path / "k.obj")))
@@ -163,7 +163,7 @@ def test_an_open_mesh_that_is_inside_out_is_turned_and_reported(tmp_path, part, 
         assert any(text in line for line in flaws(str(tmp_path / "k.obj")))
 
 
-def test_the_force_on_an_open_mesh_does_not_depend_on_its_sense(tmp_path):
+def test_the_force_on_an_open_mesh_does_not_depend_on_its_orientation(tmp_path):
     gaps = []
     for k, triangles in enumerate((upper(), upper()[:, ::-1])):
         node = MeshNode(surface=save(tmp_path / f"{k}.ply", Mesh(KIDNEY.vertices, triangles)), position=(0, 0, 0))
@@ -174,7 +174,7 @@ def test_the_force_on_an_open_mesh_does_not_depend_on_its_sense(tmp_path):
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_vertices_that_differ_by_rounding_are_merged_and_reported(tmp_path, scale):
-    """Each triangle of an ellipsoid's pole has its own pole, which differs by 1e-14 of its size."""
+    """Each triangle at the pole of an ellipsoid has a separate pole vertex, different by 1e-14 of the size."""
     ball = trimesh.creation.uv_sphere(radius=1.0, count=[16, 16])
     v, t = np.array(ball.vertices) * (0.06, 0.04, 0.02), np.array(ball.faces)
     pole = int(v[:, 2].argmax())
@@ -195,7 +195,7 @@ def test_vertices_that_differ_by_rounding_are_merged_and_reported(tmp_path, scal
     assert f"{len(at) - 1} vertices at open edges are merged with one within 1e-06 of its longest side" in line
 
 
-def test_a_slit_wider_than_the_tolerance_stays(tmp_path):
+def test_a_slit_wider_than_the_tolerance_is_kept(tmp_path):
     sheet = plane(0.1, 100)
     left = sheet.triangles[sheet.vertices[sheet.triangles].mean(axis=1)[:, 0] < 0]
     right = sheet.triangles[sheet.vertices[sheet.triangles].mean(axis=1)[:, 0] > 0] + len(sheet.vertices)
@@ -206,8 +206,8 @@ def test_a_slit_wider_than_the_tolerance_stays(tmp_path):
         assert (edge_counts(mesh.triangles, len(mesh.vertices))[0] == 36) == (slit < 1e-7)
 
 
-def test_a_file_that_is_rewritten_is_read_again(tmp_path):
-    """With the same size, name and time stamp; and nothing is read twice that has not changed."""
+def test_a_rewritten_file_is_read_again(tmp_path):
+    """Also with the same size, name and time stamp; unchanged files are not read again."""
     file = save(tmp_path / "k.stl")
     stamp = (tmp_path / "k.stl").stat()
     first = surface_mesh(file, 0)
@@ -221,8 +221,8 @@ def test_a_file_that_is_rewritten_is_read_again(tmp_path):
     assert surface_mesh(file, 0) is first
 
 
-def test_a_file_that_is_too_large_is_refused_without_reading_it(tmp_path, monkeypatch):
-    """Here a sparse one: its digest took 10 s for each GB."""
+def test_a_file_that_is_too_large_is_rejected_without_reading(tmp_path, monkeypatch):
+    """The test uses a sparse file; a digest would take 10 s per GB."""
 
     def read(*_):
         raise AssertionError("the file is read")

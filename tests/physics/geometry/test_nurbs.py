@@ -1,4 +1,4 @@
-"""NURBS surfaces against scipy's B-splines, closed forms and finite differences."""
+"""NURBS surfaces compared with scipy's B-splines, closed forms and finite differences."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_a_patch_and_its_derivatives_equal_those_of_scipy_splines(p, q):
 
 
 @pytest.mark.parametrize(("p", "q"), [(2, 2), (3, 3), (3, 5)])
-def test_the_derivatives_of_a_weighted_patch_obey_the_product_rule(p, q):
+def test_the_derivatives_of_a_weighted_patch_satisfy_the_product_rule(p, q):
     rng = np.random.default_rng(p + q)
     patch = random_patch(rng, p, q)
     u, v = rng.random((2, 50))
@@ -69,7 +69,7 @@ def test_the_sphere_is_exact_and_its_normal_points_outward():
 
 
 @pytest.mark.parametrize("end", [0.0, 1.0])
-def test_the_normal_at_a_pole_is_the_limit_of_the_normals_round_it(end):
+def test_the_normal_at_a_pole_is_the_limit_of_the_normals_around_it(end):
     u = np.linspace(0, 1, 37)
     axis = [0, 0, 2 * end - 1]
     np.testing.assert_allclose(outward_normal(sphere(0.02), u, np.full(37, end)), np.tile(axis, (37, 1)), atol=1e-12)
@@ -94,7 +94,7 @@ def test_the_plane_patch_is_flat_with_its_normal_up():
 
 
 @pytest.mark.parametrize(("n", "m"), [(9, 7), (4, 4), (5, 12)])
-def test_interpolation_goes_through_its_points_with_the_slopes_at_the_ends(n, m):
+def test_interpolation_passes_through_its_points_with_the_slopes_at_the_ends(n, m):
     rng = np.random.default_rng(5)
     grid, low, high = rng.normal(size=(n, m, 3)), rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     fitted = interpolate(grid, (low, high))
@@ -104,7 +104,7 @@ def test_interpolation_goes_through_its_points_with_the_slopes_at_the_ends(n, m)
     np.testing.assert_allclose(fitted.derivatives(u, 1.0)[:, 2], high, atol=1e-11)
 
 
-def test_a_closed_direction_joins_with_continuous_second_derivatives():
+def test_a_closed_direction_has_continuous_second_derivatives():
     grid = np.random.default_rng(4).normal(size=(10, 6, 3))
     fitted = interpolate(grid, (np.ones((10, 3)), np.zeros((10, 3))))
     v = np.linspace(0, 1, 9)
@@ -150,14 +150,14 @@ def test_a_moved_patch_moves_its_points():
         ({"points": np.full((2, 2, 3), np.nan)}, "finite"),
     ],
 )
-def test_parts_that_do_not_fit_together_are_refused(change, text):
+def test_inconsistent_parts_are_errors(change, text):
     good = plane_patch(1.0)
     parts = {name: getattr(good, name) for name in ("points", "weights", "knots_u", "knots_v", "degree_u", "degree_v")}
     with pytest.raises(ValueError, match=text):
         NurbsPatch(**{**parts, **change})
 
 
-def test_bad_data_points_are_refused():
+def test_bad_data_points_are_errors():
     with pytest.raises(ValueError, match="at least 4"):
         interpolate(np.random.default_rng(0).normal(size=(3, 6, 3)), (np.zeros((3, 3)), np.zeros((3, 3))))
     with pytest.raises(ValueError, match="minor"):

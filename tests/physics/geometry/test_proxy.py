@@ -1,4 +1,4 @@
-"""The proxy: a tool that went in from one side is pushed back to that side."""
+"""The proxy: a tool is pushed back to the side from which it entered."""
 
 import dataclasses
 import itertools
@@ -17,7 +17,7 @@ from palpate.physics.geometry.tessellate import tessellate
 
 
 def box(width, thickness, cells=20):
-    """A slab with sharp edges, its top at z = 0, of small triangles."""
+    """A slab of small triangles with sharp edges and its top at z = 0."""
     x = np.linspace(-0.5, 0.5, cells + 1)
     a, b = (g.ravel() for g in np.meshgrid(x, x, indexing="ij"))
     h = np.full(a.shape, 0.5)
@@ -33,7 +33,7 @@ def box(width, thickness, cells=20):
 
 
 def flat(radius, thickness):
-    """A pebble: a sphere pressed flat, its top at z = 0."""
+    """A pebble: a flattened sphere with its top at z = 0."""
     ball = sphere(radius)
     points = ball.points * (1, 1, thickness / 2 / radius) - (0, 0, thickness / 2)
     return dataclasses.replace(ball, points=points)
@@ -82,7 +82,7 @@ every_slab = pytest.mark.parametrize("slab", SLABS)
 
 @every_slab
 @pytest.mark.parametrize("drift", [0.0, 2e-3])
-def test_a_tool_driven_through_a_thin_body_is_pushed_back_all_the_way(slab, drift):
+def test_a_tool_driven_through_a_thin_body_is_pushed_back_completely(slab, drift):
     run, body = SLABS[slab]
     path = line((0.001, 0.002, 0.005), (0.001 + drift, 0.002, -0.019))
     feet = run(body, path)
@@ -95,7 +95,7 @@ def test_a_tool_driven_through_a_thin_body_is_pushed_back_all_the_way(slab, drif
 
 
 @every_slab
-def test_the_proxy_slides_along_with_a_tool_that_is_through(slab):
+def test_the_proxy_slides_with_a_tool_on_the_other_side(slab):
     run, body = SLABS[slab]
     path = line((0, 0, 0.003), (0, 0, -0.006), (0.005, 0, -0.006), (0, 0.003, -0.006))
     feet = run(body, path)
@@ -118,7 +118,7 @@ def test_a_tool_that_leaves_sideways_is_free(slab):
 
 @pytest.mark.parametrize("aside", [0.0, 1e-4, 1e-3])
 @pytest.mark.parametrize("form", ["patch", "mesh"])
-def test_in_a_ball_the_force_does_not_turn_either(form, aside):
+def test_the_force_does_not_flip_inside_a_ball(form, aside):
     ball = sphere(0.02)
     path = line((aside, 0, 0.025), (aside, 0, -0.03), (aside, 0, 0.025))
     feet = patch_run(ball, path) if form == "patch" else mesh_run(tessellate(ball, 3000), path)
@@ -128,7 +128,7 @@ def test_in_a_ball_the_force_does_not_turn_either(form, aside):
 
 
 @pytest.mark.parametrize("form", ["patch", "mesh"])
-def test_where_nothing_is_thin_the_proxy_is_the_nearest_point(form):
+def test_in_a_thick_body_the_proxy_is_the_nearest_point(form):
     """A finger strokes the kidney with the bone up to 6 mm inside."""
     organ = kidney()
     top = organ(0.25, 0.5)
@@ -172,7 +172,7 @@ def test_the_gap_changes_no_faster_than_the_tool_on_any_path(slab, seed):
 
 @pytest.mark.parametrize("slab", ["box 1 mm", "box 4 mm", "pebble 4 mm"])
 @pytest.mark.parametrize(("step", "kept"), [(5.9e-3, True), (6.1e-3, False)])
-def test_the_side_is_kept_up_to_a_step_of_6_mm_whatever_the_rate(slab, step, kept):
+def test_the_side_is_kept_up_to_a_step_of_6_mm_at_any_rate(slab, step, kept):
     """The limit is a length: 6 m/s at 1 kHz, 3 m/s at 500 Hz."""
     assert JUMP == 6e-3
     run, _ = SLABS[slab]
@@ -183,9 +183,9 @@ def test_the_side_is_kept_up_to_a_step_of_6_mm_whatever_the_rate(slab, step, kep
 
 @pytest.mark.parametrize("aside", [0.3e-3, 0.7e-3, 1.5e-3])
 @pytest.mark.parametrize("thickness", [4e-3, 8e-3, 12e-3])
-def test_a_finger_near_a_sharp_rim_slides_off_and_sees_the_underside_only_from_below(thickness, aside):
-    """A finger on a spring is pushed down near the rim at x = 20 mm. Where a normal points down the finger is below the
-    plate's middle, and beyond its side or under it, but for the rounding of normals that are interpolated."""
+def test_a_finger_near_a_sharp_rim_slides_off_and_meets_the_underside_only_from_below(thickness, aside):
+    """A finger on a spring is pushed down near the rim at x = 20 mm. Where a normal points down, the finger is below
+    the middle of the plate, and beyond its side or under it, except for rounding of interpolated normals."""
     mesh = box(0.04, thickness)
     closest = MeshClosestPoint(mesh)
     (work, result), kept = closest.scratch(), memory(mesh.vertices)
@@ -201,5 +201,5 @@ def test_a_finger_near_a_sharp_rim_slides_off_and_sees_the_underside_only_from_b
     assert np.abs(np.diff(gap)).max() < 1e-3
     down = normal < TURNED
     assert (gap[down] > -1e-4).all() and (z[down] < -thickness / 2).all()
-    if aside < 1e-3:  # it slides off, passes the plate, and is under it in the end
+    if aside < 1e-3:  # it slides off, passes the plate, and ends under it
         assert z[-1] < -thickness and normal[-1] < -0.5

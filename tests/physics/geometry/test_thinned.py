@@ -1,4 +1,4 @@
-"""Thinned meshes: where vertices stay, and how well a patch is integrated over them."""
+"""Thinned meshes: the remaining vertices, and the integration of a patch over them."""
 
 import numpy as np
 import pytest
@@ -20,12 +20,12 @@ def fine(count=40_000, surface="sphere"):
 
 
 @pytest.mark.parametrize(("surface", "count"), [("kidney", 10_000), ("sphere", 10_000), ("plane", 10_000)])
-def test_the_meshes_that_ship_stay_as_they_are(surface, count):
+def test_the_shipped_meshes_are_not_thinned(surface, count):
     mesh = surface_mesh(surface, count)
     assert thinned(mesh, SPACING) is mesh and thinned(mesh, 0.0) is mesh
 
 
-def test_the_vertices_that_stay_are_apart_cover_the_surface_and_close_it_whatever_the_density():
+def test_the_remaining_vertices_are_spaced_and_cover_a_closed_surface():
     counts = []
     for count in (20_000, 60_000):
         mesh = fine(count)
@@ -34,14 +34,14 @@ def test_the_vertices_that_stay_are_apart_cover_the_surface_and_close_it_whateve
         assert tree.query(mesh.vertices)[0].max() < SPACING
         assert tree.query(thin.vertices, k=2)[0][:, 1].min() >= SPACING
         assert edge_counts(thin.triangles, len(thin.vertices)) == (0, 0)
-        assert len(thin.triangles) == 2 * len(thin.vertices) - 4  # a sphere, without a handle
+        assert len(thin.triangles) == 2 * len(thin.vertices) - 4  # topology of a sphere
         assert thin.areas.sum() == approx(mesh.areas.sum(), rel=2e-3)
         assert (np.einsum("ij,ij->i", thin.normals, thin.vertices) > 0.99 * 21e-3).all()
         counts.append(len(thin.vertices))
     assert max(counts) < 1.25 * min(counts)
 
 
-def test_both_sides_of_a_sheet_thinner_than_the_spacing_stay_sides():
+def test_both_sides_of_a_sheet_thinner_than_the_spacing_remain_separate():
     ball = fine()
     mesh = Mesh(ball.vertices * (1.0, 1.0, 0.01), ball.triangles)  # 0.4 mm thick
     thin = thinned(mesh, SPACING)
@@ -51,7 +51,7 @@ def test_both_sides_of_a_sheet_thinner_than_the_spacing_stay_sides():
     assert thin.areas[middle & up].sum() == approx(thin.areas[middle & ~up].sum(), rel=0.05)
 
 
-def test_a_mesh_that_is_fine_in_one_place_is_thinned_there_and_loses_no_area_between():
+def test_a_mesh_with_a_fine_region_is_thinned_there_without_loss_of_area():
     sheet = plane(0.1, 40_000)  # 0.5 mm
     x, y = sheet.vertices[:, :2].T / 0.05
     graded = Mesh(np.column_stack([0.05 * np.sign(x) * np.abs(x) ** 1.7, 0.05 * y, 0 * x]), sheet.triangles)
@@ -76,7 +76,7 @@ def test_a_small_body_keeps_its_shape():
 
 
 def moments(mesh, feet):
-    """Centre [m] (3) and rms distance [m] from it of a force that is spread round each foot."""
+    """Centre [m] (3) and RMS distance [m] from it of a force spread around each foot."""
     spreader, found = Spreader(mesh, RADIUS), []
     for foot in feet:
         normal = tuple(foot / np.linalg.norm(foot))
@@ -87,7 +87,7 @@ def moments(mesh, feet):
     return np.array(found)
 
 
-def test_a_patch_has_the_centre_and_width_that_all_vertices_give_to_second_order():
+def test_centre_and_width_of_a_patch_converge_with_second_order():
     rng = np.random.default_rng(5)
     feet = rng.normal(size=(40, 3))
     feet *= 21e-3 / np.linalg.norm(feet, axis=1)[:, None]

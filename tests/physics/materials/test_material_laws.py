@@ -1,4 +1,4 @@
-"""Every material law that is found: stress, tangent, objectivity, moduli; and a law that is one file."""
+"""Every material law: stress, tangent, objectivity, moduli; and a law in a single file."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from palpate.physics.materials.hyperelastic import example, law, laws, rest_modu
 
 @pytest.fixture
 def gent(tmp_path, monkeypatch):
-    """A folder with one more law in it."""
+    """A folder with an additional law."""
     (tmp_path / "gent.py").write_text(GENT)
     monkeypatch.setattr(materials, "__path__", [*materials.__path__, str(tmp_path)])
 
@@ -30,7 +30,7 @@ def deformed(seed, size=0.3):
 
 
 def evaluated(material, F):
-    """W + U, its slope by F and its second derivative, from a law's own parts."""
+    """W + U, its derivative by F and its second derivative, from the parts of a law."""
     P, A = np.zeros((3, 3)), np.zeros((9, 9))
     J = np.trace(F) - 2.0 if material.small else np.linalg.det(F)
     cofactor = np.eye(3) if material.small else J * np.linalg.inv(F).T
@@ -56,7 +56,7 @@ def consistent(material):
     untold = np.full((9, 9), np.nan)
     alone = np.zeros((3, 3))
     law(F, J, p, alone, untold)
-    assert alone == approx(P, abs=1e-9 * scale)  # the same stress where no tangent is wanted
+    assert alone == approx(P, abs=1e-9 * scale)  # the same stress without the tangent
 
 
 def turned_without_stress(material):
@@ -68,11 +68,11 @@ def turned_without_stress(material):
     assert there[2] == approx(turn @ here[2], abs=1e-10 * scale)
     assert evaluated(material, turn)[2] == approx(np.zeros((3, 3)), abs=1e-10 * scale)
     for factor in (0.7, 1.3):
-        assert evaluated(material, factor * F)[0] == approx(here[0], abs=1e-10 * scale)  # shape alone
+        assert evaluated(material, factor * F)[0] == approx(here[0], abs=1e-10 * scale)  # depends on the shape only
 
 
 def small_strain(material):
-    """Stress of a small strain is that of the moduli at rest."""
+    """Assert that the stress of a small strain is that of the moduli at rest."""
     shear, bulk = rest_moduli(material)
     e = 1e-6 * np.array([[1.0, 0.4, -0.2], [0.4, -0.5, 0.3], [-0.2, 0.3, 0.8]])
     expected = 2 * shear * (e - np.trace(e) / 3 * np.eye(3)) + bulk * np.trace(e) * np.eye(3)
@@ -92,7 +92,7 @@ def test_a_law_is_consistent(name):
     assert "U =" in laws()[name].__doc__
 
 
-def test_a_law_of_one_file_is_found_everywhere(gent, tmp_path, capsys):
+def test_a_law_in_one_file_is_found_everywhere(gent, tmp_path, capsys):
     assert "gent" in laws()
     made = fe.gent(2e4, 0.4, 3.0)
     assert made.name == "gent"
@@ -112,7 +112,7 @@ def block(material):
     return mesh, fixed, {0: material}
 
 
-def test_a_block_of_a_law_of_one_file_is_pressed(gent):
+def test_a_block_with_a_law_in_one_file_can_be_pressed(gent):
     """Limited chains are stiffer than free ones, and the same at small strain."""
     reactions = []
     for material in (fe.gent(2e4, 0.4, 1.0), fe.neo_hooke(2e4, 0.4)):
@@ -130,7 +130,7 @@ def test_a_block_of_a_law_of_one_file_is_pressed(gent):
     assert ratios[1] > 1.02
 
 
-def test_a_block_of_a_law_of_one_file_is_sampled_and_its_basis_names_it(gent, tmp_path):
+def test_a_sampled_basis_names_its_law_in_one_file(gent, tmp_path):
     mesh, fixed, _ = block(fe.neo_hooke(2e4, 0.4))
     rng = np.random.default_rng(4)
     phi = np.where(fixed[:, :, None], 0.0, rng.standard_normal((*fixed.shape, 3)) * 1e-4)
@@ -151,7 +151,7 @@ def test_a_block_of_a_law_of_one_file_is_sampled_and_its_basis_names_it(gent, tm
     assert h == approx(g, rel=1e-2)  # modes are stored in half precision
 
 
-def test_a_law_that_a_file_names_is_not_imported_for_its_sake(tmp_path, monkeypatch):
+def test_a_law_named_in_a_file_is_not_imported(tmp_path, monkeypatch):
     (tmp_path / "innocent.py").write_text(f"open({str(tmp_path / 'was imported')!r}, 'w').close()\n{GENT}")
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(MaterialError, match=r"'innocent\.energy' lies outside palpate"):
@@ -162,7 +162,7 @@ def test_a_law_that_a_file_names_is_not_imported_for_its_sake(tmp_path, monkeypa
     assert law("innocent.energy") is innocent.energy
 
 
-def test_an_unknown_law_is_told_with_those_that_are_known():
+def test_an_unknown_law_is_an_error_with_the_known_laws():
     with pytest.raises(MaterialError, match=r"no material law 'putty': expected .*hencky.*neo_hooke"):
         law("putty")
     with pytest.raises(AttributeError, match=r"no material law 'putty'; laws: .*hencky"):

@@ -1,4 +1,4 @@
-"""The nodule's map of stiffness: limits, trends, and its axis law against an integral over point loads."""
+"""The stiffness map of a nodule: limits, trends, and its law on the axis compared with an integral over point loads."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ UP = np.array([[0.0, 0.0, 1.0]])
 
 
 def above(depth, radius, ratio, reach, offset=0.0):
-    """The factor at one vertex that lies `offset` to the side of the nodule's centre."""
+    """The factor at one vertex at the lateral distance `offset` from the nodule's centre."""
     return float(stiffness_map([[offset, 0.0, 0.0]], UP, [0.0, 0.0, -depth], radius, ratio, reach)[0])
 
 
@@ -29,13 +29,13 @@ def settled(z, reach):
 
 
 @pytest.mark.parametrize(("top", "bottom", "reach"), [(2e-3, 10e-3, 6e-3), (0.0, 3e-3, 4e-3), (8e-3, 9e-3, 5e-3)])
-def test_the_share_of_a_column_is_that_of_the_loaded_half_space(top, bottom, reach):
+def test_the_share_of_a_column_equals_that_of_the_loaded_half_space(top, bottom, reach):
     share = (settled(top, reach) - settled(bottom, reach)) / settled(0.0, reach)
     stiffening = above((top + bottom) / 2, (bottom - top) / 2, 8.0, reach)
     assert 1 / stiffening == approx(1 - share * (1 - 1 / 8.0), rel=1e-6)
 
 
-def test_a_nodule_like_the_tissue_and_one_that_is_not_below_change_nothing():
+def test_a_nodule_with_the_tissues_modulus_or_not_below_changes_nothing():
     assert above(6e-3, 4e-3, 1.0, 6e-3) == 1.0
     assert above(6e-3, 4e-3, 50.0, 6e-3, offset=4.01e-3) == 1.0
     assert above(-6e-3, 4e-3, 50.0, 6e-3) == 1.0
@@ -49,12 +49,12 @@ def test_the_surface_stiffens_with_ratio_and_size_and_softens_with_depth_and_dis
     assert np.all(np.diff([above(6e-3, 4e-3, 10, 6e-3, x) for x in (0, 1e-3, 2e-3, 3e-3, 3.9e-3)]) < 0)
 
 
-def test_the_map_is_positive_and_finite_however_hard_the_nodule():
+def test_the_map_is_positive_and_finite_for_any_nodule():
     stiffening = stiffness_map(MESH.vertices, MESH.normals, [0, 0, -1e-3], 30e-3, 1e12, 5e-3)
     assert np.isfinite(stiffening).all() and stiffening.min() >= 1.0
 
 
-def test_the_centre_lies_below_the_surface_along_its_normal():
+def test_the_centre_is_below_the_surface_along_its_normal():
     centre = nodule_centre(MESH.vertices, MESH.normals, [3.3e-3, -1e-3, 0.0], 6e-3)
     assert centre == approx([3.3e-3, -1e-3, -6e-3])
 
@@ -67,14 +67,14 @@ def test_the_map_follows_the_normal_of_a_tilted_surface():
 
 @pytest.mark.parametrize("name", ["radius", "ratio", "reach"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
-def test_impossible_nodules_are_refused(name, value):
+def test_impossible_nodules_are_errors(name, value):
     given = {"radius": 4e-3, "ratio": 10.0, "reach": 6e-3} | {name: value}
     with pytest.raises(ValueError, match=f"{name}: found {value}, expected"):
         stiffness_map([[0, 0, 0]], UP, [0, 0, -6e-3], **given)
 
 
 class Body(WithNodule):
-    """A body that has nothing but its surface."""
+    """A body with only a surface."""
 
 
 FLAT = {"surface": "plane", "vertices": 2500, "position": (0.0, 0.0, 0.1)}

@@ -17,7 +17,7 @@ LAWS = {
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_the_shear_modulus_at_rest_is_that_of_differences(name):
+def test_the_shear_modulus_at_rest_agrees_with_finite_differences(name):
     material, shear = LAWS[name]
     assert rest_moduli(material)[0] == approx(shear, rel=1e-9)
     h = 1e-4
@@ -25,7 +25,7 @@ def test_the_shear_modulus_at_rest_is_that_of_differences(name):
     assert slope == approx(3 * shear, rel=1e-6)  # E = 3 G, incompressible
 
 
-def test_uniaxial_stress_is_the_closed_form():
+def test_uniaxial_stress_has_its_closed_form():
     l = STRETCH
     i1 = l**2 + 2 / l - 3
     of_i1 = 2 * (l - l**-2)
@@ -36,7 +36,7 @@ def test_uniaxial_stress_is_the_closed_form():
     assert uniaxial(LAWS["yeoh"][0], l) == approx(of_i1 * (5e3 + 2 * 1.2e3 * i1 + 3 * 150 * i1**2), rel=1e-9)
 
 
-def test_ogden_of_two_and_demiray_near_zero_are_neo_hooke():
+def test_ogden_with_alpha_2_and_demiray_with_small_b_are_neo_hooke():
     expected = uniaxial(neo_hooke(3e4, 0.49), STRETCH)
     shear = moduli(3e4, 0.49)[0]
     assert uniaxial(ogden(0.49, shear, 2.0), STRETCH) == approx(expected, rel=1e-9)
@@ -64,12 +64,12 @@ T = np.linspace(0.0, 1.0, 3)
              lambda: relaxed([0.5, 0.6], [1.0, 2.0], T, T), lambda: relaxed([0.5], [0.0], T, T),
              lambda: relaxed([0.5], [1.0, 2.0], T, T)]
 )  # fmt: skip
-def test_constants_that_no_material_has_are_refused(make):
+def test_impossible_constants_are_errors(make):
     with pytest.raises(MaterialError, match="expected"):
         make()
 
 
-def test_a_prony_series_relaxes_a_step_and_a_ramp_as_the_integral_says():
+def test_a_prony_series_relaxes_a_step_and_a_ramp_like_the_integral():
     series = [0.3, 0.4], [0.1, 2.0]
     time = np.linspace(0.0, 3.0, 31)
     step = 1.0 + 0.3 * np.expm1(-time / 0.1) + 0.4 * np.expm1(-time / 2.0)

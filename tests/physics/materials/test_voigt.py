@@ -1,4 +1,4 @@
-"""The generalised Voigt chain against closed forms."""
+"""The generalised Voigt chain compared with closed forms."""
 
 import numpy as np
 import pytest
@@ -20,8 +20,8 @@ def ramp_and_hold(steps_a_second, end=1.0):
 
 
 def exact(time, rate=0.4, until=0.5):
-    """Two elements under a ramp then a hold: s + (C/Σc) terms solved by hand. Creep form: the strain of element 1 obeys
-    (c1 + c2) e1' + (E1 + E2) e1 = E2 e + c2 e'."""
+    """Two elements under a ramp and then a hold: s + (C/Σc) terms solved by hand. Creep form: the strain of element 1
+    satisfies (c1 + c2) e1' + (E1 + E2) e1 = E2 e + c2 e'."""
     t = np.minimum(time, until)
     e, de = rate * t, rate
     # Particular solution e1 = p t + q plus q-decay from rest.
@@ -57,7 +57,7 @@ def test_the_chain_converges_to_the_closed_form_at_first_order():
     assert errors[1] / errors[2] == approx([2, 2, 2], rel=0.1)
 
 
-def test_richardson_of_two_steps_gives_the_reference_numbers():
+def test_richardson_extrapolation_gives_the_reference_numbers():
     coarse, fine = (stress_history(*ramp_and_hold(n), E, C, ONES) for n in (4000, 8000))
     stress = [2 * fine[round(t * 8000)] - coarse[round(t * 4000)] for t in (0.25, 0.5, 1.0)]
     assert stress == approx([10703.03, 15708.53, 7042.11], rel=1e-5)
@@ -72,7 +72,7 @@ def test_stress_relaxes_to_the_springs_in_series_with_shares():
     assert np.all(np.diff(stress[1:]) <= 1e-6)
 
 
-def test_splitting_an_element_in_two_of_half_the_length_changes_nothing():
+def test_splitting_an_element_into_two_halves_changes_nothing():
     time, strain = ramp_and_hold(500)
     whole = stress_history(time, strain, E, C, [0.3, 0.7])
     split = stress_history(time, strain, E[[0, 1, 1]], C[[0, 1, 1]], [0.3, 0.35, 0.35])
@@ -80,7 +80,7 @@ def test_splitting_an_element_in_two_of_half_the_length_changes_nothing():
 
 
 @pytest.mark.parametrize("dt", [1e-6, 1e-3, 1.0, 1e3, 1e9])
-def test_any_step_is_stable_and_a_long_one_gives_the_static_answer(dt):
+def test_any_step_is_stable_and_a_long_one_gives_the_static_result(dt):
     strains = np.zeros(2)
     seen = [chain_strain_step(strains, E, C, np.array([0.5, 0.5]), 0.2, dt) for _ in range(200)]
     assert np.all(np.isfinite(seen)) and np.all(np.diff(seen) <= 1e-9 * seen[0])
@@ -90,7 +90,7 @@ def test_any_step_is_stable_and_a_long_one_gives_the_static_answer(dt):
         assert seen[0] == approx(static, rel=1e-2)
 
 
-def test_the_chain_never_pulls_and_recovers_when_let_go():
+def test_the_chain_never_pulls_and_recovers_after_release():
     strains = np.zeros(2)
     shares = np.array([0.5, 0.5])
     for _ in range(200):
@@ -111,7 +111,7 @@ def test_an_imposed_stress_creeps_to_stress_over_modulus():
     assert total == approx((shares * 5e3 / E).sum(), rel=1e-6)
 
 
-def test_no_element_passes_the_strain_limit_under_strain_or_stress():
+def test_no_element_exceeds_the_strain_limit_under_strain_or_stress():
     strains, shares = np.zeros(2), np.array([0.25, 0.75])
     for _ in range(50):
         stress = chain_strain_step(strains, E, C, shares, 0.7, 1e-2)
@@ -122,6 +122,6 @@ def test_no_element_passes_the_strain_limit_under_strain_or_stress():
     assert strains == approx(STRAIN_LIMIT)
 
 
-def test_one_elastic_element_is_hookes_law():
+def test_one_elastic_element_follows_hookes_law():
     time = np.linspace(0, 1, 11)
     assert stress_history(time, 0.1 * time, [1e4], [0.0]) == approx(1e3 * time)
