@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from palpate.engine.job import NodeJob
-from palpate.engine.segment import Segment, failure, view
+from palpate.engine.segment import CompiledSegment, failure, view
 from palpate.engine.slot import NodeError, RecordOutput, make
 from palpate.engine.table import CLOCK, LANE, TAP
 
@@ -86,7 +86,7 @@ class Lanes:
     count    number of lanes; call `place` for each before it runs
     """
 
-    def __init__(self, segment: Segment, count: int) -> None:
+    def __init__(self, segment: CompiledSegment, count: int) -> None:
         from palpate.engine.compiled_tick import run_lanes  # the compiler is slow to import
         from palpate.physics.entry_point import entry_point
 

@@ -25,7 +25,7 @@ from palpate.nodes.base.compiled import CompiledNode, code, several
 SAMPLE = 61  # ticks between two measurements of each node's duration; a prime, so that no usual divisor shares it
 
 
-class Segment:
+class CompiledSegment:
     """Slots of compiled nodes, in the order of execution.
 
     permitted  age [s] up to which a slot may hold an input on the real clock
@@ -333,7 +333,7 @@ def _numbers(record: np.ndarray) -> list[int]:
     return found(record.dtype, record.ctypes.data)
 
 
-def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], Segment]) -> list[Slot | Segment]:
+def segments(slots: Sequence[Slot], make: Callable[[list[Slot]], CompiledSegment]) -> list[Slot | CompiledSegment]:
     """Join consecutive compiled slots of a worker into segments. A node that waits for a message of another process
     begins a new segment, because this message may be the response to an earlier node."""
     parts: list[Slot | list[Slot]] = []

@@ -21,7 +21,7 @@ every    divisor;  due, missed, last  first tick of its next step, number of the
 begun    whether it has stepped;  time [ns] of its last step;  nominal [s] dt of the first step
 follows  the time of a step is that of its driving message
 hardware, blocked  as in a `Slot`;  skip  the host has no inputs for it;  stepped  in this tick
-steps, asleep, held, lost  counts since the last `Segment.count`
+steps, asleep, held, lost  counts since the last `CompiledSegment.count`
 """
 INPUT = np.dtype([
     ("record", "<i8"), ("absent", "<i8"), ("put", "<i8"),

@@ -7,7 +7,7 @@ inputs, in the time of a step and in the use of its outputs. Each of them implem
 from collections.abc import Iterable
 from typing import Protocol, TypeVar
 
-from palpate.engine.segment import Segment
+from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import Slot
 from palpate.messages import Message
 
@@ -31,11 +31,11 @@ class Host(Protocol[S]):
         """Handle the outputs of a node after its step."""
 
 
-def run_tick(parts: Iterable[S | Segment], tick: int, host: Host[S]) -> None:
+def run_tick(parts: Iterable[S | CompiledSegment], tick: int, host: Host[S]) -> None:
     """Step the nodes that are due at a tick, in order, one by one or as a segment. NodeError: a node failed."""
     rate = host.rate
     for slot in parts:
-        if isinstance(slot, Segment):
+        if isinstance(slot, CompiledSegment):
             slot.run(tick, host)
             continue
         if tick < slot.due or slot.blocked:

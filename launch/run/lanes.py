@@ -19,7 +19,7 @@ from palpate.engine.graph import Graph, NodeSpec
 from palpate.engine.job import Job, NodeJob
 from palpate.engine.lanes import Lanes, NodeImage, Pool
 from palpate.engine.plan import Plan
-from palpate.engine.segment import Segment
+from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError, RecordOutput
 from palpate.launch.load.files import Override
 from palpate.launch.load.launchfile import LaunchFile
@@ -176,7 +176,7 @@ class LaneRun:
         worker = Worker(prepared[0].job, None, lambda report: None)
         worker.start()
         (segment,) = worker.parts
-        assert isinstance(segment, Segment) and segment.alone(), worker.parts
+        assert isinstance(segment, CompiledSegment) and segment.alone(), worker.parts
         self.worker, self.segment, self._pool = worker, segment, Pool()
         self._images: dict[Any, NodeImage] = {}
         self.lanes = Lanes(segment, len(prepared))

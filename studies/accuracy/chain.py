@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.engine.job import InputJob, NodeJob
 from palpate.engine.schedule import nanoseconds
-from palpate.engine.segment import Segment, segments
+from palpate.engine.segment import CompiledSegment, segments
 from palpate.engine.slot import NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.messages import Contact, Friction, Load, Message, Proximity, Surface
@@ -170,7 +170,9 @@ class _Chain:
         outputs = {slot.name: slot.outputs[0] for slot in self.slots}
         for slot in self.slots:
             slot.wire(outputs)
-        self.parts = segments(self.slots, lambda part: Segment(part, self.rate, False, lambda *_: 0.0, lambda *_: None))
+        self.parts = segments(
+            self.slots, lambda part: CompiledSegment(part, self.rate, False, lambda *_: 0.0, lambda *_: None)
+        )
         self.outputs = [outputs.get(name) for name in nodes if name != "near"]
         self.mesh = spread.mesh() if pressed.wants("displacement") else None
 
@@ -193,7 +195,7 @@ class _Chain:
             for tick in range(ticks):
                 self.at = nanoseconds(tick, self.rate)
                 begun = time.thread_time_ns()
-                if isinstance(whole, Segment):
+                if isinstance(whole, CompiledSegment):
                     whole.advance(tick)
                 else:
                     run_tick(self.parts, tick, self)

@@ -6,7 +6,7 @@ Every worker runs its nodes in the graph's order, which excludes deadlocks.
 
 from palpate.engine.clock import now, sleep_until
 from palpate.engine.schedule import nanoseconds, next_run
-from palpate.engine.segment import Segment
+from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import Input, NodeError, Slot
 from palpate.engine.tick import run_tick
 from palpate.launch.run.reports import Paused
@@ -46,7 +46,7 @@ class SimulatedClock:
         """Number of ticks that can run as one block: more than one if all nodes form one segment."""
         worker = self.worker
         (part, *others) = worker.parts
-        if others or not isinstance(part, Segment) or not part.alone():
+        if others or not isinstance(part, CompiledSegment) or not part.alone():
             return 1
         return self.most if worker.last is None else max(1, min(worker.last - tick + 1, self.most))
 
@@ -60,7 +60,7 @@ class SimulatedClock:
         else:
             begun = now()
             (part,) = worker.parts
-            assert isinstance(part, Segment)
+            assert isinstance(part, CompiledSegment)
             part.run_many(tick, ticks)
             if worker.bus is not None:
                 part.hand_over()

@@ -12,7 +12,7 @@ from functools import partial
 from palpate.engine.clock import POLL_INTERVAL, Silence, now
 from palpate.engine.health import Counters, message
 from palpate.engine.job import Job
-from palpate.engine.segment import Segment, segments
+from palpate.engine.segment import CompiledSegment, segments
 from palpate.engine.slot import NodeError, Output, RemoteStream, Slot, make
 from palpate.launch.run.reports import Alive, Beat, Close, End, Gone, Note, Quit, Report, Starting, Stop
 from palpate.launch.run.wire.audience import Audience
@@ -51,7 +51,7 @@ class Worker:
         for slot in self.slots:
             slot.wire(self.outputs)
             self._feed(slot)
-        self.parts: list[Slot | Segment] = list(self.slots)
+        self.parts: list[Slot | CompiledSegment] = list(self.slots)
         """What runs, in order: after the start, consecutive compiled nodes are merged into segments."""
         self.audience = Audience(job, bus.ended if bus is not None else None)
         self._real = job.clock == "real"
@@ -99,7 +99,9 @@ class Worker:
             for observer in self.audience.slots:
                 begin(observer.name, observer.node, partial(self.audience.start, observer, self.outputs))
             job, ages = self.job, partial(permitted, self.job)
-            self.parts = segments(self.slots, lambda own: Segment(own, job.rate, self._real, ages, self._deliver_block))
+            self.parts = segments(
+                self.slots, lambda own: CompiledSegment(own, job.rate, self._real, ages, self._deliver_block)
+            )
         if self.bus is None and not self._real:
             for slot in self.slots:
                 for output in slot.outputs:
@@ -151,7 +153,7 @@ class Worker:
         for slot in self.slots:
             slot.follows = self._real and slot.driver is not None
         for part in self.parts:
-            if isinstance(part, Segment):
+            if isinstance(part, CompiledSegment):
                 part.refresh()
         for observer in self.audience.begun:
             observer.node.begun(origin)
@@ -314,7 +316,7 @@ class Worker:
                     port.queue.clear()
                     port.message = None
         for part in self.parts:
-            if isinstance(part, Segment):
+            if isinstance(part, CompiledSegment):
                 part.refresh()
 
     def _overhear_some(self) -> None:
@@ -348,7 +350,7 @@ class Worker:
 
     def _flush(self) -> None:
         for part in self.parts:
-            if isinstance(part, Segment):
+            if isinstance(part, CompiledSegment):
                 part.hand_over()
         for observer in self.audience.begun:
             observer.take()
@@ -368,14 +370,14 @@ class Worker:
             for output in self.outputs.values():
                 output.observed = self.bus.heard(output.stream)
             for part in self.parts:
-                if isinstance(part, Segment):
+                if isinstance(part, CompiledSegment):
                     part.listen()
 
     def sign_of_life(self) -> None:
         """Send the health of the nodes to launcher and observers."""
         self._reported = now()
         for part in self.parts:
-            if isinstance(part, Segment):
+            if isinstance(part, CompiledSegment):
                 part.count()
         for slot in self.slots:
             slot.health.state = slot.node.condition() or "ready"

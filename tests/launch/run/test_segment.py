@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.engine import segment
-from palpate.engine.segment import Segment
+from palpate.engine.segment import CompiledSegment
 from palpate.engine.slot import NodeError
 from palpate.launch.load.launchfile import find
 from palpate.launch.load.placement import fused
@@ -92,7 +92,7 @@ def sent(worker: Worker) -> tuple[dict[str, list[bytes]], dict[str, tuple[int, .
     worker.start()
     run(worker, 0)
     for part in worker.parts:
-        if isinstance(part, Segment):
+        if isinstance(part, CompiledSegment):
             part.count()
     counts = {}
     for slot in worker.slots:
@@ -118,7 +118,7 @@ CASES = [
 def test_a_segment_sends_the_same_bytes_as_its_nodes_one_by_one(overrides, monkeypatch):
     joined = made(overrides)
     together = sent(joined)
-    assert any(isinstance(part, Segment) and len(part.slots) > 3 for part in joined.parts)
+    assert any(isinstance(part, CompiledSegment) and len(part.slots) > 3 for part in joined.parts)
     monkeypatch.setattr(workers, "segments", lambda slots, make: list(slots))
     assert together == sent(made(overrides))
 
@@ -129,14 +129,14 @@ def test_python_between_compiled_nodes_changes_no_bit():
 
 def test_a_full_journal_is_emptied_and_the_segment_continues(monkeypatch):
     whole = sent(made())
-    init = Segment.__init__
+    init = CompiledSegment.__init__
 
     def small(self, *given):
         init(self, *given)
         self._journal = self._journal[:700]
         self._clock["room"] = 700
 
-    monkeypatch.setattr(Segment, "__init__", small)
+    monkeypatch.setattr(CompiledSegment, "__init__", small)
     assert whole == sent(made())
 
 
