@@ -87,18 +87,17 @@ def test_a_closed_terminal_ends_a_run_gracefully(tmp_path):
 
 
 def test_ctrl_c_in_a_callback_that_ignores_exceptions_ends_the_command():
-    program = typer.Typer(cls=Verbs)
+    program, completed = typer.Typer(cls=Verbs), []
 
     @program.command()
     def work() -> None:
         watcher = weakref.ref(type("Short", (), {})(), ctrl_c)
-        time.sleep(20.0)
-        del watcher
+        time.sleep(60.0)
+        completed.append(watcher)
 
     program.command()(lambda: None)
-    begun = time.monotonic()
     assert CliRunner().invoke(program, ["work"]).exit_code == 130
-    assert time.monotonic() - begun < 10.0
+    assert not completed
 
 
 @pytest.mark.parametrize(

@@ -71,8 +71,8 @@ def press(driver, exchange):
 def test_a_slow_device_does_not_block_the_loop(pair):
     driver, exchange = pair
     until(lambda: exchange.answers > 3)
-    driver.pause = 0.5
-    time.sleep(0.02)
+    driver.pause, count = 0.5, len(driver.sent)
+    until(lambda: len(driver.sent) > count)  # in a slow cycle
     begun = time.thread_time()
     for _ in range(1000):
         exchange.command((1.0,))

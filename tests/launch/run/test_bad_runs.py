@@ -180,7 +180,10 @@ def test_a_signal_ends_a_run_gracefully_with_its_exit_code(tmp_path, way, name, 
 def test_killing_the_launcher_leaves_no_processes_and_a_readable_recording(tmp_path, way):
     run = Run(tmp_path, *WAYS[way], *([] if way == "fused" else ["--set", "bad.how=program"]))
     assert run.running()
-    time.sleep(0.6)
+    for _ in range(1200):
+        if run.ticks() > 50:
+            break
+        time.sleep(0.05)
     run.process.kill()
     run.wait()
     assert not run.left()
