@@ -1,4 +1,4 @@
-"""Laws that are in none of palpate's rooms, for tests that add one: the text of a file each."""
+"""Laws that palpate does not have, for tests that add one: the text of one file each."""
 
 DAHL = '''\
 """Dahl friction (P. R. Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968) over the normal force."""

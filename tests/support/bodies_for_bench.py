@@ -1,4 +1,4 @@
-"""Bodies that a user might bring to `palpate bench accuracy`: a fair one, and three that fail."""
+"""Custom bodies for `palpate bench accuracy`: a valid one, and three that fail."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ class Spring(Node):
 
 
 class Raises(Spring):
-    """Breaks down under load."""
+    """Raises under load."""
 
     def step(self, load: Load, *, dt: float) -> Surface:
         if len(load.nodes):
@@ -30,7 +30,7 @@ class Raises(Spring):
 
 
 class Drifts(Spring):
-    """Tells an indentation that is no number."""
+    """Sends an indentation that is NaN."""
 
     def step(self, load: Load, *, dt: float) -> Surface:
         printed = super().step(load, dt=dt)

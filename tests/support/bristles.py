@@ -1,4 +1,4 @@
-"""Bristle laws of friction in tests: their kernel, one step after the other."""
+"""Bristle laws of friction in tests: their kernel, step by step."""
 
 from typing import Any, NamedTuple, get_args, get_type_hints
 
@@ -8,8 +8,8 @@ Vector = tuple[float, float, float]
 
 
 class Bristles(NamedTuple):
-    """Deflection [m], normal [1] and normal force [N] that it was found under, the finger's place from the point that
-    it drags [m]; the energy that a falling load took [J]."""
+    """Deflection [m], its normal [1] and normal force [N], the position of the finger relative to the dragged point
+    [m], and the energy released by falling loads [J]."""
 
     z: Vector = NOTHING
     normal: Vector = UP
@@ -19,7 +19,7 @@ class Bristles(NamedTuple):
 
 
 def kernel_form(law: Any) -> Any:
-    """The law with each choice of words as its place among them."""
+    """The law with words replaced by their indices."""
     hints = get_type_hints(type(law))
     return law._replace(**{k: get_args(hints[k]).index(v) for k, v in law._asdict().items() if isinstance(v, str)})
 

@@ -10,21 +10,21 @@ import pytest
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 NEEDED = [pytest.mark.long, pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt install chromium")]
 SOFTWARE = ["--no-sandbox", "--enable-unsafe-swiftshader"]
-WAIT = 90.0  # [s] that a busy machine may take
+WAIT = 90.0  # [s] timeout on a busy machine
 
 
 def _is_ours(message: Any) -> bool:
-    """Whether a line of the console is about the page; Chromium without a GPU remarks how it puts pages together."""
+    """Whether a line of the console concerns the page, not the rendering of Chromium without a GPU."""
     return message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text
 
 
 @contextmanager
 def opened(address: str, ready: str) -> Iterator[Any]:
-    """The page at an address, once it is ready (an expression of the page's); `problems` is what its console says."""
+    """The page at an address after the expression `ready` is true in it; `problems` has the lines of its console."""
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as play:
         browser = play.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
-        # The page's own policy forbids the evaluation of texts, by which the test looks inside.
+        # The test evaluates texts, which the page's security policy forbids.
         page = browser.new_page(bypass_csp=True, viewport={"width": 1000, "height": 700})
         page.set_default_timeout(1e3 * WAIT)
         page.problems = []

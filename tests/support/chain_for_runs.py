@@ -1,6 +1,5 @@
-"""A graph by the rules of the real clock on a clock that stands: each node as in a process of its own, with messages
-that come late, are lost on the way, or are not sent. Only the numbers of the ticks count, so no machine changes the
-answer."""
+"""A graph by the rules of the real clock on a simulated clock: each node runs as in a separate process, with messages
+that are late, lost or not sent. Only tick numbers count, so the result does not depend on the machine."""
 
 from collections.abc import Callable
 from heapq import heapify, heappop, heappush
@@ -19,23 +18,23 @@ from palpate.messages import Message
 from palpate.nodes.device import Simulated
 
 Lost = Callable[[str, str, int], bool]
-"""Whether the message of a stream to a node is lost on its way at a tick."""
+"""Whether the message of a stream to a node is lost at a tick."""
 Fate = Callable[[str, str, int], tuple[int, ...]]
-"""Ticks after which the copies of a message of a stream reach a node: none if it is lost, two if it is duplicated."""
+"""Delays [ticks] of the copies of a message of a stream to a node: empty if it is lost, two if it is duplicated."""
 
 
 def nothing(stream: str, reader: str, tick: int) -> bool:
-    """Nothing is lost."""
+    """Lose no message."""
     return False
 
 
 class Chain:
-    """The nodes of a launch file, one message of a tick after the other.
+    """The nodes of a launch file, message by message.
 
-    late  ticks that a message takes to come
-    lost  which messages never come
-    fate  when the messages come; by default as `late` and `lost` say
-    told  hears every message that is sent
+    late  delay of a message [ticks]
+    lost  which messages are lost
+    fate  delays of the messages; by default according to `late` and `lost`
+    told  called with every message that is sent
     halted  whether a node is stopped at a tick, as by SIGSTOP
     """
 
@@ -49,7 +48,7 @@ class Chain:
         for slot in self.slots:
             slot.wire({})
             for port in slot.inputs:
-                port.feed = object()  # from elsewhere; nothing more comes while a step waits
+                port.feed = object()  # from another process; no message arrives while a step waits
             slot.start()
         self.worker = SimpleNamespace(job=job, wait=self._pass, stopping=False)
         self.late, self.lost = late, lost
@@ -61,7 +60,7 @@ class Chain:
         self.begin()
 
     def begin(self) -> None:
-        """Start anew, with the kernels and meshes that are there already."""
+        """Restart, with the existing kernels and meshes."""
         for slot in self.slots:
             slot.begin()
             slot.due = 0
@@ -90,16 +89,16 @@ class Chain:
             self.tick += 1
 
     def stall(self, ticks: int) -> None:
-        """No node has a processor for so long."""
+        """No node is scheduled for this number of ticks."""
         self.tick += ticks
 
     def die(self, name: str) -> None:
-        """A node ends; its readers know at once, and those that cannot do without it wait."""
+        """A node ends; its readers are notified at once, and those that require it wait."""
         self._death({name}, back=False)
         self._slot(name).blocked = True
 
     def revive(self, name: str) -> None:
-        """It is back, without a memory."""
+        """The node returns with its initial state."""
         slot = self._slot(name)
         slot.begin()
         slot.node.replaces()
@@ -155,7 +154,7 @@ class Chain:
         return next(slot for slot in self.slots if slot.node.paced)
 
     def torque(self) -> float:
-        """The largest that the device works with, after its last step."""
+        """The largest torque that the device uses after its last step."""
         node, port = self.device.node, self.device.inputs[0]
         if isinstance(node, Simulated):
             return max(map(abs, node.own["applied"]))

@@ -1,4 +1,4 @@
-"""The kernels of the Falcon and of its grip on arrays, for tests."""
+"""The kernels of the Falcon and of its grip for arrays."""
 
 import numpy as np
 

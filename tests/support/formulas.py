@@ -1,4 +1,4 @@
-"""Closed forms, and formulas over whole paths, that tests hold the formulas of palpate against."""
+"""Closed forms, and formulas for whole paths, with which tests compare the formulas of palpate."""
 
 import math
 from dataclasses import replace
@@ -18,7 +18,7 @@ from palpate.physics.geometry.nurbs import NurbsPatch, normal_of
 from palpate.physics.materials.voigt import TISSUE, chain_strain_step
 
 PLANE_INTEGRALS = (math.pi / 3, math.pi / 7, math.pi * (0.5 - 2 / math.pi**2), 2 * math.pi / 3)
-"""Of each kernel that spreads a load, in units of R²."""
+"""Plane integral of each kernel that spreads a load [R²]."""
 
 
 def force(law, s, rate=0.0, damping=0.0):
@@ -105,7 +105,7 @@ def jury_stiffness(mass, drag, period):
 
 
 def tissue_displacement(r, contact):
-    """u_t(r) [m], by which the tissue's surface is pressed in; inside the contact u_f + u_t = delta - r²/(2R)."""
+    """Displacement u_t(r) [m] of the tissue's surface; inside the contact u_f + u_t = delta - r²/(2R)."""
     return pad_displacement(r, contact._replace(share=1.0 - contact.share))
 
 
@@ -117,8 +117,8 @@ def steady_friction(speed, law):
 
 
 def stress_history(time, strain, moduli, viscosities, shares=None):
-    """Stress [Pa] (n) of a Voigt chain that starts at rest at time[0] [s] and follows a strain history [1] (n); shares
-    of its elements None: all alike."""
+    """Stress [Pa] (n) of a Voigt chain that starts at rest at time[0] [s] and follows a strain history [1] (n). Shares
+    of its elements None: equal."""
     moduli, viscosities = np.atleast_1d(np.asarray(moduli, float)), np.atleast_1d(np.asarray(viscosities, float))
     shares = np.full(moduli.shape, 1.0 / moduli.size) if shares is None else np.atleast_1d(np.asarray(shares, float))
     strains, stress = np.zeros(moduli.size), np.zeros(len(time))
@@ -148,9 +148,9 @@ def bristle_path(law, slip, load, dt, normal=(0.0, 0.0, 1.0)):
 
 
 def torus(major: float, minor: float):
-    """The exact torus [m] round the z axis; u goes round the axis, v round the tube.
+    """The exact torus [m] around the z axis; u is the angle around the axis, v around the tube.
 
-    ValueError: minor >= major, where the tube meets itself.
+    ValueError: minor >= major, so that the tube intersects itself.
     """
     if not 0 < minor < major:
         raise ValueError(f"minor radius: found {minor}, expected between 0 and the major radius {major}")
@@ -160,7 +160,8 @@ def torus(major: float, minor: float):
 
 
 def decays(path: np.ndarray) -> bool:
-    """Whether a linear swing dies down: less of it in the last eighth of places [m] (k) than in the second."""
+    """Whether a linear oscillation decays: its amplitude in the last 1/8 of positions [m] (k) is below that in the
+    second."""
     if not np.isfinite(path).all():
         return False
     parts = np.array_split(path, 8)
@@ -183,7 +184,7 @@ def dome(radius, length, pitch, depth, material=TISSUE, **more):
 
 
 def anatomy_volume(shape, name, until):
-    """Volume [m³] inside a closed surface, from the tip to `until` [m]: of half ellipses, palmar and dorsal."""
+    """Volume [m³] inside a closed surface from the tip to `until` [m], from palmar and dorsal half ellipses."""
     y = np.linspace(0, until, 20001)
     a, palmar, dorsal, start, cap = shape.axes(name, y)
     ahead = np.maximum(1 - (y - start) / cap, 0)

@@ -10,7 +10,7 @@ from palpate.nodes.base import Observer, SettingError
 
 
 class Hand(Node):
-    """A source that moves on a straight line, or where a torque drives it."""
+    """A source that moves on a straight line, or as a torque drives it."""
 
     paced = True
     speed: Annotated[float, "m/s"] = 0.01
@@ -29,7 +29,7 @@ class RequiredHand(Node):
 
 
 class Finger(Node):
-    """Where the fingertip is."""
+    """The position of the fingertip."""
 
     radius: Annotated[float, "m", msgspec.Meta(gt=0)] = 6e-3
     h0: Annotated[float, "m"] = 3e-3
@@ -63,7 +63,7 @@ class Press(Node):
 
 
 class StrictPress(Node):
-    """A contact that cannot do without the body."""
+    """A contact that requires the body."""
 
     def step(self, proximity: Proximity, body: Surface) -> Contact:
         raise NotImplementedError
@@ -86,7 +86,7 @@ class Spread(Node):
 
 
 class StrictSpread(Node):
-    """Spreads a force that must have friction."""
+    """Spreads a force, and requires friction."""
 
     def step(self, contact: Contact, friction: Friction) -> Load:
         return Load([], [], (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -103,7 +103,7 @@ class Spring(Node):
 
 
 class Foam(Node):
-    """Another body, with a setting of its own."""
+    """Another body, with a different setting."""
 
     stiffness: Annotated[float, "N/m"] = 500.0
     cells: Annotated[int, "1"] = 10
@@ -113,7 +113,7 @@ class Foam(Node):
 
 
 class Both(Node):
-    """A node of two outputs."""
+    """A node with two outputs."""
 
     def step(self, pose: Pose) -> tuple[Force, Torque]:
         zero = (0.0, 0.0, 0.0)
@@ -121,7 +121,7 @@ class Both(Node):
 
 
 class Control(Node):
-    """What the hand feels."""
+    """The force on the hand."""
 
     gain: Annotated[float | None, "1"] = None
 
@@ -164,7 +164,7 @@ class Needy(Node):
 
 
 class Ring(Node):
-    """Driven by what it sends."""
+    """A node driven by the type that it sends."""
 
     def step(self, pose: Pose) -> Pose:
         return pose
@@ -194,7 +194,7 @@ class BadWants(Node):
 
 
 class Moody(Node):
-    """Its constructor looks at two settings together, and may fail."""
+    """Its constructor checks two settings together, and may fail."""
 
     low: Annotated[float, "m"] = 0.0
     high: Annotated[float, "m"] = 1.0

@@ -30,15 +30,15 @@ def write_graph(folder: Path, text: str = GRAPH) -> Path:
 
 
 def write_place(folder: Path, groups: list[list[str]]) -> Path:
-    """A placement with these groups; the logger runs apart."""
+    """A placement with these groups; the logger has a separate process."""
     path = folder / "place.yaml"
     path.write_text("\n".join(f"g{i}: {{nodes: [{', '.join(g)}]}}" for i, g in enumerate(groups)))
     return path
 
 
 def until_it_has(limit: float = 120.0, **counts: tuple[str, int]) -> Callable[[Launcher], None]:
-    """A `watch` that ends a run in order when each of these nodes has counted so far, and after `limit` [s] of a
-    machine that runs anyway: a test says what it misses then."""
+    """A `watch` that ends a run gracefully when these counters of the nodes have reached their values, at the latest
+    after `limit` [s] of running time; the test then reports what is missing."""
     left, looked = limit, time.monotonic()
 
     def watch(running: Launcher) -> None:
@@ -53,7 +53,7 @@ def until_it_has(limit: float = 120.0, **counts: tuple[str, int]) -> Callable[[L
 
 
 def until_it_is_back(node: str, steps: int = 60) -> Callable[[Launcher], None]:
-    """A `watch` that interrupts a run when a node that has died and was started again has made so many steps."""
+    """A `watch` that interrupts a run when a node that died and was restarted has made this number of steps."""
     printed = [0]
     began_anew: list[bool] = []
     asked: list[int] = []

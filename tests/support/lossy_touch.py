@@ -35,9 +35,9 @@ SLIDE = (
 
 @dataclass
 class Felt:
-    """What the hand felt: most contact force [N], most change of its force in a tick [N], least energy taken up [J],
-    time with less than half of the contact's force [s]; and at the last tick the energy taken up so far [J], the force
-    of the contact and that on the hand [N], the speed and its part towards the tissue [m/s]."""
+    """The touch on the hand: largest contact force [N], largest change of the force in a tick [N], smallest absorbed
+    energy [J], time with less than half of the contact's force [s]; and at the last tick the absorbed energy [J], the
+    contact force and the force on the hand [N], the speed and its component towards the tissue [m/s]."""
 
     contact: float = 0.0
     change: float = 0.0
@@ -82,7 +82,7 @@ def feel(run: Chain, lost: Lost, each: Callable[[int, Felt], None] = lambda tick
 
 
 def undisturbed(run: Chain, places: list[tuple[float, float, float]]) -> float:
-    """Most contact force [N] of the same motion with nothing lost."""
+    """Largest contact force [N] of the same motion without losses."""
     nodes = {slot.name: FakeBus(type(slot.node)(**slot.job.settings)) for slot in run.slots}
     surface, most, before = None, 0.0, places[0]
     for place in places:

@@ -1,4 +1,4 @@
-"""Nodes that tell what their process holds."""
+"""Nodes that report the memory of their process."""
 
 import gc
 import sys
@@ -9,8 +9,8 @@ from palpate.messages import Force, Pose
 
 
 class Blocks(Spring):
-    """A spring whose energy is the number of blocks of memory that Python has allocated, and whose force along z says
-    how often the collector has run."""
+    """A spring whose energy is the number of memory blocks that Python has allocated, and whose force along z is the
+    number of garbage collections."""
 
     def step(self, pose: Pose) -> Force:
         pull = super().step(pose).force[0]
@@ -30,7 +30,7 @@ class Keeps(Blocks):
 
 
 class Cycles(Blocks):
-    """Makes an object at each step that only the collector could free."""
+    """Creates an object at each step that only the garbage collector can free."""
 
     def step(self, pose: Pose) -> Force:
         cycle: list[object] = []

@@ -1,11 +1,11 @@
-"""Nodes of random graphs: their answers depend on every bit of their inputs, their state and dt."""
+"""Nodes of random graphs: their outputs depend on every bit of their inputs, their state and dt."""
 
 from palpate.messages import Force, Torque
 from palpate.nodes.base import Node
 
 
 def mix(state: list[float], *inputs: Torque | Force | None) -> tuple[float, float, float]:
-    """A bounded, chaotic mixture of state and inputs; changes the state."""
+    """A bounded, chaotic function of state and inputs; updates the state."""
     for i, given in enumerate(inputs):
         for k in range(3):
             printed = -1.0 if given is None else given.torques[k] if isinstance(given, Torque) else given.force[k]
@@ -15,7 +15,7 @@ def mix(state: list[float], *inputs: Torque | Force | None) -> tuple[float, floa
 
 
 class Clock(Node):
-    """Keeps the time."""
+    """The paced node."""
 
     paced = True
     sink = True
@@ -28,7 +28,7 @@ class Clock(Node):
 
 
 class One(Node):
-    """One output; the second and third input may be left open."""
+    """One output; the second and third input are optional."""
 
     def start(self) -> None:
         self.state = [0.0, 0.5, -0.5]
@@ -38,7 +38,7 @@ class One(Node):
 
 
 class Two(One):
-    """Two outputs, the second one now and then unchanged."""
+    """Two outputs; the second one is unchanged at some ticks."""
 
     def start(self) -> None:
         super().start()

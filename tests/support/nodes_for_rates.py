@@ -1,4 +1,4 @@
-"""An effect whose output is known: a swinging force."""
+"""An effect with a known output: an oscillating force."""
 
 import math
 import time
@@ -18,7 +18,7 @@ class Still(Node):
 
 
 class Swing(Node):
-    """A force that swings with the time of the pose."""
+    """A force that oscillates with the time of the pose."""
 
     effect = "display"
     frequency: Annotated[float, "Hz"] = 2.0
@@ -30,7 +30,7 @@ class Swing(Node):
 
 
 class Waits(Node):
-    """A force of 1 N that takes time, but no processor."""
+    """A force of 1 N that takes time without computing."""
 
     effect = "display"
 

@@ -1,4 +1,4 @@
-"""Nodes for the tests of recordings that run in processes of their own."""
+"""Nodes for the tests of recordings, run in separate processes."""
 
 import os
 import time
@@ -13,7 +13,7 @@ from palpate.nodes.logger import Mcap
 
 
 def doze(seconds: float) -> None:
-    """Sleep, in naps: a machine that stands still meanwhile takes one of them."""
+    """Sleep in short parts, so that a stall of the machine replaces only one of them."""
     for _ in range(round(seconds / 0.01)):
         time.sleep(0.01)
 
@@ -30,7 +30,7 @@ class Dying(Mcap):
 
 
 class SlowDrag(Drag):
-    """Takes far longer than a period now and then, so that others must hold its last answer; counts its steps."""
+    """Takes far longer than a period at some steps, so that others must hold its last output; counts its steps."""
 
     def start(self) -> None:
         self.steps = 0
@@ -44,7 +44,7 @@ class SlowDrag(Drag):
 
 
 class Wanderer(Source):
-    """A source that is late now and then."""
+    """A source that is late at some ticks."""
 
     def step(self, torque: Torque | None, *, dt: float) -> Pose:
         pose = super().step(torque, dt=dt)
@@ -54,7 +54,7 @@ class Wanderer(Source):
 
 
 class Behind(Source):
-    """A source whose messages come several periods after their tick."""
+    """A source whose messages arrive several periods after their tick."""
 
     def step(self, torque: Torque | None, *, dt: float) -> Pose:
         time.sleep(0.006)
@@ -62,11 +62,11 @@ class Behind(Source):
 
 
 class Counting(SlowDrag):
-    """Kills its process at a chosen step, once: in a process that was started again it lives."""
+    """Kills its process once at a chosen step; the restarted process continues."""
 
     at: Annotated[int, "1"] = 0
     note: Annotated[str, "1"] = ""
-    """A file by which it knows that it was killed."""
+    """A file that marks that it was killed."""
 
     def step(self, pose: Pose, force: Force, *, dt: float) -> Friction:
         if self.steps + 1 == self.at and not Path(self.note).exists():
@@ -102,7 +102,7 @@ class Dozing(Drag):
 
 
 class DozingTissue(MassSpring):
-    """Falls silent once, at a chosen step, and with it all that run in its process."""
+    """Stops once at a chosen step, together with all nodes of its process."""
 
     at: Annotated[int, "1"] = 500
     seconds: Annotated[float, "s"] = 0.15

@@ -1,4 +1,4 @@
-"""Small nodes that the tests of the launcher run in processes of their own."""
+"""Small nodes that the tests of the launcher run in separate processes."""
 
 import os
 import signal
@@ -15,7 +15,7 @@ from palpate.nodes.base import Node, Observer
 
 
 class Source(Node):
-    """A point that swings, pushed by a torque that comes back round the loop."""
+    """An oscillating point, pushed by the torque of the loop."""
 
     paced = True
     sink = True
@@ -25,7 +25,7 @@ class Source(Node):
         self.x, self.v = 1.0, 0.0
 
     def step(self, torque: Torque | None, *, dt: float) -> Pose:
-        h = min(dt, 0.1)  # [s] where the machine stood still for long the swing would grow without end
+        h = min(dt, 0.1)  # [s] after a long stall the oscillation would diverge
         self.v += h * (-40.0 * self.x + (self.gain * torque.torques[0] if torque else 0.0))
         self.x += h * self.v
         return Pose(position=(self.x, 0.0, float(torque is None)), velocity=(self.v, 0.0, 0.0), dt=dt)
@@ -75,7 +75,7 @@ class Spread(Node):
 
 
 class Swell(Spread):
-    """Some of its messages are larger than an inbox takes."""
+    """Some of its messages are larger than the receive buffer."""
 
     def start(self) -> None:
         self.steps = 0
@@ -87,28 +87,28 @@ class Swell(Spread):
 
 
 class Sum(Node):
-    """Back to a torque."""
+    """Converts a load to a torque."""
 
     def step(self, load: Load, friction: Friction | None) -> Torque:
         return Torque(torques=(float(load.forces[:, 0].sum()) / 1225.0, float(friction is None), 0.0))
 
 
 class Hold(Node):
-    """A force that it holds, told again at each pose."""
+    """Sends the force that it holds again at each pose."""
 
     def step(self, pose: Pose, force: Force) -> Force:
         return Force(force=force.force, state=force.state, energy=0.0)
 
 
 class Turn(Node):
-    """A torque of 1 N m as long as there is a force."""
+    """A torque of 1 N m while it receives a force."""
 
     def step(self, force: Force) -> Torque:
         return Torque(torques=(1.0, 0.0, 0.0))
 
 
 class Faulty(Spring):
-    """Fails in a chosen way at a chosen step, and writes the tick of it to a file, if one is named."""
+    """Fails in a chosen way at a chosen step, and writes its tick to a file if one is given."""
 
     how: Annotated[str, "1"] = "raise"
     at: Annotated[int, "1"] = 20
@@ -170,14 +170,14 @@ class Faulty(Spring):
 
 
 class Follow(Node):
-    """A force that follows another one, or none where there is no other."""
+    """A force that follows another one, or zero without it."""
 
     def step(self, force: Force | None) -> Force:
         return Force(force=force.force if force else (0.0, 0.0, 0.0), state="free", energy=0.0)
 
 
 class Work(Node):
-    """Computes for so much processor time in one step."""
+    """Uses this processor time in one step."""
 
     seconds: Annotated[float, "s"] = 1.0
     at: Annotated[int, "1"] = 20
@@ -210,7 +210,7 @@ class Collect(Observer):
 
 
 class AtTheDisk(Observer):
-    """After so many messages it waits for a disk."""
+    """Waits for a disk after a number of messages."""
 
     pipe: Annotated[str, "1"] = ""
     after: Annotated[int, "1"] = 500
@@ -225,7 +225,7 @@ class AtTheDisk(Observer):
 
 
 class Slow(Observer):
-    """Takes its time for each message."""
+    """Pauses at each message."""
 
     pause: Annotated[float, "s"] = 0.0
 
@@ -239,8 +239,8 @@ def replayed() -> bool:
 
 
 def wait_at_the_disk(pipe: str) -> None:
-    """For two seconds a thread waits in the system, as for a disk, where no signal reaches it, and this one waits for
-    the thread: a child that shares its memory until it runs a program cannot open what it is to read."""
+    """Wait for a thread that waits in the kernel for 2 s, as for a disk, where no signal reaches it: a vforked child
+    cannot open its standard input."""
     os.mkfifo(pipe)
     subprocess.Popen(["sh", "-c", f"sleep 2; : > {pipe}"])
     opens = [(os.POSIX_SPAWN_OPEN, 0, pipe, os.O_RDONLY, 0)]

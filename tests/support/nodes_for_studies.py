@@ -1,4 +1,4 @@
-"""Small nodes whose answer is a formula of their settings, and one that misbehaves, for the tests of studies."""
+"""Small nodes for the tests of studies, whose output is a formula of their settings, and one that fails."""
 
 import math
 import os
@@ -59,7 +59,7 @@ class Ball(Node):
 
 
 class Limited(Ball):
-    """One whose settings have a range."""
+    """A ball whose settings have a range."""
 
     young: Annotated[float, "Pa", msgspec.Meta(gt=0.0)] = 1e4
     radius: Annotated[float, "m", msgspec.Meta(gt=0.0)] = 8e-3

@@ -1,4 +1,4 @@
-"""A body that gives back more than it was given, for the ledger to catch."""
+"""A body that generates energy, for tests of the ledger."""
 
 from typing import Annotated
 
@@ -11,7 +11,7 @@ _press = MassSpring.compute
 
 
 class Giving(MassSpring):
-    """Its law is stiffer on the way out than on the way in, by `gain`; what it says to hold is that of the way in."""
+    """Its law is stiffer by `gain` during unloading; the stored energy that it reports is that of loading."""
 
     gain: Annotated[float, "1"] = 0.3
 

@@ -1,4 +1,4 @@
-"""A node of a user's that goes wrong in a chosen way, for the tests of whole runs."""
+"""A custom node that fails in a chosen way, for the tests of whole runs."""
 
 import contextlib
 import ctypes
@@ -15,7 +15,7 @@ from palpate.nodes.base import Node
 
 
 class Sheet(Message):
-    """A message of the user's own, with an array.
+    """A custom message with an array.
 
     cells [N] (m, n)  forces
     count [1] ()      a whole number
@@ -26,7 +26,7 @@ class Sheet(Message):
 
 
 class Source(Node):
-    """A point that moves steadily; keeps the time."""
+    """A point that moves steadily; the paced node."""
 
     paced = True
 
@@ -48,21 +48,21 @@ class End(Node):
 
 
 class ToSheet(Node):
-    """Puts a pose into the user's own message."""
+    """Converts a pose to the custom message."""
 
     def step(self, pose: Pose) -> Sheet:
         return Sheet(cells=np.full((3, 4), pose.position[0], dtype=np.float32), count=np.int64(7))
 
 
 class FromSheet(Node):
-    """Takes it out again."""
+    """Converts the custom message to a force."""
 
     def step(self, sheet: Sheet) -> Force:
         return Force(force=sheet.cells[1, :3], state="free", energy=np.float64(sheet.count))
 
 
 class Bad(Node):
-    """Goes wrong in the way `how`, in the named call; in `step` at the tick 50."""
+    """Fails as described by `how`, in the named call; in `step` at tick 50."""
 
     how: Annotated[str, "1"] = ""
 
@@ -134,9 +134,9 @@ def _do(what: str) -> None:
                 pass
         case "long":
             until = time.monotonic() + 0.1
-            while time.monotonic() < until:  # the watchdog looks once
+            while time.monotonic() < until:  # the watchdog checks once
                 pass
-            sum(range(60_000_000))  # one call, in which no signal is heard
+            sum(range(60_000_000))  # one call, in which no signal is handled
         case "fork":
             if os.fork() == 0:
                 time.sleep(1000)

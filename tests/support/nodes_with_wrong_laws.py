@@ -7,7 +7,7 @@ from palpate.nodes.base import Node
 
 
 class Bouncy(Node):
-    """Of negative stiffness from its 20th step on."""
+    """Sends a negative stiffness from its 20th step on."""
 
     def start(self) -> None:
         self.steps = 0

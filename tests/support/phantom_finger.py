@@ -1,7 +1,7 @@
 """A phantom: magnetic resonance images of a fingertip of known shape, with noise and partial volume, as real files.
 
-Brightness of a voxel is the mean over what it holds; noise is Rician, as in magnitude images. The nail is dark, as in
-the body. Slices run from the tip to the hand, the nail is up.
+The brightness of a voxel is the mean over its volume; noise is Rician, as in magnitude images. The nail is dark, as in
+the body. Slices run from the tip to the hand, with the nail up.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from palpate.models.scan.stack import Stack
 from palpate.physics.fingertip.anatomy import Anatomy
 
 BRIGHTNESS = {"air": 0.0, "skin": 0.45, "tissue": 0.9, "bone": 0.12}
-MIDDLE = np.array([0.0, 12e-3, 0.0])  # [m] About which a finger is turned
+MIDDLE = np.array([0.0, 12e-3, 0.0])  # [m] centre of rotation of the finger
 FULL = 4000  # Largest stored value of a pixel
 
 
@@ -32,13 +32,13 @@ def scan(
 ) -> Stack:
     """Images of a fingertip.
 
-    spacing  [m] between slices, rows, columns; slices are as thick as they are apart
+    spacing  [m] between slices, rows, columns; slices are as thick as their spacing
     pixels   rows and columns; the image is centred on the finger's middle
     noise    [1] standard deviation in each channel, the brightest tissue being 0.9
     shading  [1] fall of the brightness from left to right
     start    [m] middle of the first slice, from the tip
-    roll, tilt, lean  [rad] turns of the finger about its axis, about the way across it, and about the way to the nail,
-                      in this order, through its middle
+    roll, tilt, lean  [rad] rotations of the finger about its axis, the transverse axis, and the direction to the nail,
+                      in this order, around its centre
     """
     parts = (4, 2, 2)
     centre = np.array([0.0, (anatomy.dorsal - anatomy.palmar - anatomy.bulge) / 2])
@@ -73,7 +73,7 @@ def stored(stack: Stack) -> np.ndarray:
 
 
 def write_dicom(stack: Stack, folder: str | Path, axes=None) -> Path:
-    """An MR series, one file a slice, named against their order.
+    """An MR series, one file per slice, with names in reverse order.
 
     axes  [1] (3,3)  directions of columns, rows and slices in the patient's frame, as rows; None: x, y, z
     """

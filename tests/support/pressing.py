@@ -1,4 +1,4 @@
-"""Loads and bodies for tests of physics: kernels with the memory that they work in."""
+"""Loads and bodies for tests of physics: kernels with their working memory."""
 
 import numpy as np
 
@@ -39,8 +39,8 @@ class NodalBody:
 
 
 class CondensedBody:
-    """A condensed organ under one contact, or several (`under`). Of each a step gives the compliance of the next one,
-    its free indentation, and the indentation now."""
+    """A condensed organ under one contact, or several (`under`). A step returns for each contact the compliance and the
+    free indentation of the next step, and the present indentation."""
 
     def __init__(self, basis, mesh, *law, **more):
         self.own, self.mesh = condensed_body.condensed_body(basis, mesh, *law, **more), mesh
@@ -81,7 +81,7 @@ class CondensedBody:
 
     @property
     def held(self):
-        """Loads that the displacement under the first contact follows."""
+        """Loads that determine the displacement under the first contact."""
         return self.own.fields[0, 0]
 
     @property
@@ -102,8 +102,8 @@ class CondensedBody:
 
 
 class SampledBody:
-    """A sampled body under one contact, or several where it is stepped under them. A step gives K, n, the free
-    indentation of the next one, and the indentation now."""
+    """A sampled body under one contact, or several (`step_all`). A step returns K, n and the free indentation of the
+    next step, and the present indentation."""
 
     def __init__(self, basis, mesh, *law):
         self.basis, self._given = basis, (basis, mesh, *law)

@@ -1,4 +1,4 @@
-"""Faults drawn at random, put into a run of `palpate run` as a user starts it, and what must hold after each of them.
+"""Random faults in runs of `palpate run`, and the conditions that each run must fulfil.
 
 python tests/support/random_faults.py SEED [COUNT]      draws and runs them again, one line each
 """
@@ -36,30 +36,30 @@ from palpate.records.stored import RecordingError  # noqa: E402
 
 SIGNALS = ("SIGKILL", "SIGTERM", "SIGSEGV", "SIGSTOP", "SIGINT", "SIGABRT", "SIGHUP")
 LONGEST = 150.0
-"""[s] after which a run that has not ended hangs: more than a node has for its start."""
+"""[s] after which a run counts as hung; longer than the timeout of a node's start."""
 RUN = 2.0
-"""[s] of the graph's clock: all faults come before its end on the real clock, and those of a step on either."""
+"""[s] of the graph's clock: all faults on the real clock, and faults of steps on both, occur before its end."""
 LIMITED, FUSED, APART = 9.0, 40.0, 20.0
-"""[s] on the simulated clock, where not the step says when but a limit, or the time on the wall, which goes at most 27
-times as fast in one process and 13 times in several: nobody is at the end before."""
+"""[s] on the simulated clock for faults at a wall time or a limit. Simulated time runs at most 27 times as fast as real
+time in one process, and 13 times in several, so no run ends before its fault."""
 
 
 NOT_FUSED = ("stops itself", "exits", "forks", "starts a program")
-"""What a node does to its whole process: a stopped run waits, an exit ends it, and its children are the user's."""
+"""Faults of a node that concern its whole process: a stopped run waits, an exit ends it, and children belong to the
+user."""
 HARMLESS = ("sends a frame twice", "steps the clock")
 NO_HANG = (*HARMLESS, "garbles a frame")
-"""Faults for which a process that is not scheduled for a second must not count as one that hangs: the run continues, or
-ends with another error."""
+"""Faults during which a process that is not scheduled for 1 s must not count as hung: the run continues, or ends with
+another error."""
 
 
 class Fault(NamedTuple):
-    """What goes wrong, where and when.
+    """A fault, its place and time.
 
-    kind    "node": a node does `what`; "wire": the way of its messages does; "signal": a process gets `what`; "limit":
-            the system refuses `what`; "terminal": the terminal is closed; "busy": others want the processors
-    whom    of a signal: "launcher", "fork server", or "one", a process below the launcher by the number `moment`
-    moment  [s] after the first sign of the run, or [1] steps of the node
-    """
+    kind    "node": a node does `what`; "wire": the connection of its messages does; "signal": a process gets `what`;
+    "limit": the system refuses `what`; "terminal": the terminal closes; "busy": other programs use the processors whom
+    target of a signal: "launcher", "fork server", or "one", a process below the launcher with index `moment` moment
+    [s] after the first sign of the run, or [1] steps of the node """
 
     kind: str
     what: str
@@ -77,7 +77,7 @@ def draw(seed: int) -> Fault:
     placement, graph = rng.choice(("each", "groups", "fused")), rng.choice(("loop", "loop", "loop", "kidney"))
     kind = rng.choices(("node", "signal", "limit", "terminal", "wire", "busy"), (10, 9, 3, 1, 4, 1))[0]
     if kind == "wire":
-        placement = "each" if placement == "fused" else placement  # there are no wires in a fused run
+        placement = "each" if placement == "fused" else placement  # a fused run has no connections
         return Fault(kind, rng.choice(sorted(WIRES)), "spring", clock, placement, "loop", rng.randint(20, 200))
     if kind == "node":
         how = rng.choice(sorted(BREAKS | BEARABLE))
@@ -100,7 +100,7 @@ def draw(seed: int) -> Fault:
 
 def _length(fault: Fault) -> float:
     """[s] of the graph's clock."""
-    nobody = fault.placement == "fused" and fault.whom not in ("", "launcher")  # there are no processes below it
+    nobody = fault.placement == "fused" and fault.whom not in ("", "launcher")  # a fused run has no child processes
     if fault.clock == "real" or nobody or fault.kind not in ("limit", "signal", "terminal"):
         return RUN
     if fault.kind == "limit":
@@ -109,7 +109,7 @@ def _length(fault: Fault) -> float:
 
 
 def run(fault: Fault, folder: Path) -> list[str]:
-    """Run it; what did not hold, nothing where all did."""
+    """Run a fault; returns the violated conditions."""
     patience = "5" if fault.kind == "busy" or fault.what in NO_HANG else "1"
     mark, own = uuid.uuid4().hex, folder / "own"
     own.mkdir()
@@ -148,7 +148,7 @@ def run(fault: Fault, folder: Path) -> list[str]:
 
 @contextlib.contextmanager
 def _company(count: int) -> Iterator[None]:
-    """So many others that want all of a processor."""
+    """Run this number of programs that each use a whole processor."""
     loop = [sys.executable, "-c", "while True: pass"]
     others = [subprocess.Popen(loop, preexec_fn=die_with_parent) for _ in range(count)]
     try:
@@ -160,7 +160,7 @@ def _company(count: int) -> Iterator[None]:
 
 
 def _small_disk(fault: Fault, place: Path, kept: Path) -> list[str]:
-    """A file system of 60 to 460 kB at `place` for the command that follows; the recording is kept beyond its end."""
+    """A command prefix that mounts a file system of 60 to 460 kB at `place`, and copies the recording at the end."""
     script = 'mount -t tmpfs -o size=$1k tmpfs "$2" || exit 99; disk=$2 kept=$3; shift 3; "$@"; code=$?'
     script += '; cp "$disk/run.mcap" "$kept"; exit $code'
     return ["unshare", "-rm", "sh", "-c", script, "sh", str(60 + int(400 * fault.moment)), str(place), str(kept)]
@@ -168,7 +168,7 @@ def _small_disk(fault: Fault, place: Path, kept: Path) -> list[str]:
 
 @cache
 def has_small_disks() -> bool:
-    """Whether this system lets a user have a file system of his own."""
+    """Whether this system permits users to mount a file system."""
     if shutil.which("unshare") is None:
         return False
     with tempfile.TemporaryDirectory() as place:
@@ -177,14 +177,14 @@ def has_small_disks() -> bool:
 
 
 def _drain(master: int) -> None:
-    """Read what a terminal would show; one that is full stops whoever writes to it."""
+    """Read the output of a terminal, because a full one blocks its writers."""
     with contextlib.suppress(OSError):
         while os.read(master, 65536):
             pass
 
 
 def _graph(fault: Fault, folder: Path) -> list[str]:
-    """The graph and where its nodes run, as `palpate run` takes them."""
+    """Arguments of `palpate run` for the graph and its placement."""
     if fault.graph == "kidney":
         graph, groups = ["kidney", "--set", "scene.surface.vertices=1000"], [["device", "finger", "collision"]]
     else:
@@ -197,7 +197,7 @@ def _graph(fault: Fault, folder: Path) -> list[str]:
 
 
 def _limits(fault: Fault):  # type: ignore[no-untyped-def]
-    """What the system refuses to the run."""
+    """The limits that the system sets for the run."""
     if fault.kind != "limit" or fault.what == "disk":
         return None
     if fault.what == "descriptors":
@@ -207,7 +207,7 @@ def _limits(fault: Fault):  # type: ignore[no-untyped-def]
 
 
 def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: int | None) -> bool:
-    """Wait for the moment, and do it; whether it reached anything."""
+    """Wait for the moment and cause the fault; returns whether it reached a process."""
     if fault.kind in ("node", "limit", "wire", "busy"):
         return True
     until = time.monotonic() + 60.0
@@ -223,7 +223,7 @@ def _strike(fault: Fault, child: subprocess.Popen[bytes], file: Path, master: in
     if fault.whom == "fork server":
         pid = under[0] if under else 0
     elif fault.whom == "one":
-        under = under[1:] or under  # who stops the fork server has the run wait
+        under = under[1:] or under  # stopping the fork server would block the run
         pid = under[int(1000 * fault.moment) % len(under)] if under else 0
     if not pid or child.poll() is not None:
         return False
@@ -259,7 +259,7 @@ def _sweep(folder: Path, mark: str) -> None:
 
 def _judge(fault: Fault, code: int, hit: bool, reported: str, file: Path, mark: str, own: Path) -> list[str]:
     wrong = []
-    until = time.monotonic() + 60.0  # who was killed may wait for a processor that others hold
+    until = time.monotonic() + 60.0  # a killed process may wait for a processor
     while (left := started_in(own.parent, mark)) and time.monotonic() < until:
         time.sleep(0.05)
     if left:
@@ -267,23 +267,23 @@ def _judge(fault: Fault, code: int, hit: bool, reported: str, file: Path, mark: 
         _sweep(own.parent, mark)
     lost = fault.kind == "wire" and WIRES[fault.what] and fault.clock == "simulated"
     breaks = hit and (fault.kind == "signal" or (fault.kind == "node" and fault.what in BREAKS) or lost)
-    finished = "ticks in" in reported  # a signal that came as the run was over
+    finished = "ticks in" in reported  # the signal arrived at the end of the run
     if breaks and code == 0 and not finished:
         wrong.append("the exit code is 0")
     if code and (fault.kind == "busy" or fault.what in HARMLESS):
-        wrong.append("it ended by what does no harm")
-    if "Traceback" in reported and "unlucky.py" not in reported:  # that of a node's own code is what its author needs
+        wrong.append("it ended by a harmless fault")
+    if "Traceback" in reported and "unlucky.py" not in reported:  # a traceback of a node's code is intended
         wrong.append("a traceback")
-    mute = fault.placement == "fused" and fault.what in ("kills itself", "crashes")  # with who could have told
+    mute = fault.placement == "fused" and fault.what in ("kills itself", "crashes")  # the reporting process was killed
     if (lost or (fault.kind == "node" and fault.what in BREAKS)) and "spring" not in reported and not mute:
-        wrong.append("the culprit is not named")
+        wrong.append("the failed node is not named")
     if code > 0 and not reported.strip() and fault.kind != "terminal":
-        wrong.append(f"nothing was said of code {code}")
+        wrong.append(f"exit code {code} without a message")
     if len(reported) > 20_000 and fault.what != "prints without end":
-        wrong.append(f"{len(reported)} characters were said")
+        wrong.append(f"{len(reported)} characters were printed")
     if file.exists() and file.stat().st_size:
         wrong += _recorded(fault, file)
-    hard = fault.kind == "signal" and fault.whom != "one"  # who is killed cannot clean up: told, not asked
+    hard = fault.kind == "signal" and fault.whom != "one"  # a killed process cannot clean up
     if not hard and (more := sorted(path.name for path in own.rglob("*") if not path.is_dir())):
         wrong.append(f"left over: {', '.join(more[:3])}")
     if not wrong:
@@ -293,7 +293,7 @@ def _judge(fault: Fault, code: int, hit: bool, reported: str, file: Path, mark: 
 
 
 def _recorded(fault: Fault, file: Path) -> list[str]:
-    """What is wrong with what was recorded before."""
+    """Faults of the recording up to the failure."""
     torque = "statics" if fault.graph == "kidney" else "sum"
     try:
         recording = Recording(file)

@@ -1,8 +1,8 @@
-"""Runs a graph in each way that one process has, after numpy was used and a function of the user's was compiled.
+"""Runs a graph in every way in one process, after numpy was used and a custom function was compiled.
 
     python same_bytes.py GRAPH NODES FOLDER
 
-Prints a digest of each stream, by the way it was run. NODES is what nodes are, as JSON, a list of variants.
+Prints a digest of each stream for each way of running. NODES is a JSON list of variants: overrides of nodes.
 """
 
 import hashlib
@@ -17,7 +17,7 @@ import scipy.linalg
 
 @numba.njit
 def total(x):
-    """A user's function, which numba compiles for what it finds."""
+    """A custom function, which numba compiles for this processor."""
     return np.sum(np.exp(x)) + np.dot(x, x)
 
 
@@ -26,7 +26,7 @@ if __name__ == "__main__":  # before palpate is imported; a test that imports th
 
 
 def digests(file):
-    """Of the bytes of each stream of a recording."""
+    """Digests of the bytes of each stream of a recording."""
     from mcap.reader import make_reader
 
     streams = {}

@@ -1,4 +1,4 @@
-"""The slab that the tests of sampled bodies press: its full model, touches of it, and its basis, each made once."""
+"""The slab of the tests of sampled bodies: its full model, touches of it, and its basis, each computed once."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ from palpate.nodes.base.surface import surface_mesh
 YOUNG = 2e4
 TOUCHES, MODES = 12, 16
 HELD = {12: 3, 28: 6, 42: 6}
-"""How many of so many touches no basis is made of."""
+"""Number of held-out touches by total number."""
 RADIUS = 12e-3
 UP = (0.0, 0.0, 1.0)
 
@@ -38,7 +38,7 @@ def _pressed(count):
 
 
 def pressed(count=TOUCHES):
-    """Full solutions of so many touches."""
+    """Full solutions of this number of touches."""
     return _pressed(count)
 
 
@@ -54,7 +54,7 @@ def _basis(count, of):
 
 
 def basis(count=MODES, of=TOUCHES):
-    """Of so many modes, and points, of so many touches."""
+    """The basis with this number of modes and points, from this number of touches."""
     return _basis(count, of)
 
 

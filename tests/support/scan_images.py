@@ -1,4 +1,4 @@
-"""Images of a finger whose file does not say how the finger lay."""
+"""Images of a finger in a file without its orientation."""
 
 from functools import cache
 from pathlib import Path
@@ -9,7 +9,7 @@ import phantom_finger as phantom
 
 @cache
 def coarse():
-    """As few images of as few pixels as tell each side of a finger from every other: for tests that only read."""
+    """The fewest images and pixels that distinguish all sides of a finger, for tests that only read."""
     return phantom.scan(slices=9, pixels=37, spacing=(3e-3, 0.7e-3, 0.7e-3))
 
 

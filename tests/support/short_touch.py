@@ -1,4 +1,4 @@
-"""A third of a second of the kidney graph in one process, which comes down to the surface at once."""
+"""0.35 s of the kidney graph in one process, with the hand close to the surface at the start."""
 
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ QUICK = ("scene.surface.vertices=600", "scene.hand.begin=[0, 0, 0.107]")
 
 
 def short_touch(folder: Path, name: str, *sets: str, **more: Any) -> Recording:
-    """Its recording, `name`.mcap in the folder, with these overrides."""
+    """The recording of the touch with these overrides, `name`.mcap in the folder."""
     file = folder / f"{name}.mcap"
     outcome = execute(find("kidney").but(record=file, place="fused", duration=0.35, overrides=(*QUICK, *sets), **more))
     assert outcome.result.ok

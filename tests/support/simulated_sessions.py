@@ -1,4 +1,4 @@
-"""Sessions of simulated observers that answer by the level: as in a real one, but no stimulus is computed."""
+"""Sessions of simulated observers that answer by the level, as in a real session, but without computing the stimuli."""
 
 from palpate.studies.psychophysics.analysis import Outcome, outcome
 from palpate.studies.psychophysics.file import load
@@ -38,11 +38,11 @@ DESIGNS = {
     "constant": (CONSTANT, ObserverSettings(threshold=3100.0, spread=400.0, lapse=0.02), "pse"),
     "quest+": (QUEST, ObserverSettings(threshold=1100.0, spread=300.0, lapse=0.02, guess=0.1), "jnd"),
 }
-"""An experiment, an observer, and the number that shall come out as the observer's threshold."""
+"""An experiment, an observer, and the expected threshold of the observer."""
 
 
 class Sessions:
-    """The sessions of one design, each with observers and trials of its own."""
+    """The sessions of one design, each with separate observers and trials."""
 
     def __init__(self, design: str, write) -> None:
         text, self.settings, self.name = DESIGNS[design]
@@ -65,6 +65,6 @@ class Sessions:
                 return outcome(self.experiment, "task", "sub-01", "main", rows, {"LongName": "level", "Units": "1"})
 
     def covered(self, sessions: int) -> int:
-        """In how many of so many sessions the interval has the observer's threshold."""
+        """Number of sessions, of this number, whose interval contains the observer's threshold."""
         found = [self.outcome(number).numbers[self.name] for number in range(1, sessions + 1)]
         return sum(one.low <= self.settings.threshold <= one.high for one in found)

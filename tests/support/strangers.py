@@ -1,4 +1,4 @@
-"""Which sockets a process and all below it listen on, and what they answer a stranger."""
+"""The listening sockets of a process and its children, and their answers to another user."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from random_faults import below
 
-NOBODY = 65534  # uid and gid of no person
+NOBODY = 65534  # uid and gid of the user `nobody`
 PROBE = b"GET /info/main/workers.html HTTP/1.0\r\n\r\n"
 
 
@@ -56,8 +56,8 @@ def _rows(name: str) -> list[list[str]]:
 
 
 def answer(to: Listening, request: bytes = PROBE) -> bytes:
-    """What a socket says to a process of another user that connects, and then asks; "in" where one with a name lets it
-    in. Without root's rights, to a process of this user that has no key."""
+    """The answer of a socket to a request of another user's process; "in" if a named socket accepts it. Without root
+    rights: to a process of this user without the key."""
     ours, theirs = os.pipe()
     child = os.fork()
     if child == 0:

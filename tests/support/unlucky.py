@@ -1,4 +1,4 @@
-"""A node that goes wrong in one of many ways at one of its steps, and a wire that does, for faults drawn at random."""
+"""A node that fails in one of many ways at a step, and a connection that does, for random faults."""
 
 import ctypes
 import os
@@ -49,7 +49,7 @@ def _exhaust() -> None:
 
 
 def _step_clock() -> None:
-    """The wall clock of this process goes back by an hour."""
+    """Set the wall clock of this process back by 1 h."""
     wall, wall_ns = time.time, time.time_ns
     time.time = lambda: wall() - 3600.0
     time.time_ns = lambda: wall_ns() - 3_600_000_000_000
@@ -82,7 +82,7 @@ BREAKS = {
     "eats memory and hangs": _eat,
     "asks for more memory than there is": _exhaust,
 }
-"""Ways that end a run."""
+"""Failures that end a run."""
 BEARABLE = {
     "sends nothing once": lambda: None,
     "dozes": lambda: time.sleep(0.3),
@@ -91,11 +91,11 @@ BEARABLE = {
     "starts a program": lambda: subprocess.Popen(["sleep", "1000"]),
     "steps the clock": _step_clock,
 }
-"""Ways that a run may survive, or not: what counts is that nothing is left of it."""
+"""Failures that a run may survive or not; in both cases no process may remain."""
 
 
 class Wire:
-    """What becomes of the frames that this process sends to nodes of others. `how` is set by the node at its step."""
+    """Handles the frames that this process sends to nodes of other processes. The node sets `how` at its step."""
 
     how = ""
 
@@ -103,7 +103,7 @@ class Wire:
         self.held: Callable[[], None] | None = None
 
     def carry(self, send: Callable[[], None], garbled: Callable[[], None]) -> None:
-        """One frame."""
+        """Send one frame, with the fault."""
         how, Wire.how = Wire.how, ""
         if how == "loses a frame":
             return
@@ -127,14 +127,14 @@ WIRES = {
     "sends a frame twice": False,
     "floods": False,
 }
-"""What a wire does, and whether a run on the simulated clock ends by it: there each message is waited for."""
+"""Faults of a connection, and whether they end a run on the simulated clock, where each message is awaited."""
 
 
 _send = Sender.send
 
 
 def _send_by_wire(self: Sender, payload: bytes) -> None:
-    """Messages go by a wire of their stream's own; where no fault was set, as they did before."""
+    """Send a message by the faulty connection of its stream, or normally if no fault was set."""
     if not hasattr(self, "wire"):
         self.wire = Wire()
     self.wire.carry(lambda: _send(self, payload), lambda: _send(self, b"\xc1" + payload))

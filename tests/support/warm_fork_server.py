@@ -1,14 +1,14 @@
-"""Fork servers and commands for tests, forked from one process that has imported everything, instead of seconds of
+"""Fork servers and commands for tests, forked from one process that has imported everything, which saves seconds of
 imports each.
 
-A run that a test starts in its own process starts its fork server by `subprocess.Popen`. Here it gets a fork of a
-process that has come as far as a fork server comes before it serves. Like the other it is a child of the test's
-process, in a session of its own, with that process's environment, folder, paths, processors and limits. Where the
-environment differs in what libraries read when they are imported, the fork server is started as always.
+A run in the process of a test starts its fork server by `subprocess.Popen`. Here it gets a fork of a process that has
+done all work of a fork server before serving. The fork is a child of the test's process, in a separate session, with
+the environment, folder, paths, processors and limits of that process. If environment variables that libraries read at
+import differ, the fork server is started normally.
 
-`palpate` is the same for a command as from a shell: a process of its own with its own environment, folder, streams and
-exit code. Its fork server is forked from it before it has threads. What has no file of its own in `/proc`, since a fork
-keeps its parent's `environ` there, is that environment: `started_in` finds the processes of a run by their folder too.
+`palpate` does the same for a command from a shell: a process with a separate environment, folder, streams and exit
+code. Its fork server is forked from it before it has threads. A fork keeps its parent's `environ` in `/proc`, so
+`started_in` also finds the processes of a run by their folder.
 """
 
 import atexit
@@ -39,16 +39,16 @@ AFTER_IMPORT = {
     "BROWSER", "COLUMNS", "DISPLAY", "PALPATE_FAULT", "PALPATE_TEST", "PYTEST_CURRENT_TEST", "PYTHONPATH",
     "PYTHONUNBUFFERED", "TMPDIR", "XDG_CONFIG_HOME", "XDG_RUNTIME_DIR",
 }  # fmt: skip
-"""Variables that nothing reads while it is imported."""
+"""Variables that no library reads at import."""
 AT_A_RUN = ("palpate.cli.terminal.run_summary", "palpate.records.times")
-"""What a command imports when it has run."""
+"""Modules that a command imports after its run."""
 LIMITS = (resource.RLIMIT_AS, resource.RLIMIT_FSIZE, resource.RLIMIT_NOFILE)
 CLONE, CLONE_PARENT = 56, 0x8000
-"""Of x86-64: the number of the call, and the flag that the child is the caller's sibling."""
+"""x86-64: number of the system call, and flag that makes the child a sibling of the caller."""
 
 
 class Forked:
-    """A child that others have forked, with what the launcher uses of `subprocess.Popen`."""
+    """A child forked by another process, with the part of `subprocess.Popen` that the launcher uses."""
 
     def __init__(self, pid: int, stdout: Any) -> None:
         self.pid, self.stdout, self.returncode = pid, stdout, None
@@ -73,7 +73,7 @@ class Forked:
         return self.returncode
 
     def _threads(self) -> str:
-        """State of each thread and where in the kernel it waits."""
+        """State of each thread, and the kernel function in which it waits."""
         printed = []
         for thread in Path(f"/proc/{self.pid}/task").glob("*"):
             with contextlib.suppress(OSError):
@@ -93,7 +93,7 @@ class Forked:
 
 
 class Source:
-    """The process that is forked from, started with the first run of this process."""
+    """The process that forks, started with the first run of this process."""
 
     def __init__(self) -> None:
         self.environment: dict[str, str] = {}
@@ -101,7 +101,7 @@ class Source:
         self.process: subprocess.Popen[bytes] | None = None
 
     def popen(self, command: list[str], *, pass_fds: list[int], env: dict[str, str], **given: Any) -> Any:
-        """In place of `subprocess.Popen` for a fork server."""
+        """Replaces `subprocess.Popen` for a fork server."""
         if not self._has(env):
             return subprocess.Popen(command, pass_fds=pass_fds, env=env, **given)
         reading, writing = os.pipe()
@@ -111,7 +111,7 @@ class Source:
 
     def palpate(self, arguments: list[str], *, cwd: Path, env: dict[str, str], stdin: int = subprocess.DEVNULL,
                 stdout: Any, stderr: Any, preexec_fn: Any = None, start_new_session: bool = False) -> Any:  # fmt: skip
-        """`python -m palpate.cli ARGUMENTS`, as `subprocess.Popen` starts it; `preexec_fn` needs that."""
+        """`python -m palpate.cli ARGUMENTS`; with `preexec_fn` by `subprocess.Popen`."""
         if (
             platform.machine() != "x86_64"
             or preexec_fn is not None
@@ -126,7 +126,7 @@ class Source:
         return Forked(self._fork(streams, env=env, folder=str(cwd), arguments=arguments, alone=start_new_session), None)
 
     def _has(self, env: dict[str, str]) -> bool:
-        """Whether it runs, with this environment where it matters."""
+        """Whether it runs with the relevant part of this environment."""
         if self.process is None:
             self._begin(env)
         return self.process.poll() is None and lasting(env) == lasting(self.environment)
@@ -142,7 +142,7 @@ class Source:
         with theirs:
             number = theirs.fileno()
             command = [sys.executable, __file__, str(number)]
-            env = lasting(env) | {"PYTHONPATH": env.get("PYTHONPATH", "")}  # no mark of the first run is its own
+            env = lasting(env) | {"PYTHONPATH": env.get("PYTHONPATH", "")}  # without the mark of the first run
             begun = threading.Event()
 
             def keep() -> None:
@@ -166,7 +166,7 @@ def lasting(env: dict[str, str]) -> dict[str, str]:
 
 
 def use() -> None:
-    """From now on, for all runs of this process, on the one architecture whose system call is known here."""
+    """Use forks for all later runs of this process, on x86-64, whose system call is known here."""
     if platform.machine() != "x86_64":
         return
     forkserver.subprocess = SimpleNamespace(**{**vars(subprocess), "Popen": SOURCE.popen})
@@ -181,7 +181,7 @@ def sibling() -> int:
 
 
 def started_in(folder: Path, mark: str) -> list[int]:
-    """Processes in a folder, or with a mark in their environment, whatever became of their parents."""
+    """Processes in a folder, or with a mark in their environment, also orphans."""
     pids = []
     for entry in Path("/proc").iterdir():
         with contextlib.suppress(OSError):
@@ -198,10 +198,10 @@ def main(end: socket.socket) -> None:
         importlib.import_module(name)
     from palpate.registry import modules
 
-    for room in ("palpate.nodes.device", "palpate.nodes.contact"):  # one value of a scene brings them in
+    for room in ("palpate.nodes.device", "palpate.nodes.contact"):  # imported by some scene values
         modules(importlib.import_module(room))
     gc.collect()
-    gc.freeze()  # else each fork goes through all of it, and so copies it
+    gc.freeze()  # otherwise garbage collection in each fork would copy the pages
 
     while True:
         request, descriptors, *_ = socket.recv_fds(end, 1 << 20, 2)
@@ -218,7 +218,7 @@ def main(end: socket.socket) -> None:
 
 
 def become(env: dict[str, str], folder: str, output: int, errors: int) -> None:
-    """Take over folder, environment and streams."""
+    """Set folder, environment and streams."""
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(env)
@@ -227,7 +227,7 @@ def become(env: dict[str, str], folder: str, output: int, errors: int) -> None:
 
 
 def serve(descriptors: list[int], env: dict[str, str], folder: str) -> NoReturn:
-    """What the fork becomes: a fork server."""
+    """Run as a fork server."""
     launcher, output = descriptors
     os.setsid()
     become(env, folder, output, output)
@@ -241,7 +241,7 @@ def serve(descriptors: list[int], env: dict[str, str], folder: str) -> NoReturn:
 
 
 def command(descriptors: list[int], env: dict[str, str], folder: str, arguments: list[str], alone: bool) -> NoReturn:
-    """What the fork becomes: a command."""
+    """Run as a command."""
     code = 1
     try:
         if alone:
@@ -269,7 +269,7 @@ def command(descriptors: list[int], env: dict[str, str], folder: str, arguments:
 
 
 def below(_: list[str], *, pass_fds: list[int], env: dict[str, str], **given: Any) -> Forked:
-    """The fork server of a command, forked from it, in place of `subprocess.Popen`."""
+    """The fork server of a command, forked from it instead of started by `subprocess.Popen`."""
     reading, writing = os.pipe()
     pid = os.fork()
     if pid == 0:

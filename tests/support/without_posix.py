@@ -1,4 +1,4 @@
-"""Runs what one process computes where the modules and functions that only POSIX has are missing."""
+"""Runs a graph in one process without the modules and functions that exist only on POSIX."""
 
 import importlib
 import os
@@ -7,7 +7,7 @@ import socket
 import sys
 import tempfile
 
-# Other packages, and the modules of the standard library that they load, see the system as it is.
+# Other packages, and the modules of the standard library that they load, are not affected.
 for package in ("gymnasium", "matplotlib.pyplot", "numba", "numpy", "rich.console", "scipy.linalg", "zmq"):
     importlib.import_module(package)
 

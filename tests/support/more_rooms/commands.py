@@ -1,5 +1,5 @@
-"""Runs a list of commands of palpate, each a list of words, from standard input as JSON; answers with the exit code and
-the text of each. One process for all, as each starts for a second."""
+"""Runs a list of palpate commands, each a list of words, from JSON on standard input; prints the exit code and the
+output of each. They share a process, because a start takes 1 s."""
 
 import contextlib
 import io

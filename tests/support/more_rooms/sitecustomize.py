@@ -1,6 +1,6 @@
-"""Read by every Python that starts with this folder on its path: the rooms of palpate get one more folder each.
+"""Imported by every Python with this folder on its path: adds a folder to each package of palpate.
 
-Files in MORE_ROOMS/physics/friction, MORE_ROOMS/nodes/device, ... are found as if they lay in these rooms.
+Files in MORE_ROOMS/physics/friction, MORE_ROOMS/nodes/device, ... are found as parts of these packages.
 """
 
 import importlib
