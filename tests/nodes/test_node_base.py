@@ -73,7 +73,7 @@ def test_a_wrong_setting_is_refused_by_name(given, text):
 
 
 def test_a_wrong_word_is_refused_with_the_words_that_are_valid():
-    with pytest.raises(SettingError, match="found 'bases'.*; expected uniform or basis"):
+    with pytest.raises(SettingError, match=r"found 'bases'.*; expected uniform or basis"):
         MassSpring(stiffness_map="bases")
 
 
