@@ -59,7 +59,7 @@ class Fault(NamedTuple):
     kind    "node": a node does `what`; "wire": the connection of its messages does; "signal": a process gets `what`;
     "limit": the system refuses `what`; "terminal": the terminal closes; "busy": other programs use the processors whom
     target of a signal: "launcher", "fork server", or "one", a process below the launcher with index `moment` moment
-    [s] after the first sign of the run, or [1] steps of the node """
+    [s] after the first sign of the run, or [1] steps of the node"""
 
     kind: str
     what: str
