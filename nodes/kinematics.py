@@ -25,7 +25,7 @@ class _Tracker(CompiledNode):
     resolution: Annotated[float, "m", msgspec.Meta(ge=0)] = 0.0
 
     State = {
-        "samples": np.dtype(("<i8", (5,))), "places": (4, 3), "axes": (3, 11),  # of `physics.device.tracking.pose`
+        "samples": np.dtype(("<i8", (5,))), "places": (4, 3), "axes": (3, 12),  # of `physics.device.tracking.pose`
         "clock": int, "last": (3,),  # [ns] of the last sample; the last position [m]
     }  # fmt: skip
     home = ZERO

@@ -11,14 +11,15 @@ outside the band ends the rest, and the difference between it and the mean fades
 
 **Motion.** With x the estimate and r the reading, or the mean in its place,
 
-    x' = v,    v' = 3 w (p + w d - v),    p' = (w^2/3) d,    d = u - x
+    x' = v,    v' = 4 w (p + 3/2 w d - v),    p' = a + w^2 d,    a' = (w^3/4) d,    d = u - x
 
-with the transfer function (3 w^2 s + w^3)/(s + w)^3 from u to x: three poles at w, no lag at constant speed, and v is
-the exact derivative of x. u is the predicted position x + v dt clipped to [r - q/4, r + q/4], so the quantisation does
-not disturb a motion that agrees with the readings. The interval is half the width of a count: with a wider one x would
-lag behind a finger that reverses, which generates energy at a stiff contact. If the prediction is m > 1 counts from u,
-w grows as m^1.5, to follow an impact faster. p never opposes the last change of the reading. After lost samples x is
-limited to `FAR` counts from the reading, and v is the mean speed since the last one.
+with the transfer function (6 w^2 s^2 + 4 w^3 s + w^4)/(s + w)^4 from u to x: four poles at w, no lag at constant speed
+or constant acceleration, and v is the exact derivative of x. u is the predicted position x + v dt clipped to
+[r - q/4, r + q/4], so the quantisation does not disturb a motion that agrees with the readings. The interval is half
+the width of a count: with a wider one x would lag behind a finger that reverses, which generates energy at a stiff
+contact. If the prediction is m > 1 counts from u, w grows as m^1.5, to follow an impact faster. p never opposes the
+last change of the reading; if it would, and at rest, a is 0. After lost samples x is limited to `FAR` counts from the
+reading, and v is the mean speed since the last one.
 
 F. Janabi-Sharifi, V. Hayward, C.-S. J. Chen, "Discrete-time adaptive windowing for velocity estimation", IEEE Trans.
 Control Systems Technology 8 (2000) 1003-1009, for the encoder's resolution as the bound of the estimate.
@@ -28,15 +29,15 @@ import math
 
 from palpate.physics.kernel import kernel
 
-BANDWIDTH = 400.0  # [1/s] least w
-FASTEST = 8.0  # [1] largest w over the least
+BANDWIDTH = 220.0  # [1/s] least w
+FASTEST = 15.0  # [1] largest w over the least
 REST = 0.025  # [s] within the band until the mean begins to count
 BLEND = 0.03  # [s] in which it replaces the reading
 FADE = 0.02  # [s] time constant with which its difference from the reading decays after a rest
 BAND, TURNED_BAND = 1.5, 2.5  # [counts] largest span of the readings of a rest, before and after a reversal
 CELL = 0.25  # [counts] distance from the reading within which a position agrees with it
 FAR = 4.0  # [counts] largest distance from the reading
-PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED = range(11)
+PLACE, SPEED, TREND, LOW, HIGH, HELD, MEAN, AWAY, LAST, WAY, TURNED, RISE = range(12)
 
 
 @kernel
@@ -77,9 +78,9 @@ def settle(axis, reading, count, dt):
 def follow(axis, reading, count, dt):
     """The estimate x after a reading, in its unit: one implicit Euler step of both stages.
 
-    axis   (11)  x, speed v, trend p; lowest and highest reading of the band, time [s] within it, mean of the readings,
+    axis   (12)  x, speed v, trend p; lowest and highest reading of the band, time [s] within it, mean of the readings,
                  decaying difference of a former mean; the last reading, the sign of its last change, whether that sign
-                 has changed within the band; changed in place
+                 has changed within the band; acceleration a; changed in place
     count        of the encoder, above 0
     dt     [s]   since the last reading, above 0
     """
@@ -88,18 +89,20 @@ def follow(axis, reading, count, dt):
     expected = x + v * dt
     free = (1.0 - share) * CELL * count
     wanted = min(max(expected, seen - free), seen + free)
-    # Implicit Euler: stable for any step, and x changes by v dt exactly.
     miss = abs(wanted - expected) / count
     w = BANDWIDTH * min(max(1.0, miss * math.sqrt(miss)), FASTEST)
-    a, b = 3.0 * w * dt, w + w * w * dt / 3.0
-    v = (v + a * (axis[TREND] + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
+    # Implicit Euler: stable for any step, and x changes by v dt exactly.
+    a, b = 4.0 * w * dt, w * (1.5 + w * dt * (1.0 + 0.25 * w * dt))
+    v = (v + a * (axis[TREND] + axis[RISE] * dt + b * (wanted - x))) / (1.0 + a * (1.0 + b * dt))
     x += v * dt
-    axis[TREND] += w * w / 3.0 * dt * (wanted - x)
+    axis[RISE] += 0.25 * w * w * w * dt * (wanted - x)
+    axis[TREND] += (axis[RISE] + w * w * (wanted - x)) * dt
     if axis[TREND] * axis[WAY] < 0.0:
-        axis[TREND] = 0.0
+        axis[TREND] = axis[RISE] = 0.0
+    axis[RISE] *= 1.0 - share
     if not abs(x - reading) <= FAR * count:
         x = min(max(x, reading - FAR * count), reading + FAR * count) if abs(x) < math.inf else reading
         v = (x - axis[PLACE]) / dt
-        axis[TREND] = 0.0
+        axis[TREND] = axis[RISE] = 0.0
     axis[PLACE], axis[SPEED] = x, v
     return x

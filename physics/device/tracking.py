@@ -97,7 +97,7 @@ def pose(clock, places, axes, resolution, limit, t, place):
     """Process one sample: (x, y, z, vx, vy, vz, dt) of the last good one; dt is 0 if the sample was rejected.
 
     clock, places, limit, t  as in `judge`
-    axes        (3,11) as in `observer.follow`
+    axes        (3,12) as in `observer.follow`
     resolution  [m]    step of the device's position; 0: exact
     place       [m]    (3)
     """

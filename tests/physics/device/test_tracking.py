@@ -82,7 +82,7 @@ def fresh(begin=(0.0, 0.0, 0.0)):
     """State of `pose` at a position [m] before the first sample."""
     places = np.zeros((4, 3))
     places[[GOOD, POSE]] = begin
-    return np.zeros(5, np.int64), places, np.zeros((3, 11))
+    return np.zeros(5, np.int64), places, np.zeros((3, 12))
 
 
 def tracker(step=0.0, begin=(0.0, 0.0, 0.0)):
