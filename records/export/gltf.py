@@ -29,8 +29,8 @@ ATTRIBUTES, ELEMENTS = 34962, 34963  # glTF codes of the buffers of vertices and
 def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], every: int | None = None) -> list[Path]:
     """Write the mesh at rest of the first body, in one file, y upward as glTF demands.
 
-    Its haptic material has the textures `stiffness` (coefficient K of the body's law, median of the recording), and
-    where the graph computes them `friction` (coefficient of sliding) and `vibrotactileTexture` (one period of the
+    Its haptic material has the textures `stiffness` (coefficient K of the body's law at rest, median of the recording),
+    and where the graph computes them `friction` (coefficient of sliding) and `vibrotactileTexture` (one period of the
     fluctuation of the lateral force over the normal force, along x or the texture's direction). Pixels are 16-bit grey
     levels g from 0 to 1; `extras` of each texture has offset, scale and unit: value = offset + scale g.
 
@@ -50,7 +50,9 @@ def write_gltf(recording: Recording, target: Path, streams: tuple[str, ...], eve
     if valid.any():
         exponent = float(np.median(law["exponent"][valid]))
         unit = "N/m" if exponent == 1.0 else f"N/m^{exponent:g}"
-        maps["stiffness"] = np.median(law["stiffness"][valid], keepdims=True), {"unit": unit, "exponent": exponent}
+        rest = law["step"] / (law["step"] + law["relaxation"])  # the law of a tick includes the viscous force
+        stiffness = (law["stiffness"] * rest ** law["exponent"])[valid]
+        maps["stiffness"] = np.median(stiffness, keepdims=True), {"unit": unit, "exponent": exponent}
     nodes = [planned.graph.nodes[name].settings for name in planned.order]
     sliding = [each.get("mu_slide", each.get("mu")) for each in nodes if {"mu_slide", "mu"} & set(each)]
     if sliding:
