@@ -18,6 +18,7 @@ from palpate.records.stored import RecordingError
 
 STEP = 0.02  # [s] between keyframes
 LEAST = 1e-3  # [1] smallest amplitude of an exported band, as a fraction of the peak
+NOISE = 0.898  # [1] noise bandwidth of a band's filter over its width: integral of 1/(1 + x^8)^2 from 0 to infinity
 
 
 def samples(recording: Recording, streams: Sequence[str] = ()) -> tuple[np.ndarray, float, np.ndarray]:
@@ -62,21 +63,25 @@ def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:
     """The document of a force [N] (n)."""
     from scipy.signal import butter, sosfiltfilt  # slow to import
 
-    # Amplitude of the force in each third-octave band, as RMS over intervals of `STEP`.
+    # Amplitude of the force in each third-octave band, as RMS over intervals of `STEP`. A decoder interpolates linearly
+    # between keyframes, where the mean square is (a^2 + ab + b^2)/3.
     width = max(round(STEP * sampling), 1)
     count = len(force) // width
     bands: list[dict[str, Any]] = []
     levels = []
     for centre in third_octaves(10.0, 0.45 * sampling):
         edges = centre * 10.0 ** np.array([-0.05, 0.05])
-        if len(force) < 32:
+        if len(force) < 64 or count < 2:
             break
-        part = sosfiltfilt(butter(2, edges, "bandpass", fs=sampling, output="sos"), force)[: count * width]
-        levels.append((centre, edges, np.sqrt(2.0 * np.mean(part.reshape(count, width) ** 2, axis=1))))
-    # One sine effect per band, with a keyframe per interval; the gain makes the largest amplitude 1.
-    gain = max((level.max() for *_, level in levels if len(level)), default=0.0) or 1.0
+        part = sosfiltfilt(butter(4, edges, "bandpass", fs=sampling, output="sos"), force)[: count * width]
+        level = np.sqrt(2.0 * np.mean(part.reshape(count, width) ** 2, axis=1) / NOISE)
+        between = np.mean((level[1:] ** 2 + level[1:] * level[:-1] + level[:-1] ** 2) / 3.0)
+        if between > 0.0:
+            levels.append((centre, edges, level * np.sqrt(np.mean(level**2) / between)))
+    # One sine effect per band, with a keyframe per interval. Decoders clip the sum of all bands at 1.
+    gain = float(np.max(sum(level for *_, level in levels))) if levels else 1.0
     for number, (centre, edges, level) in enumerate(levels):
-        if not len(level) or level.max() < LEAST * gain:
+        if level.max() < LEAST * gain:
             continue
         frames = [{"relative_position": round(1e3 * STEP * (i + 0.5)), "frequency_modulation": round(centre),
                    "amplitude_modulation": round(float(a / gain), 5)} for i, a in enumerate(level)]  # fmt: skip
@@ -92,7 +97,7 @@ def haptics(force: np.ndarray, sampling: float, name: str) -> dict[str, Any]:
                       "upper_frequency_limit": round(edges[1]), "effects": [effect]})  # fmt: skip
     # Wrap the bands in a channel, a perception and the document.
     channel = {
-        "id": 0, "description": "lateral force; gain in newtons", "gain": float(gain), "mixing_coefficient": 1.0,
+        "id": 0, "description": "lateral force; gain in newtons", "gain": gain, "mixing_coefficient": 1.0,
         "body_part_mask": 0, "bands": bands,
     }  # fmt: skip
     perception = {

@@ -6,6 +6,7 @@ import wave
 import numpy as np
 import pytest
 from pytest import approx
+from scipy.signal import butter, sosfilt
 
 from palpate.launch.load.launchfile import find
 from palpate.launch.run.execute import execute
@@ -122,21 +123,36 @@ def test_mpeg_haptics_meet_the_requirements_of_the_reference_decoder(recording, 
     assert channel["bands"] and 0.0 < channel["gain"] < 1.0
 
 
-def test_mpeg_haptics_reproduce_the_levels_of_the_bands():
-    """Sines of the keyframes, as a decoder interpolates them, compared with the bands of a noise."""
-    random, sampling = np.random.default_rng(0), 4000.0
-    t = np.arange(8000) / sampling
-    force = 0.2 * np.sin(2 * np.pi * 100 * t) + 0.05 * np.sin(2 * np.pi * 398 * t) + 1e-4 * random.normal(size=8000)
-    channel = haptics(force, sampling, "two")["perceptions"][0]["channels"][0]
-    total = 0.0
+def decoded(document, t):
+    """The force [N] at t [s]: the clipped sum of the sines, as the reference decoder computes it."""
+    channel = document["perceptions"][0]["channels"][0]
+    total = np.zeros_like(t)
     for band in channel["bands"]:
         frames = band["effects"][0]["keyframes"]
         at = np.array([frame["relative_position"] for frame in frames]) / 1e3
-        level = channel["gain"] * np.interp(t, at, [frame["amplitude_modulation"] for frame in frames])
-        total = total + level * np.sin(2 * np.pi * frames[0]["frequency_modulation"] * t)
-    assert 10 * np.log10(np.mean(total**2) / np.mean(force**2)) == approx(0.0, abs=1.0)
-    loudest = max(channel["bands"], key=lambda band: band["effects"][0]["keyframes"][50]["amplitude_modulation"])
+        level = np.interp(t, at, [frame["amplitude_modulation"] for frame in frames])
+        total += level * np.sin(2 * np.pi * frames[0]["frequency_modulation"] * t)
+    return channel["gain"] * np.clip(total, -1.0, 1.0)
+
+
+def test_mpeg_haptics_reproduce_the_levels_of_the_bands():
+    random, sampling = np.random.default_rng(0), 4000.0
+    t = np.arange(8000) / sampling
+    force = 0.2 * np.sin(2 * np.pi * 100 * t) + 0.05 * np.sin(2 * np.pi * 398 * t) + 1e-4 * random.normal(size=8000)
+    document = haptics(force, sampling, "two")
+    assert 10 * np.log10(np.mean(decoded(document, t) ** 2) / np.mean(force**2)) == approx(0.0, abs=1.0)
+    bands = document["perceptions"][0]["channels"][0]["bands"]
+    loudest = max(bands, key=lambda band: band["effects"][0]["keyframes"][50]["amplitude_modulation"])
     assert loudest["lower_frequency_limit"] < 100 < loudest["upper_frequency_limit"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_mpeg_haptics_keep_the_level_of_noise_though_decoders_clip(seed):
+    sampling = 8000.0
+    sos = butter(2, (40.0, 800.0), "bandpass", fs=sampling, output="sos")
+    force = sosfilt(sos, np.random.default_rng(seed).normal(size=80_000))
+    out = decoded(haptics(force, sampling, "noise"), np.arange(80_000) / sampling)
+    assert 10 * np.log10(np.mean(out**2) / np.mean(force**2)) == approx(0.0, abs=0.5)
 
 
 def test_the_picture_is_a_spectrogram(recording):
